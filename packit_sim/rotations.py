@@ -1,0 +1,71 @@
+"""The 24 rotations: the proper rotations of the cube, as exact signed permutations.
+
+`index = 4 * face + turn`: `face` says which side of the canonical shape looks down, in the order
+-z, +z, -x, +x, -y, +y, and `turn` is a further quarter turn about z. Index 0 is the identity.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+COUNT = 24
+
+_FACE_DOWN = (
+    ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+)
+_QUARTER_TURN = np.array(((0, -1, 0), (1, 0, 0), (0, 0, 1)))
+
+MATRICES: npt.NDArray[np.int64] = np.array(
+    [
+        np.linalg.matrix_power(_QUARTER_TURN, turn) @ np.array(face)
+        for face in _FACE_DOWN
+        for turn in range(4)
+    ]
+)
+"""(24, 3, 3) rotation matrices with entries -1, 0 and 1."""
+
+AXES: npt.NDArray[np.int64] = np.abs(MATRICES).argmax(axis=2)
+"""(24, 3): the axis of the canonical shape that ends up along x, y and z."""
+
+SIGNS: npt.NDArray[np.int64] = MATRICES.sum(axis=2)
+"""(24, 3): -1 where that axis is reversed, else 1."""
+
+for _table in (MATRICES, AXES, SIGNS):
+    _table.setflags(write=False)
+
+TIE = 1e-9
+"""Extents that differ by less, in box units, count as equal when a shape is aligned."""
+
+
+def turn_vectors(vectors: npt.NDArray[np.float64], rotation: int) -> npt.NDArray[np.float64]:
+    """Vectors (..., 3) turned, without rounding."""
+    return vectors[..., AXES[rotation]] * SIGNS[rotation]
+
+
+def turn_extents(extents: npt.NDArray[np.float64], rotation: int) -> npt.NDArray[np.float64]:
+    """Extents (..., 3) of what is turned."""
+    return extents[..., AXES[rotation]]
+
+
+def turn_array(array: npt.NDArray[Any], rotation: int) -> npt.NDArray[Any]:
+    """A view of a centred array [x, y, z, ...] whose contents are turned."""
+    x, y, z = AXES[rotation].tolist()
+    turned = np.transpose(array, (x, y, z, *range(3, array.ndim)))
+    return np.flip(turned, axis=tuple(np.flatnonzero(SIGNS[rotation] < 0).tolist()))
+
+
+def aligned(extents: npt.ArrayLike) -> int:
+    """The rotation that puts the smallest extent along z, the next along x, the largest along y.
+
+    The lowest such index where extents (3,) tie within `TIE`.
+    """
+    x, y, z = np.asarray(extents, dtype=float)[AXES].T
+    return int(np.flatnonzero((z <= x + TIE) & (x <= y + TIE))[0])

@@ -1,0 +1,212 @@
+"""Shapes and items: what there is to pack, and what is placed.
+
+A `Shape` is a mesh in its canonical frame; an `Item` is a shape at a scale in one of the 24
+rotations. Both are values: they never change, and what is derived from them is computed once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import operator
+import threading
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from cachetools import LRUCache, cached
+
+from packit_sim import rotations, voxels
+from packit_sim.errors import MeshError
+from packit_sim.lattice import Triple, cell_box
+
+VOXEL_CACHE_BYTES = 512 * 2**20
+"""Budget of the process's cache of voxelised shapes; the least recently used go first."""
+
+_MIN_EXTENT = 1e-9
+"""Extents below this share of the bounding box's diagonal are none: rounding of a flat mesh."""
+
+
+class Shape:
+    """A mesh in its canonical frame: centred on its bounding box, diagonal 1, z up.
+
+    id, category: names, of which the first is unique in a library.
+    mesh: the canonical mesh, triangles only. volume: in canonical units, of the closed body or of
+    its solid by voxels (see `voxels.solid_volume`). digest: SHA-256 of the geometry, in hex.
+    """
+
+    def __init__(
+        self, mesh: trimesh.Trimesh, id: str, category: str, volume: float | None = None
+    ) -> None:
+        """Takes a mesh that is canonical already; `from_mesh` makes one of any mesh."""
+        self.mesh = mesh
+        self.id = id
+        self.category = category
+        if volume is not None:
+            self.volume = volume
+
+    @classmethod
+    def from_mesh(cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z") -> Shape:
+        """The shape of any triangle mesh; `up` is the mesh's own up axis, "y" or "z".
+
+        Doubled vertices are merged and triangles without area dropped. Raises MeshError where the
+        mesh is empty, not finite, or has no extent along an axis.
+        """
+        if up not in ("y", "z"):
+            raise ValueError(f"up axis {up!r} is not known: choose 'y' or 'z'")
+        if not isinstance(mesh, trimesh.Trimesh):
+            raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
+        vertices = np.array(mesh.vertices, dtype=np.float64)
+        faces = np.array(mesh.faces, dtype=np.int64)
+        if len(vertices) == 0 or len(faces) == 0:
+            raise MeshError(
+                f"shape {id!r}: the mesh is empty: {len(vertices)} vertices, {len(faces)} triangles"
+            )
+        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        if len(bad):
+            raise MeshError(
+                f"shape {id!r}: {len(bad)} of {len(vertices)} vertices are not finite, "
+                f"the first is number {bad[0]}: {vertices[bad[0]].tolist()}"
+            )
+        if up == "y":
+            vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)
+        vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        diagonal = float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
+        if diagonal > 0:
+            clean = trimesh.Trimesh(vertices / diagonal, faces, process=False)
+            clean.merge_vertices(merge_tex=True, merge_norm=True)
+            clean.update_faces(clean.unique_faces())
+            clean.update_faces(clean.area_faces > 0)
+            clean.remove_unreferenced_vertices()
+        extents = clean.extents if diagonal > 0 and len(clean.faces) else np.zeros(3)
+        if extents.min() < _MIN_EXTENT:
+            raise MeshError(
+                f"shape {id!r}: the mesh has no extent along "
+                f"{' and '.join('xyz'[a] for a in np.flatnonzero(extents < _MIN_EXTENT))}: "
+                "a shape needs all three"
+            )
+        vertices = clean.vertices - clean.bounds.mean(axis=0)
+        vertices = vertices / np.linalg.norm(clean.extents)
+        canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
+        if canonical.is_watertight and canonical.is_winding_consistent and canonical.volume < 0:
+            canonical.invert()
+        return cls(canonical, id, category)
+
+    @cached_property
+    def extents(self) -> npt.NDArray[np.float64]:
+        """(3,) canonical extents."""
+        return np.array(self.mesh.extents)
+
+    @cached_property
+    def is_solid(self) -> bool:
+        """Whether the mesh is one closed body with consistent winding: its volume is exact."""
+        mesh = self.mesh
+        return bool(
+            mesh.is_watertight
+            and mesh.is_winding_consistent
+            and mesh.body_count == 1
+            and mesh.volume > 0
+        )
+
+    @cached_property
+    def volume(self) -> float:
+        return (
+            float(self.mesh.volume) if self.is_solid else voxels.solid_volume(self.mesh.triangles)
+        )
+
+    @cached_property
+    def digest(self) -> str:
+        sha = hashlib.sha256(np.ascontiguousarray(self.mesh.vertices, dtype="<f8").tobytes())
+        sha.update(np.ascontiguousarray(self.mesh.faces, dtype="<i8").tobytes())
+        return sha.hexdigest()
+
+    def __repr__(self) -> str:
+        return f"Shape({self.id!r}, {self.category!r}, {len(self.mesh.faces)} triangles)"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Shape):
+            return NotImplemented
+        return self is other or (self.id, self.digest) == (other.id, other.digest)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+
+@dataclass(frozen=True)
+class Item:
+    """A shape at a scale in a rotation: what is placed.
+
+    scale: ratio of volumes to the canonical shape, more than 0. rotation: 0 to 23.
+    Raises ValueError where either is out of range.
+    """
+
+    shape: Shape
+    scale: float = 1.0
+    rotation: int = 0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise ValueError(f"scale {self.scale!r} is not possible: it must be more than 0")
+        try:
+            rotation = operator.index(self.rotation)
+        except TypeError:
+            rotation = -1
+        if not 0 <= rotation < rotations.COUNT:
+            raise ValueError(f"rotation {self.rotation!r} is not one of 0 to {rotations.COUNT - 1}")
+        object.__setattr__(self, "scale", float(self.scale))
+        object.__setattr__(self, "rotation", rotation)
+
+    @cached_property
+    def volume(self) -> float:
+        """In box units cubed: the scale times the shape's."""
+        return self.scale * self.shape.volume
+
+    @cached_property
+    def extents(self) -> npt.NDArray[np.float64]:
+        """(3,) in box units."""
+        return rotations.turn_extents(self.shape.extents, self.rotation) * np.cbrt(self.scale)
+
+    @cached_property
+    def cells(self) -> Triple:
+        """Cells an axis of the cell box, which is centred on the item."""
+        return cell_box(self.extents)
+
+    @cached_property
+    def linear(self) -> npt.NDArray[np.float64]:
+        """(3, 3): turns and scales the canonical shape into the item's frame."""
+        return rotations.MATRICES[self.rotation] * np.cbrt(self.scale)
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """The shape's mesh scaled and turned, centred on the origin, in box units."""
+        vertices = rotations.turn_vectors(self.shape.mesh.vertices, self.rotation)
+        return trimesh.Trimesh(vertices * np.cbrt(self.scale), self.shape.mesh.faces, process=False)
+
+    @property
+    def voxels(self) -> voxels.Voxels:
+        """The outer and inner fine cells, from the process's cache."""
+        return _voxels(self)
+
+    @property
+    def outer(self) -> npt.NDArray[np.bool_]:
+        """Bool over `cells`: cells that the surface touches or that hold an enclosed fine cell."""
+        return self.voxels.outer_cells
+
+    @property
+    def inner(self) -> npt.NDArray[np.bool_]:
+        """Bool over `cells`: cells that are enclosed and that the surface does not touch."""
+        return self.voxels.inner_cells
+
+
+@cached(
+    LRUCache(VOXEL_CACHE_BYTES, getsizeof=lambda v: v.nbytes),
+    key=lambda item: (item.shape.digest, item.scale, item.rotation),
+    lock=threading.RLock(),
+)
+def _voxels(item: Item) -> voxels.Voxels:
+    """Voxelised once in the canonical rotation, and turned from there."""
+    if item.rotation:
+        return _voxels(Item(item.shape, item.scale)).turned(item.rotation)
+    return voxels.voxelize(item.mesh.triangles, item.cells)

@@ -1,0 +1,115 @@
+"""Outer and inner fine cells against a plain restatement of DESIGN in numpy and scipy."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from packit_sim import rotations, voxels
+from packit_sim.lattice import CONTACT_TOLERANCE, FINE
+from packit_sim.shapes import Item
+from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, ZOO, cube_of
+
+
+def plain_touched(item: Item) -> np.ndarray:
+    """Every triangle against every fine cell, by the separating-axis theorem."""
+    shape = tuple(4 * c for c in item.cells)
+    half = FINE / 2 + CONTACT_TOLERANCE / 2
+    centers = [(np.arange(n) + 0.5 - n / 2) * FINE for n in shape]
+    grid = np.stack(np.meshgrid(*centers, indexing="ij"), axis=-1)
+    touched = np.zeros(shape, dtype=bool)
+    for triangle in item.mesh.triangles:
+        edges = triangle[[1, 2, 0]] - triangle
+        axes = [*np.eye(3), np.cross(edges[0], edges[1])]
+        axes += [np.cross(unit, edge) for unit, edge in itertools.product(np.eye(3), edges)]
+        meets = np.ones(shape, dtype=bool)
+        for axis in axes:
+            spans = triangle @ axis
+            at, reach = grid @ axis, half * np.abs(axis).sum()
+            meets &= (at + reach >= spans.min()) & (at - reach <= spans.max())
+        touched |= meets
+    return touched
+
+
+def plain_enclosed(touched: np.ndarray) -> np.ndarray:
+    return ndimage.binary_fill_holes(touched) & ~touched
+
+
+@pytest.mark.parametrize("shape", ZOO, ids=lambda s: s.id)
+def test_fine_cells_are_those_of_the_definition(shape) -> None:
+    item = Item(shape, scale=0.12**3)
+    touched = plain_touched(item)
+    enclosed = plain_enclosed(touched)
+    assert (item.voxels.outer_fine == (touched | enclosed)).all()
+    assert (item.voxels.inner_fine == enclosed).all()
+
+
+@pytest.mark.parametrize("shape", ZOO, ids=lambda s: s.id)
+def test_enclosed_cells_of_a_larger_item(shape) -> None:
+    found = Item(shape, scale=0.5**3).voxels
+    touched = found.outer_fine & ~found.inner_fine
+    assert (found.inner_fine == plain_enclosed(touched)).all()
+
+
+@given(st.sampled_from(ZOO), st.floats(0.05, 0.4))
+def test_cells_follow_from_fine_cells(shape, size) -> None:
+    item = Item(shape, size**3)
+    x, y, z = item.cells
+    by_cell = (x, 4, y, 4, z, 4)
+    assert item.outer.shape == item.inner.shape == item.cells
+    assert (item.outer == item.voxels.outer_fine.reshape(by_cell).any(axis=(1, 3, 5))).all()
+    assert (item.inner == item.voxels.inner_fine.reshape(by_cell).all(axis=(1, 3, 5))).all()
+
+
+@given(st.sampled_from(ZOO), st.floats(0.05, 0.4), st.integers(0, 23))
+def test_cells_turn_with_the_item(shape, size, rotation) -> None:
+    upright, turned = Item(shape, size**3), Item(shape, size**3, rotation)
+    anew = voxels.voxelize(turned.mesh.triangles, turned.cells)
+    for kind in ("outer_fine", "inner_fine", "outer_cells", "inner_cells"):
+        expected = rotations.turn_array(getattr(upright.voxels, kind), rotation)
+        assert (getattr(turned.voxels, kind) == expected).all()
+        assert (getattr(anew, kind) == expected).all()
+
+
+def test_a_cube_of_whole_cells_fills_them() -> None:
+    item = cube_of(8)
+    assert item.cells == (8, 8, 8)
+    assert item.outer.all()
+    assert item.inner.sum() == 6**3
+    assert item.voxels.inner_fine.sum() == 30**3
+
+
+def test_what_is_open_encloses_nothing_and_a_cavity_does() -> None:
+    assert not Item(BOWL, 0.02).inner.any()
+    assert not Item(PLATE, 0.02).inner.any()
+    hollow = Item(HOLLOW, 0.02)
+    assert hollow.outer.all() and hollow.inner[tuple(c // 2 for c in hollow.cells)]
+    ring = Item(RING, 0.02)
+    assert not ring.outer[tuple(c // 2 for c in ring.cells)]
+
+
+@pytest.mark.parametrize("shape", [CUBE, BALL, RING], ids=lambda s: s.id)
+def test_volume_by_voxels_is_near_the_exact_one(shape) -> None:
+    exact = shape.mesh.volume
+    assert voxels.solid_volume(shape.mesh.triangles) == pytest.approx(exact, rel=0.005)
+
+
+def test_a_closed_cavity_counts_as_solid() -> None:
+    """But for half the voxels that its walls touch: less than 1%."""
+    assert HOLLOW.volume == pytest.approx(3**-1.5, rel=0.01)
+
+
+def test_an_item_too_large_to_voxelise_is_refused_before_any_work() -> None:
+    with pytest.raises(ValueError, match="at most 512"):
+        _ = Item(CUBE, 1000.0).outer
+
+
+def test_centred_keeps_what_is_inside_and_refuses_what_is_too_large() -> None:
+    cells = np.ones((2, 3, 4), dtype=bool)
+    padded = voxels.centred(cells, (6, 6, 6))
+    assert padded.sum() == 24 and padded[2:4, 1:4, 1:5].all()
+    with pytest.raises(ValueError, match="do not fit"):
+        voxels.centred(cells, (3, 3, 3))
