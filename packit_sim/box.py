@@ -1,0 +1,130 @@
+"""The box: what is placed where. Place, undo, snapshot, restore."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim import placement
+from packit_sim.errors import InfeasibleError
+from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
+from packit_sim.placement import Mask, Occupancy, Placed
+from packit_sim.shapes import Item
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The whole state of a box: its cells an axis and the placed items, in order. A value."""
+
+    cells: Triple
+    placed: tuple[Placed, ...]
+
+
+class Box:
+    """A box to pack, by default the unit cube of 100 cells an axis.
+
+    cells: cells an axis, whole grid steps; a cell is 1/100 of a unit, so 200 cells make 2 units.
+    Raises ValueError where that is not possible.
+    """
+
+    def __init__(self, cells: Sequence[int] = BOX_CELLS) -> None:
+        self._occupancy = Occupancy(box_cells(cells))
+
+    @property
+    def cells(self) -> Triple:
+        return self._occupancy.cells
+
+    @property
+    def nodes(self) -> Triple:
+        """Grid nodes an axis: the shape of masks."""
+        return grid_nodes(self.cells)
+
+    @property
+    def size(self) -> npt.NDArray[np.float64]:
+        """(3,) in box units."""
+        return np.array(self.cells) * CELL
+
+    @property
+    def placed(self) -> tuple[Placed, ...]:
+        """What is in the box, in the order of placing."""
+        return self._occupancy.placed
+
+    @property
+    def density(self) -> float:
+        """Placed volume over the box's volume."""
+        return sum(p.item.volume for p in self.placed) / float(self.size.prod())
+
+    @property
+    def outer(self) -> npt.NDArray[np.bool_]:
+        """Bool over `cells`: those that hold an outer fine cell of a placed item."""
+        return self._occupancy.outer != 0
+
+    def feasible(self, item: Item) -> Mask:
+        """Bool [x, y, z] over the grid's nodes: where the item can stand, exactly."""
+        return placement.feasible(self._occupancy, item)
+
+    def blbf(self, item: Item) -> Triple | None:
+        """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere."""
+        return placement.blbf(self._occupancy, item)
+
+    def place(self, item: Item, location: Sequence[int]) -> Placed:
+        """Places an item. Raises InfeasibleError, and changes nothing, where it is not feasible."""
+        placed = Placed(item, placement.checked_location(self.cells, location))
+        if not placement.is_feasible(self._occupancy, placed):
+            raise InfeasibleError(self._why_not(placed))
+        self._occupancy.add(placed)
+        return placed
+
+    def undo(self) -> Placed:
+        """Takes the last item out again and returns it. Raises IndexError where there is none."""
+        if not self.placed:
+            raise IndexError("nothing to undo: the box is empty")
+        last = self.placed[-1]
+        self._occupancy.truncate(len(self.placed) - 1)
+        return last
+
+    def clear(self) -> None:
+        """Takes everything out."""
+        self._occupancy.truncate(0)
+
+    def snapshot(self) -> Snapshot:
+        """The state of the box, to go back to; costs next to nothing."""
+        return Snapshot(self.cells, self.placed)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes back, or on, to a snapshot of a box of the same cells; else raises ValueError."""
+        if snapshot.cells != self.cells:
+            raise ValueError(
+                f"a snapshot of a box of {snapshot.cells} cells can't be restored "
+                f"in one of {self.cells}"
+            )
+        kept = 0
+        for ours, theirs in zip(self.placed, snapshot.placed, strict=False):
+            if ours != theirs:
+                break
+            kept += 1
+        self._occupancy.truncate(kept)
+        for placed in snapshot.placed[kept:]:
+            self._occupancy.add(placed)
+
+    def __repr__(self) -> str:
+        return f"Box({self.cells}, {len(self.placed)} items, density {self.density:.3f})"
+
+    def _why_not(self, candidate: Placed) -> str:
+        item = candidate.item
+        what = f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation})"
+        where = f"at {candidate.location}"
+        if any(stop > c for stop, c in zip(candidate.stop, self.cells, strict=True)):
+            return (
+                f"{what} {where} is not inside the box: it needs {item.cells} cells "
+                f"from cell {candidate.start} on, the box has {self.cells}"
+            )
+        blocking = [
+            f"{n} ({other.item.shape.id!r})"
+            for n, other in enumerate(self.placed)
+            if placement.conflicts(other, candidate)
+        ]
+        return f"{what} {where} is in conflict with placed item {', '.join(blocking)}"

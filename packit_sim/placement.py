@@ -1,0 +1,405 @@
+"""Feasible locations: where an item can stand in a box, exactly (DESIGN: Feasible).
+
+Cheap filters first: cell boxes, then the words of fine cells, and FCL for the few locations that
+the words leave open. `oracle` is the slow and obvious statement of the same; the two always agree.
+"""
+
+from __future__ import annotations
+
+import operator
+import threading
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import fcl
+import numba
+import numpy as np
+import numpy.typing as npt
+from cachetools import LRUCache, cached
+
+from packit_sim import rotations
+from packit_sim.errors import InfeasibleError
+from packit_sim.lattice import (
+    CELL,
+    CONTACT_TOLERANCE,
+    FINE_PER_CELL,
+    STEP,
+    Triple,
+    grid_nodes,
+)
+from packit_sim.shapes import Item
+from packit_sim.voxels import Words
+
+Mask = npt.NDArray[np.bool_]
+
+COLLISION_CACHE_TRIANGLES = 1_000_000
+"""Budget of the process's cache of collision meshes, roughly 1 kB a triangle."""
+
+_BLOCKED, _FREE, _OPEN = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An item at a location: the min corner of its cell box stands at grid node (i, j, k)."""
+
+    item: Item
+    location: Triple
+
+    @property
+    def start(self) -> Triple:
+        """The min corner of the cell box, in cells."""
+        i, j, k = self.location
+        return i * STEP, j * STEP, k * STEP
+
+    @property
+    def stop(self) -> Triple:
+        """The max corner of the cell box, in cells."""
+        (x, y, z), (a, b, c) = self.start, self.item.cells
+        return x + a, y + b, z + c
+
+    @cached_property
+    def center(self) -> npt.NDArray[np.float64]:
+        """(3,) where the centre of the item's bounding box stands, in box units."""
+        return (np.array(self.start) + np.array(self.stop)) / 2 * CELL
+
+    @cached_property
+    def pose(self) -> npt.NDArray[np.float64]:
+        """(4, 4) shape-to-box matrix: puts the canonical mesh, `item.shape.mesh`, in its place."""
+        pose = np.eye(4)
+        pose[:3, :3] = self.item.linear
+        pose[:3, 3] = self.center
+        return pose
+
+
+class Contents(Protocol):
+    """A box as seen from here: its cells an axis, and what is placed in it, in order."""
+
+    @property
+    def cells(self) -> Triple: ...
+    @property
+    def placed(self) -> tuple[Placed, ...]: ...
+
+
+class Occupancy:
+    """The fine cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
+
+    outer, inner: words [x, y, z] over the box's cells, the union over the placed items.
+    """
+
+    def __init__(self, cells: Triple) -> None:
+        self.cells = cells
+        self.outer: Words = np.zeros(cells, dtype=np.uint64)
+        self.inner: Words = np.zeros(cells, dtype=np.uint64)
+        self._placed: list[Placed] = []
+        self._own_outer: list[Words] = []
+        self._spans = np.zeros((0, 6), dtype=np.int64)
+
+    @property
+    def placed(self) -> tuple[Placed, ...]:
+        return tuple(self._placed)
+
+    @property
+    def spans(self) -> npt.NDArray[np.int64]:
+        """(n, 6): the cell box of each placed item, min and max corner in cells."""
+        return self._spans[: len(self._placed)]
+
+    def add(self, placed: Placed) -> None:
+        """Fills the cells of an item. Whether it is feasible there was checked before."""
+        voxels = placed.item.voxels
+        _fill(self.outer, self.inner, voxels.coords, voxels.outer, voxels.inner, placed.start)
+        own = np.zeros(voxels.cells, dtype=np.uint64)
+        own[tuple(voxels.coords.T)] = voxels.outer
+        self._own_outer.append(own)
+        count = len(self._placed)
+        if count == len(self._spans):
+            self._spans = np.concatenate([self._spans, np.zeros((count + 8, 6), dtype=np.int64)])
+        self._spans[count] = (*placed.start, *placed.stop)
+        self._placed.append(placed)
+
+    def truncate(self, count: int) -> None:
+        """Takes out all but the first `count` items."""
+        removed = self._placed[count:]
+        del self._placed[count:], self._own_outer[count:]
+        for gone in removed:
+            _clear(self.outer, self.inner, gone.item.voxels.coords, gone.start)
+        for kept in self._placed:
+            if any(_overlap(kept.start, kept.stop, gone.start, gone.stop) for gone in removed):
+                voxels = kept.item.voxels
+                _fill(self.outer, self.inner, voxels.coords, voxels.outer, voxels.inner, kept.start)
+
+    def crosses(self, candidate: Placed) -> bool:
+        """Whether FCL finds the candidate crossing a placed item, asked where fine cells meet."""
+        voxels, start = candidate.item.voxels, candidate.start
+        for other, own_outer in zip(self._placed, self._own_outer, strict=True):
+            if not _overlap(start, candidate.stop, other.start, other.stop):
+                continue
+            if _meets(own_outer, other.start, voxels.coords, voxels.outer, start) and collides(
+                other, candidate
+            ):
+                return True
+        return False
+
+
+def feasible(occupancy: Occupancy, item: Item) -> Mask:
+    """The exact mask: bool over the grid's nodes, True where the item is feasible."""
+    nodes = grid_nodes(occupancy.cells)
+    last = _last_location(occupancy.cells, item)
+    if min(last) < 0:
+        return np.zeros(nodes, dtype=bool)
+    state = _classify(*_query(occupancy, item), np.array(nodes), np.array(last))
+    mask: Mask = state == _FREE
+    for i, j, k in np.argwhere(state == _OPEN).tolist():
+        mask[i, j, k] = not occupancy.crosses(Placed(item, (i, j, k)))
+    return mask
+
+
+def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
+    """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None."""
+    last = _last_location(occupancy.cells, item)
+    if min(last) < 0:
+        return None
+    query = _query(occupancy, item)
+    start = 0
+    while True:
+        i, j, k, state = _next_unblocked(*query, np.array(last), start)
+        if state == _BLOCKED:
+            return None
+        location = (int(i), int(j), int(k))
+        if state == _FREE or not occupancy.crosses(Placed(item, location)):
+            return location
+        start = (k * (last[0] + 1) + i) * (last[1] + 1) + j + 1
+
+
+def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
+    """Whether one item is feasible at one location: the mask's value there."""
+    if not _inside(occupancy.cells, candidate):
+        return False
+    state = _classify_one(*_query(occupancy, candidate.item), np.array(candidate.start))
+    return bool(state == _FREE or (state == _OPEN and not occupancy.crosses(candidate)))
+
+
+def oracle(box: Contents, item: Item) -> Mask:
+    """The mask by the plain loop of DESIGN: slow, obvious, and always right."""
+    mask = np.zeros(grid_nodes(box.cells), dtype=bool)
+    for i, j, k in np.ndindex(mask.shape):
+        mask[i, j, k] = is_valid(box.cells, box.placed, Placed(item, (i, j, k)))
+    return mask
+
+
+def is_valid(cells: Triple, placed: Iterable[Placed], candidate: Placed) -> bool:
+    """The oracle's answer for one location, among placed items in a box of so many cells."""
+    return _inside(cells, candidate) and not any(conflicts(other, candidate) for other in placed)
+
+
+def conflicts(a: Placed, b: Placed) -> bool:
+    """Whether two items can't both stand where they are, by the oracle's definition.
+
+    One holds a fine cell inside it that is outer for the other, or their collision meshes cross.
+    """
+    start = np.maximum(a.start, b.start)
+    stop = np.minimum(a.stop, b.stop)
+    if (start >= stop).any():
+        return False
+    window_a, window_b = (
+        tuple(
+            slice(*s)
+            for s in zip(*((np.array((start, stop)) - p.start) * FINE_PER_CELL), strict=True)
+        )
+        for p in (a, b)
+    )
+    voxels_a, voxels_b = a.item.voxels, b.item.voxels
+    return bool(
+        (voxels_a.inner_fine[window_a] & voxels_b.outer_fine[window_b]).any()
+        or (voxels_a.outer_fine[window_a] & voxels_b.inner_fine[window_b]).any()
+        or collides(a, b)
+    )
+
+
+def collides(a: Placed, b: Placed) -> bool:
+    """Whether FCL finds a triangle of one collision mesh that crosses one of the other.
+
+    A fact of the two items and the whole half cells between their centres: the first in a fixed
+    order of items stands at the origin, whatever the place in the box or the order of placing.
+    """
+    if (_order(b.item), b.start) < (_order(a.item), a.start):
+        a, b = b, a
+    half_cells = np.add(b.start, b.stop) - np.add(a.start, a.stop)
+    at_origin = fcl.Transform(rotations.MATRICES[a.item.rotation].astype(float), np.zeros(3))
+    beside = fcl.Transform(
+        rotations.MATRICES[b.item.rotation].astype(float), half_cells * (CELL / 2)
+    )
+    request = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
+    return bool(
+        fcl.collide(
+            fcl.CollisionObject(_collision_mesh(a.item), at_origin),
+            fcl.CollisionObject(_collision_mesh(b.item), beside),
+            request,
+            fcl.CollisionResult(),
+        )
+    )
+
+
+def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
+    """A location as a triple of ints. Raises InfeasibleError where it is no node of the grid."""
+    nodes = grid_nodes(cells)
+    try:
+        i, j, k = (operator.index(n) for n in location)
+    except (TypeError, ValueError):
+        raise InfeasibleError(
+            f"location {location!r} is not possible: it must be three whole numbers"
+        ) from None
+    if not all(0 <= n < count for n, count in zip((i, j, k), nodes, strict=True)):
+        raise InfeasibleError(
+            f"location {(i, j, k)} is outside the grid: "
+            f"it reaches from (0, 0, 0) to {tuple(n - 1 for n in nodes)}"
+        )
+    return i, j, k
+
+
+def _order(item: Item) -> tuple[str, float, int]:
+    return item.shape.digest, item.scale, item.rotation
+
+
+@cached(
+    LRUCache(COLLISION_CACHE_TRIANGLES, getsizeof=lambda model: model.num_tries_()),
+    key=lambda item: (item.shape.digest, item.scale),
+    lock=threading.RLock(),
+)
+def _collision_mesh(item: Item) -> fcl.BVHModel:
+    """The shape at the item's scale, drawn in by half the contact tolerance on each side."""
+    extents = Item(item.shape, item.scale).extents
+    drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
+    mesh = item.shape.mesh
+    model = fcl.BVHModel()
+    model.beginModel(len(mesh.vertices), len(mesh.faces))
+    model.addSubModel(mesh.vertices * (np.cbrt(item.scale) * drawn_in), mesh.faces)
+    model.endModel()
+    return model
+
+
+def _last_location(cells: Triple, item: Item) -> Triple:
+    """The largest location at which the item is inside the box; negative where it is too large."""
+    x, y, z = ((c - own) // STEP for c, own in zip(cells, item.cells, strict=True))
+    nodes = grid_nodes(cells)
+    return min(x, nodes[0] - 1), min(y, nodes[1] - 1), min(z, nodes[2] - 1)
+
+
+def _inside(cells: Triple, candidate: Placed) -> bool:
+    return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
+
+
+def _overlap(start: Triple, stop: Triple, other_start: Triple, other_stop: Triple) -> bool:
+    return all(
+        a < d and c < b for a, b, c, d in zip(start, stop, other_start, other_stop, strict=True)
+    )
+
+
+def _query(occupancy: Occupancy, item: Item) -> tuple[Any, ...]:
+    """What the kernels read of the box and of the item."""
+    voxels = item.voxels
+    return (
+        occupancy.outer,
+        occupancy.inner,
+        occupancy.spans,
+        np.array(item.cells),
+        voxels.coords,
+        voxels.outer,
+        voxels.inner,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill(box_outer, box_inner, coords, outer, inner, start):
+    for n in range(len(coords)):
+        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
+        box_outer[x, y, z] |= outer[n]
+        box_inner[x, y, z] |= inner[n]
+
+
+@numba.njit(cache=True, nogil=True)
+def _clear(box_outer, box_inner, coords, start):
+    for n in range(len(coords)):
+        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
+        box_outer[x, y, z] = 0
+        box_inner[x, y, z] = 0
+
+
+@numba.njit(cache=True, nogil=True)
+def _meets(own_outer, own_start, coords, outer, start):
+    """Whether an outer fine cell of one item, dense, is one of another's, a list."""
+    for n in range(len(coords)):
+        x = coords[n, 0] + start[0] - own_start[0]
+        y = coords[n, 1] + start[1] - own_start[1]
+        z = coords[n, 2] + start[2] - own_start[2]
+        if (
+            0 <= x < own_outer.shape[0]
+            and 0 <= y < own_outer.shape[1]
+            and 0 <= z < own_outer.shape[2]
+            and own_outer[x, y, z] & outer[n]
+        ):
+            return True
+    return False
+
+
+@numba.njit(cache=True, nogil=True)
+def _classify_one(box_outer, box_inner, spans, cells, coords, outer, inner, start):
+    """What the fine cells tell of one location: blocked, free, or open."""
+    apart = True
+    for n in range(len(spans)):
+        if (
+            start[0] < spans[n, 3]
+            and spans[n, 0] < start[0] + cells[0]
+            and start[1] < spans[n, 4]
+            and spans[n, 1] < start[1] + cells[1]
+            and start[2] < spans[n, 5]
+            and spans[n, 2] < start[2] + cells[2]
+        ):
+            apart = False
+            break
+    if apart:
+        return _FREE
+    state = _FREE
+    for n in range(len(coords)):
+        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
+        filled = box_outer[x, y, z]
+        if filled == 0:
+            continue
+        if (filled & inner[n]) | (box_inner[x, y, z] & outer[n]):
+            return _BLOCKED
+        if filled & outer[n]:
+            state = _OPEN
+    return state
+
+
+@numba.njit(cache=True, nogil=True)
+def _classify(box_outer, box_inner, spans, cells, coords, outer, inner, nodes, last):
+    """The state of every location, in an array over the grid's nodes."""
+    state = np.zeros((nodes[0], nodes[1], nodes[2]), np.uint8)
+    start = np.zeros(3, np.int64)
+    for i in range(last[0] + 1):
+        start[0] = i * STEP
+        for j in range(last[1] + 1):
+            start[1] = j * STEP
+            for k in range(last[2] + 1):
+                start[2] = k * STEP
+                state[i, j, k] = _classify_one(
+                    box_outer, box_inner, spans, cells, coords, outer, inner, start
+                )
+    return state
+
+
+@numba.njit(cache=True, nogil=True)
+def _next_unblocked(box_outer, box_inner, spans, cells, coords, outer, inner, last, first):
+    """The first location in the order of (z, x, y), from number `first` on, that is not blocked."""
+    row, layer = last[1] + 1, (last[0] + 1) * (last[1] + 1)
+    start = np.zeros(3, np.int64)
+    for number in range(first, layer * (last[2] + 1)):
+        k, rest = divmod(number, layer)
+        i, j = divmod(rest, row)
+        start[0], start[1], start[2] = i * STEP, j * STEP, k * STEP
+        state = _classify_one(box_outer, box_inner, spans, cells, coords, outer, inner, start)
+        if state != _BLOCKED:
+            return i, j, k, state
+    return 0, 0, 0, _BLOCKED

@@ -1,0 +1,154 @@
+import itertools
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from packit_sim import placement
+from packit_sim.box import Box, Snapshot
+from packit_sim.errors import InfeasibleError
+from packit_sim.placement import Occupancy
+from packit_sim.shapes import Item
+from tests.zoo import BALL, CUBE, RING, ZOO, cube_of, fill, random_item
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def assert_cache_is_that_of_a_new_box(box: Box) -> None:
+    fresh = Occupancy(box.cells)
+    for placed in box.placed:
+        fresh.add(placed)
+    assert (box._occupancy.outer == fresh.outer).all()
+    assert (box._occupancy.inner == fresh.inner).all()
+    assert (box._occupancy.spans == fresh.spans).all()
+
+
+def random_box(rng: np.random.Generator) -> Box:
+    box = Box((64, 48, 56))
+    fill(box, [random_item(ZOO, 0.4, rng) for _ in range(6)], rng)
+    return box
+
+
+@given(seeds)
+def test_what_is_accepted_is_inside_disjoint_and_not_denser_than_1(seed) -> None:
+    box = random_box(np.random.default_rng(seed))
+    assert box.placed
+    assert 0 < box.density <= 1
+    for placed in box.placed:
+        corners = placed.item.mesh.bounds + placed.center
+        assert (corners >= -1e-8).all() and (corners <= box.size + 1e-8).all()
+    for a, b in itertools.combinations(box.placed, 2):
+        assert not placement.conflicts(a, b)
+
+
+@given(seeds)
+def test_pose_puts_the_canonical_mesh_in_its_place(seed) -> None:
+    for placed in random_box(np.random.default_rng(seed)).placed:
+        canonical = placed.item.shape.mesh.vertices
+        there = canonical @ placed.pose[:3, :3].T + placed.pose[:3, 3]
+        assert np.allclose(there, placed.item.mesh.vertices + placed.center, atol=1e-12)
+        middle = np.array(placed.location) / 25 + np.array(placed.item.cells) / 200
+        assert np.allclose((there.min(axis=0) + there.max(axis=0)) / 2, middle)
+
+
+@given(seeds)
+def test_snapshot_mutate_restore_is_the_identity(seed) -> None:
+    rng = np.random.default_rng(seed)
+    box = random_box(rng)
+    item = random_item(ZOO, 0.3, rng)
+    before, mask, density = box.snapshot(), box.feasible(item), box.density
+    for _ in range(rng.integers(1, 4)):
+        if box.placed:
+            box.undo()
+    fill(box, [random_item(ZOO, 0.3, rng) for _ in range(3)], rng)
+    box.restore(pickle.loads(pickle.dumps(before)))
+    assert box.placed == before.placed == box.snapshot().placed
+    assert box.density == density
+    assert (box.feasible(item) == mask).all()
+    assert_cache_is_that_of_a_new_box(box)
+
+
+@given(seeds)
+def test_undo_takes_out_the_last_item_and_only_it(seed) -> None:
+    rng = np.random.default_rng(seed)
+    box = random_box(rng)
+    states = [box.snapshot()]
+    while box.placed:
+        last = box.placed[-1]
+        assert box.undo() == last
+        assert_cache_is_that_of_a_new_box(box)
+        states.append(box.snapshot())
+    for state in reversed(states):
+        box.restore(state)
+        assert box.snapshot() == state
+    with pytest.raises(IndexError, match="empty"):
+        Box().undo()
+
+
+def test_density_is_placed_volume_over_the_boxs() -> None:
+    box = Box((80, 40, 40))
+    box.place(cube_of(20), (0, 0, 0))
+    assert box.density == pytest.approx(0.2**3 / (0.8 * 0.4 * 0.4))
+    box.clear()
+    assert box.density == 0 and box.placed == ()
+
+
+@pytest.mark.parametrize(
+    ("location", "message"),
+    [
+        ((25, 0, 0), r"\(25, 0, 0\) is outside the grid.*\(24, 24, 24\)"),
+        ((0, -1, 0), "outside the grid"),
+        ((0, 0), "three whole numbers"),
+        ((0, 0, 0.5), "three whole numbers"),
+        (None, "three whole numbers"),
+        ((24, 24, 24), "not inside the box.*20"),
+        ((1, 1, 1), r"in conflict with placed item 0 \('ring'\)"),
+    ],
+)
+def test_where_an_item_cannot_be_placed_it_says_why_and_changes_nothing(location, message) -> None:
+    box = Box()
+    box.place(Item(RING, 0.5**3), (0, 0, 0))
+    before = box.snapshot()
+    with pytest.raises(InfeasibleError, match=message):
+        box.place(cube_of(20), location)
+    assert box.snapshot() == before
+    assert_cache_is_that_of_a_new_box(box)
+
+
+def test_a_mesh_larger_than_the_box_is_refused() -> None:
+    box = Box()
+    with pytest.raises(InfeasibleError, match=r"needs \(101, 101, 101\) cells"):
+        box.place(cube_of(101), (0, 0, 0))
+    with pytest.raises(InfeasibleError, match="not inside the box"):
+        box.place(Item(CUBE, 1e9), (0, 0, 0))
+    assert box.placed == ()
+
+
+@pytest.mark.parametrize("cells", [(100, 100), (100, 100, 99), (0, 4, 4), (516, 4, 4), "box", 100])
+def test_impossible_boxes_are_refused(cells) -> None:
+    with pytest.raises(ValueError, match=r"multiple of 4|three whole numbers"):
+        Box(cells)
+
+
+def test_boxes_of_other_sizes_have_masks_of_their_grid() -> None:
+    box = Box((8, 512, 20))
+    mask = box.feasible(cube_of(8))
+    assert mask.shape == box.nodes == (2, 128, 5)
+    assert mask.sum() == 1 * 127 * 4
+    assert box.place(cube_of(8), (0, 126, 3)).center == pytest.approx((0.04, 5.08, 0.16))
+
+
+def test_a_snapshot_of_another_box_is_refused() -> None:
+    with pytest.raises(ValueError, match="can't be restored"):
+        Box().restore(Snapshot((40, 40, 40), ()))
+
+
+def test_locations_may_be_numpy_integers() -> None:
+    box = Box()
+    placed = box.place(Item(BALL, 0.2**3), np.array([1, 2, 3]))
+    assert placed.location == (1, 2, 3)
+    assert all(type(n) is int for n in placed.location)
+    assert math.isclose(placed.center[0], 0.04 + placed.item.cells[0] / 200)

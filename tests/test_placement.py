@@ -1,0 +1,208 @@
+"""The exact mask against the oracle, on shapes that are hard and in boxes filled at random."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from packit_sim import placement
+from packit_sim.box import Box
+from packit_sim.library import ShapeLibrary
+from packit_sim.placement import Placed
+from packit_sim.shapes import Item
+from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, SOUP, ZOO, cube_of, fill, random_item
+
+EVERYDAY = ShapeLibrary.open("everyday")
+seeds = st.integers(0, 2**32 - 1)
+box_sizes = st.tuples(*[st.integers(4, 13).map(lambda n: 4 * n)] * 3)
+
+
+def assert_exact(box: Box, item: Item) -> None:
+    mask = box.feasible(item)
+    truth = placement.oracle(box, item)
+    assert mask.shape == truth.shape and mask.dtype == bool
+    assert (mask == truth).all(), f"{(mask != truth).sum()} locations differ for {item} in {box}"
+    ranked = sorted(map(tuple, np.argwhere(truth).tolist()), key=lambda at: (at[2], at[0], at[1]))
+    assert box.blbf(item) == (ranked[0] if ranked else None)
+
+
+@given(seeds, box_sizes)
+def test_mask_equals_oracle_on_hard_shapes(seed, cells) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box(cells)
+    size = min(cells) / 100
+    fill(box, [random_item(ZOO, size, rng) for _ in range(5)], rng)
+    assert_exact(box, random_item(ZOO, size, rng))
+
+
+@given(seeds, box_sizes)
+def test_mask_equals_oracle_on_library_meshes(seed, cells) -> None:
+    rng = np.random.default_rng(seed)
+    shapes = tuple(EVERYDAY[i] for i in rng.choice(EVERYDAY.ids, 4, replace=False))
+    box = Box(cells)
+    size = min(cells) / 100
+    fill(box, [random_item(shapes, size, rng) for _ in range(5)], rng)
+    assert_exact(box, random_item(shapes, size, rng))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mask_equals_oracle_at_all_15625_locations(seed) -> None:
+    """The benchmark's box, filled as agents fill it."""
+    rng = np.random.default_rng(seed)
+    shapes = tuple(EVERYDAY[i] for i in rng.choice(EVERYDAY.ids, 8, replace=False))
+    box = Box()
+    for _ in range(12):
+        item = random_item(shapes, 0.6, rng)
+        location = box.blbf(item)
+        if location is not None:
+            box.place(item, location)
+    assert len(box.placed) >= 6
+    assert_exact(box, random_item(shapes, 0.4, rng))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 140))
+def test_mask_equals_oracle_in_many_full_boxes(seed) -> None:
+    test_mask_equals_oracle_at_all_15625_locations(seed)
+
+
+def feasible_at(box: Box, item: Item, location: tuple[int, int, int]) -> bool:
+    """The mask's answer, agreed on by the oracle and by the single query."""
+    candidate = Placed(item, location)
+    answers = {
+        bool(box.feasible(item)[location]),
+        placement.is_valid(box.cells, box.placed, candidate),
+        placement.is_feasible(box._occupancy, candidate),
+    }
+    assert len(answers) == 1
+    return answers.pop()
+
+
+def test_a_ball_goes_through_a_ring_but_not_into_its_tube() -> None:
+    box = Box()
+    ring = Item(RING, 0.7**3)  # stands on its edge or lies: here it lies
+    assert ring.cells[2] < ring.cells[0]
+    box.place(ring, (2, 2, 2))
+    small = Item(BALL, 0.15**3)
+    in_the_hole = tuple(2 + (own - c) // 8 for own, c in zip(ring.cells, small.cells, strict=True))
+    assert feasible_at(box, small, in_the_hole)
+    tiny = Item(BALL, 0.02**3)
+    steps = np.argwhere(ring.inner) // 4
+    within = [at for at in np.unique(steps, axis=0) if ring.inner[_cells(at, tiny)].all()]
+    assert within
+    assert not any(feasible_at(box, tiny, tuple((at + 2).tolist())) for at in within)
+
+
+def _cells(node: np.ndarray, item: Item) -> tuple[slice, ...]:
+    return tuple(slice(4 * n, 4 * n + c) for n, c in zip(node, item.cells, strict=True))
+
+
+def test_what_is_wholly_inside_a_solid_is_rejected_though_no_surfaces_meet() -> None:
+    """FCL sees no contact there: only enclosed cells tell."""
+    for outside in (cube_of(40), Item(BALL, 0.6**3), Item(HOLLOW, 0.7**3)):
+        inside = Item(CUBE, 0.05**3)
+        middle = tuple(1 + c // 8 for c in outside.cells)
+        host, guest = Placed(outside, (1, 1, 1)), Placed(inside, middle)
+        assert not placement.collides(host, guest)
+        box = Box()
+        box.place(outside, (1, 1, 1))
+        assert not feasible_at(box, inside, middle)
+        box.clear()
+        box.place(inside, middle)
+        assert not feasible_at(box, outside, (1, 1, 1))
+
+
+def test_a_ball_rests_in_an_open_bowl() -> None:
+    box = Box()
+    bowl = Item(BOWL, 0.8**3)
+    box.place(bowl, (2, 2, 2))
+    ball = Item(BALL, 0.2**3)
+    free = box.feasible(ball)
+    inside = [
+        (i, j, k)
+        for i, j, k in np.argwhere(free).tolist()
+        if all(
+            4 * n > 8 and 4 * n + own < 8 + c
+            for n, own, c in zip((i, j, k), ball.cells, bowl.cells, strict=True)
+        )
+        and math.dist((4 * i, 4 * j), (8 + bowl.cells[0] / 2,) * 2) < bowl.cells[0] / 4
+    ]
+    assert inside, "the ball fits into the bowl, within its bounding box"
+    assert all(feasible_at(box, ball, at) for at in inside)
+
+
+def test_cubes_that_touch_face_to_face_are_no_conflict() -> None:
+    box = Box()
+    box.place(cube_of(20), (5, 5, 5))
+    for axis in range(3):
+        for step in (-5, 5):
+            location = [5, 5, 5]
+            location[axis] += step
+            assert feasible_at(box, cube_of(20), tuple(location))
+            location[axis] -= step // 5
+            assert not feasible_at(box, cube_of(20), tuple(location))
+
+
+def test_cubes_of_whole_grid_steps_fill_the_box_to_the_brim() -> None:
+    box = Box()
+    while (location := box.blbf(cube_of(20))) is not None:
+        box.place(cube_of(20), location)
+    assert len(box.placed) == 125
+    assert box.density == pytest.approx(1)
+
+
+def test_overlap_up_to_the_tolerance_is_contact_and_beyond_it_a_conflict() -> None:
+    """A cube of just over 24 cells is centred in a cell box of 25.
+
+    So one on a node 24 cells further overlaps it by what each is larger than 24 cells.
+    """
+    for overlap, expected in ((0.9e-4, False), (1.1e-4, True)):
+        cube = cube_of(24 + 100 * overlap)
+        assert cube.cells == (25, 25, 25)
+        beside = Placed(cube, (6, 0, 0))
+        assert placement.conflicts(Placed(cube, (0, 0, 0)), beside) is expected
+
+
+@pytest.mark.parametrize("shape", [PLATE, SOUP], ids=lambda s: s.id)
+def test_thin_and_broken_meshes_keep_off_what_crosses_them(shape) -> None:
+    box = Box()
+    box.place(Item(shape, 0.8**3), (1, 1, 1))
+    mask = box.feasible(Item(CUBE, 0.1**3))
+    assert mask.any() and not mask.all()
+    assert_exact(box, Item(CUBE, 0.1**3))
+
+
+def test_what_is_larger_than_the_box_is_feasible_nowhere() -> None:
+    box = Box()
+    for item in (cube_of(101), Item(CUBE, 1e6)):
+        assert not box.feasible(item).any()
+        assert box.blbf(item) is None
+
+
+@given(seeds)
+def test_placing_never_frees_a_location(seed) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box((48, 48, 48))
+    item = random_item(ZOO, 0.3, rng)
+    before = box.feasible(item)
+    for _ in range(4):
+        fill(box, [random_item(ZOO, 0.4, rng)], rng)
+        after = box.feasible(item)
+        assert not (after & ~before).any()
+        before = after
+
+
+@given(seeds)
+def test_collision_is_symmetric_and_the_same_everywhere(seed) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = (random_item(ZOO, 0.4, rng) for _ in range(2))
+    offset = rng.integers(-3, 4, size=3)
+    answers = set()
+    for _ in range(4):
+        at = rng.integers(3, 9, size=3)
+        first = Placed(a, tuple(at.tolist()))
+        second = Placed(b, tuple((at + offset).tolist()))
+        answers |= {placement.conflicts(first, second), placement.conflicts(second, first)}
+    assert len(answers) == 1
