@@ -11,7 +11,8 @@ import numpy.typing as npt
 from packit_sim import placement
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
-from packit_sim.placement import Mask, Occupancy, Placed
+from packit_sim.occupancy import Occupancy, Placed
+from packit_sim.placement import Mask
 from packit_sim.shapes import Item
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import operator
 import threading
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol
 
 import fcl
@@ -29,8 +27,8 @@ from packit_sim.lattice import (
     Triple,
     grid_nodes,
 )
+from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.shapes import Item
-from packit_sim.voxels import Words
 
 Mask = npt.NDArray[np.bool_]
 
@@ -38,39 +36,6 @@ COLLISION_CACHE_TRIANGLES = 1_000_000
 """Budget of the process's cache of collision meshes, roughly 1 kB a triangle."""
 
 _BLOCKED, _FREE, _OPEN = 0, 1, 2
-
-
-@dataclass(frozen=True)
-class Placed:
-    """An item at a location: the min corner of its cell box stands at grid node (i, j, k)."""
-
-    item: Item
-    location: Triple
-
-    @property
-    def start(self) -> Triple:
-        """The min corner of the cell box, in cells."""
-        i, j, k = self.location
-        return i * STEP, j * STEP, k * STEP
-
-    @property
-    def stop(self) -> Triple:
-        """The max corner of the cell box, in cells."""
-        (x, y, z), (a, b, c) = self.start, self.item.cells
-        return x + a, y + b, z + c
-
-    @cached_property
-    def center(self) -> npt.NDArray[np.float64]:
-        """(3,) where the centre of the item's bounding box stands, in box units."""
-        return (np.array(self.start) + np.array(self.stop)) / 2 * CELL
-
-    @cached_property
-    def pose(self) -> npt.NDArray[np.float64]:
-        """(4, 4) shape-to-box matrix: puts the canonical mesh, `item.shape.mesh`, in its place."""
-        pose = np.eye(4)
-        pose[:3, :3] = self.item.linear
-        pose[:3, 3] = self.center
-        return pose
 
 
 class Contents(Protocol):
@@ -82,66 +47,6 @@ class Contents(Protocol):
     def placed(self) -> tuple[Placed, ...]: ...
 
 
-class Occupancy:
-    """The fine cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
-
-    outer, inner: words [x, y, z] over the box's cells, the union over the placed items.
-    """
-
-    def __init__(self, cells: Triple) -> None:
-        self.cells = cells
-        self.outer: Words = np.zeros(cells, dtype=np.uint64)
-        self.inner: Words = np.zeros(cells, dtype=np.uint64)
-        self._placed: list[Placed] = []
-        self._own_outer: list[Words] = []
-        self._spans = np.zeros((0, 6), dtype=np.int64)
-
-    @property
-    def placed(self) -> tuple[Placed, ...]:
-        return tuple(self._placed)
-
-    @property
-    def spans(self) -> npt.NDArray[np.int64]:
-        """(n, 6): the cell box of each placed item, min and max corner in cells."""
-        return self._spans[: len(self._placed)]
-
-    def add(self, placed: Placed) -> None:
-        """Fills the cells of an item. Whether it is feasible there was checked before."""
-        voxels = placed.item.voxels
-        _fill(self.outer, self.inner, voxels.coords, voxels.outer, voxels.inner, placed.start)
-        own = np.zeros(voxels.cells, dtype=np.uint64)
-        own[tuple(voxels.coords.T)] = voxels.outer
-        self._own_outer.append(own)
-        count = len(self._placed)
-        if count == len(self._spans):
-            self._spans = np.concatenate([self._spans, np.zeros((count + 8, 6), dtype=np.int64)])
-        self._spans[count] = (*placed.start, *placed.stop)
-        self._placed.append(placed)
-
-    def truncate(self, count: int) -> None:
-        """Takes out all but the first `count` items."""
-        removed = self._placed[count:]
-        del self._placed[count:], self._own_outer[count:]
-        for gone in removed:
-            _clear(self.outer, self.inner, gone.item.voxels.coords, gone.start)
-        for kept in self._placed:
-            if any(_overlap(kept.start, kept.stop, gone.start, gone.stop) for gone in removed):
-                voxels = kept.item.voxels
-                _fill(self.outer, self.inner, voxels.coords, voxels.outer, voxels.inner, kept.start)
-
-    def crosses(self, candidate: Placed) -> bool:
-        """Whether FCL finds the candidate crossing a placed item, asked where fine cells meet."""
-        voxels, start = candidate.item.voxels, candidate.start
-        for other, own_outer in zip(self._placed, self._own_outer, strict=True):
-            if not _overlap(start, candidate.stop, other.start, other.stop):
-                continue
-            if _meets(own_outer, other.start, voxels.coords, voxels.outer, start) and collides(
-                other, candidate
-            ):
-                return True
-        return False
-
-
 def feasible(occupancy: Occupancy, item: Item) -> Mask:
     """The exact mask: bool over the grid's nodes, True where the item is feasible."""
     nodes = grid_nodes(occupancy.cells)
@@ -151,7 +56,7 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     state = _classify(*_query(occupancy, item), np.array(nodes), np.array(last))
     mask: Mask = state == _FREE
     for i, j, k in np.argwhere(state == _OPEN).tolist():
-        mask[i, j, k] = not occupancy.crosses(Placed(item, (i, j, k)))
+        mask[i, j, k] = not crosses(occupancy, Placed(item, (i, j, k)))
     return mask
 
 
@@ -167,7 +72,7 @@ def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
         if state == _BLOCKED:
             return None
         location = (int(i), int(j), int(k))
-        if state == _FREE or not occupancy.crosses(Placed(item, location)):
+        if state == _FREE or not crosses(occupancy, Placed(item, location)):
             return location
         start = (k * (last[0] + 1) + i) * (last[1] + 1) + j + 1
 
@@ -177,7 +82,12 @@ def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
     if not _inside(occupancy.cells, candidate):
         return False
     state = _classify_one(*_query(occupancy, candidate.item), np.array(candidate.start))
-    return bool(state == _FREE or (state == _OPEN and not occupancy.crosses(candidate)))
+    return bool(state == _FREE or (state == _OPEN and not crosses(occupancy, candidate)))
+
+
+def crosses(occupancy: Occupancy, candidate: Placed) -> bool:
+    """Whether FCL finds the candidate crossing a placed item, asked where outer fine cells meet."""
+    return any(collides(other, candidate) for other in occupancy.touching(candidate))
 
 
 def oracle(box: Contents, item: Item) -> Mask:
@@ -290,12 +200,6 @@ def _inside(cells: Triple, candidate: Placed) -> bool:
     return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
 
 
-def _overlap(start: Triple, stop: Triple, other_start: Triple, other_stop: Triple) -> bool:
-    return all(
-        a < d and c < b for a, b, c, d in zip(start, stop, other_start, other_stop, strict=True)
-    )
-
-
 def _query(occupancy: Occupancy, item: Item) -> tuple[Any, ...]:
     """What the kernels read of the box and of the item."""
     voxels = item.voxels
@@ -308,39 +212,6 @@ def _query(occupancy: Occupancy, item: Item) -> tuple[Any, ...]:
         voxels.outer,
         voxels.inner,
     )
-
-
-@numba.njit(cache=True, nogil=True)
-def _fill(box_outer, box_inner, coords, outer, inner, start):
-    for n in range(len(coords)):
-        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
-        box_outer[x, y, z] |= outer[n]
-        box_inner[x, y, z] |= inner[n]
-
-
-@numba.njit(cache=True, nogil=True)
-def _clear(box_outer, box_inner, coords, start):
-    for n in range(len(coords)):
-        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
-        box_outer[x, y, z] = 0
-        box_inner[x, y, z] = 0
-
-
-@numba.njit(cache=True, nogil=True)
-def _meets(own_outer, own_start, coords, outer, start):
-    """Whether an outer fine cell of one item, dense, is one of another's, a list."""
-    for n in range(len(coords)):
-        x = coords[n, 0] + start[0] - own_start[0]
-        y = coords[n, 1] + start[1] - own_start[1]
-        z = coords[n, 2] + start[2] - own_start[2]
-        if (
-            0 <= x < own_outer.shape[0]
-            and 0 <= y < own_outer.shape[1]
-            and 0 <= z < own_outer.shape[2]
-            and own_outer[x, y, z] & outer[n]
-        ):
-            return True
-    return False
 
 
 @numba.njit(cache=True, nogil=True)

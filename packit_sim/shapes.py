@@ -12,6 +12,7 @@ import operator
 import threading
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,9 @@ from packit_sim.errors import MeshError
 from packit_sim.lattice import Triple, cell_box
 
 VOXEL_CACHE_BYTES = 512 * 2**20
-"""Budget of the process's cache of voxelised shapes; the least recently used go first."""
+"""Budget of each of the process's two caches of voxels: of shapes at a scale, and of those turned.
+
+The least recently used go first."""
 
 _MIN_EXTENT = 1e-9
 """Extents below this share of the bounding box's diagonal are none: rounding of a flat mesh."""
@@ -58,35 +61,43 @@ class Shape:
             raise ValueError(f"up axis {up!r} is not known: choose 'y' or 'z'")
         if not isinstance(mesh, trimesh.Trimesh):
             raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
-        vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(mesh.faces, dtype=np.int64)
-        if len(vertices) == 0 or len(faces) == 0:
+        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        used = np.unique(faces)
+        if len(used) == 0:
             raise MeshError(
                 f"shape {id!r}: the mesh is empty: {len(vertices)} vertices, {len(faces)} triangles"
             )
-        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        if used[0] < 0 or used[-1] >= len(vertices):
+            raise MeshError(
+                f"shape {id!r}: triangles refer to vertices {used[0]} to {used[-1]}, "
+                f"the mesh has 0 to {len(vertices) - 1}"
+            )
+        bad = used[~np.isfinite(vertices[used]).all(axis=1)]
         if len(bad):
             raise MeshError(
-                f"shape {id!r}: {len(bad)} of {len(vertices)} vertices are not finite, "
+                f"shape {id!r}: {len(bad)} of {len(used)} vertices are not finite, "
                 f"the first is number {bad[0]}: {vertices[bad[0]].tolist()}"
             )
         if up == "y":
             vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)
-        vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        diagonal = float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
-        if diagonal > 0:
-            clean = trimesh.Trimesh(vertices / diagonal, faces, process=False)
-            clean.merge_vertices(merge_tex=True, merge_norm=True)
-            clean.update_faces(clean.unique_faces())
-            clean.update_faces(clean.area_faces > 0)
-            clean.remove_unreferenced_vertices()
-        extents = clean.extents if diagonal > 0 and len(clean.faces) else np.zeros(3)
-        if extents.min() < _MIN_EXTENT:
+        vertices = vertices / (np.abs(vertices[used]).max() or 1.0)
+        vertices = vertices - (vertices[used].min(axis=0) + vertices[used].max(axis=0)) / 2
+        clean = trimesh.Trimesh(vertices, faces, process=False)
+        clean.remove_unreferenced_vertices()
+        clean.merge_vertices(merge_tex=True, merge_norm=True)
+        clean.update_faces(clean.unique_faces())
+        clean.update_faces(clean.area_faces > 0)
+        clean.remove_unreferenced_vertices()
+        extents = clean.extents if len(clean.faces) else np.ptp(vertices[used], axis=0)
+        flat = np.flatnonzero(extents <= _MIN_EXTENT * np.linalg.norm(extents))
+        if len(flat):
             raise MeshError(
                 f"shape {id!r}: the mesh has no extent along "
-                f"{' and '.join('xyz'[a] for a in np.flatnonzero(extents < _MIN_EXTENT))}: "
-                "a shape needs all three"
+                f"{' and '.join('xyz'[axis] for axis in flat)}: a shape needs all three"
             )
+        if len(clean.faces) == 0:
+            raise MeshError(f"shape {id!r}: none of its {len(faces)} triangles has an area")
         vertices = clean.vertices - clean.bounds.mean(axis=0)
         vertices = vertices / np.linalg.norm(clean.extents)
         canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
@@ -186,8 +197,8 @@ class Item:
 
     @property
     def voxels(self) -> voxels.Voxels:
-        """The outer and inner fine cells, from the process's cache."""
-        return _voxels(self)
+        """The outer and inner fine cells: made once a shape and scale, then turned."""
+        return _turned_voxels(self)
 
     @property
     def outer(self) -> npt.NDArray[np.bool_]:
@@ -200,13 +211,20 @@ class Item:
         return self.voxels.inner_cells
 
 
+def _by_bytes() -> LRUCache[Any, voxels.Voxels]:
+    return LRUCache(VOXEL_CACHE_BYTES, getsizeof=lambda v: v.nbytes)
+
+
+@cached(_by_bytes(), key=lambda shape, scale: (shape.digest, scale), lock=threading.RLock())
+def _upright_voxels(shape: Shape, scale: float) -> voxels.Voxels:
+    upright = Item(shape, scale)
+    return voxels.voxelize(upright.mesh.triangles, upright.cells)
+
+
 @cached(
-    LRUCache(VOXEL_CACHE_BYTES, getsizeof=lambda v: v.nbytes),
+    _by_bytes(),
     key=lambda item: (item.shape.digest, item.scale, item.rotation),
     lock=threading.RLock(),
 )
-def _voxels(item: Item) -> voxels.Voxels:
-    """Voxelised once in the canonical rotation, and turned from there."""
-    if item.rotation:
-        return _voxels(Item(item.shape, item.scale)).turned(item.rotation)
-    return voxels.voxelize(item.mesh.triangles, item.cells)
+def _turned_voxels(item: Item) -> voxels.Voxels:
+    return _upright_voxels(item.shape, item.scale).turned(item.rotation)

@@ -35,12 +35,12 @@ class Voxels:
 
     Shuffled, because neighbours tell the same: a scan that may stop early meets what differs soon.
 
-    cells: cells an axis of the cell box. coords: (n, 3) int32, each cell's place in the cell box.
+    cells: cells an axis of the cell box. coords: (n, 3) int16, each cell's place in the cell box.
     outer, inner: (n,) uint64, a bit for each fine cell that is outer, or inner.
     """
 
     cells: Triple
-    coords: npt.NDArray[np.int32]
+    coords: npt.NDArray[np.int16]
     outer: Words
     inner: Words
 
@@ -50,14 +50,12 @@ class Voxels:
 
     def turned(self, rotation: int) -> Voxels:
         """The same under one of the 24 rotations, bit for bit."""
-        axes, signs = rotations.AXES[rotation], rotations.SIGNS[rotation]
-        cells = np.array(self.cells)[axes]
-        coords = self.coords[:, axes] * signs + np.where(signs < 0, cells - 1, 0)
+        cells = np.array(self.cells)[rotations.AXES[rotation]]
         tables = _byte_tables(rotation)
         x, y, z = cells.tolist()
         return Voxels(
             (x, y, z),
-            np.ascontiguousarray(coords, dtype=np.int32),
+            _turn_coords(self.coords, cells, rotations.AXES[rotation], rotations.SIGNS[rotation]),
             _permute_bits(self.outer, tables),
             _permute_bits(self.inner, tables),
         )
@@ -107,7 +105,7 @@ def voxelize(triangles: npt.NDArray[np.float64], cells: Triple) -> Voxels:
     outer = ~reached
     coords = np.random.default_rng(0).permutation(np.argwhere(outer))
     at = tuple(coords.T)
-    return Voxels(cells, coords.astype(np.int32), outer[at], (outer & ~touched)[at])
+    return Voxels(cells, coords.astype(np.int16), outer[at], (outer & ~touched)[at])
 
 
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
@@ -171,6 +169,16 @@ def _byte_tables(rotation: int) -> Words:
 
 
 @numba.njit(cache=True)
+def _turn_coords(coords, cells, axes, signs):
+    turned = np.empty_like(coords)
+    for n in range(len(coords)):
+        for d in range(3):
+            at = coords[n, axes[d]]
+            turned[n, d] = at if signs[d] > 0 else cells[d] - 1 - at
+    return turned
+
+
+@numba.njit(cache=True)
 def _permute_bits(words, tables):
     permuted = np.empty_like(words)
     for n in range(words.size):
@@ -209,29 +217,32 @@ def _touched(triangles, cells, cell, grow):
             span[a, 0] = min(p0, p1, p2)
             span[a, 1] = max(p0, p1, p2)
             reach[a] = abs(axes[a, 0]) + abs(axes[a, 1]) + abs(axes[a, 2])
-        for d in range(3):
-            middle = cells[d] / 2
-            first[d] = max(int(np.floor((span[d, 0] - grow) / cell + middle)) - 1, 0)
-            last[d] = min(int(np.floor((span[d, 1] + grow) / cell + middle)) + 1, cells[d] - 1)
-        for x in range(first[0], last[0] + 1):
+        for d in range(3):  # fine cells that the triangle's bounding box may meet, and one more
+            low, high = span[10 + d, 0] - grow, span[10 + d, 1] + grow
+            first[d] = max(int(np.floor(low / fine + 2 * cells[d])) - 1, 0)
+            last[d] = min(int(np.floor(high / fine + 2 * cells[d])) + 1, 4 * cells[d] - 1)
+        for x in range(first[0] // 4, last[0] // 4 + 1):
             center[0] = (x + 0.5 - cells[0] / 2) * cell
-            for y in range(first[1], last[1] + 1):
+            for y in range(first[1] // 4, last[1] // 4 + 1):
                 center[1] = (y + 0.5 - cells[1] / 2) * cell
-                for z in range(first[2], last[2] + 1):
-                    if words[x, y, z] == FULL:
+                for z in range(first[2] // 4, last[2] // 4 + 1):
+                    word = words[x, y, z]
+                    if word == FULL:
                         continue
                     center[2] = (z + 0.5 - cells[2] / 2) * cell
                     if not _meets(center, half_cell, axes, span, reach):
                         continue
-                    word = words[x, y, z]
-                    for bit in range(64):
-                        if word >> np.uint64(bit) & _1:
-                            continue
-                        fine_center[0] = (4 * x + (bit >> 4) + 0.5 - cells[0] * 2) * fine
-                        fine_center[1] = (4 * y + (bit >> 2 & 3) + 0.5 - cells[1] * 2) * fine
-                        fine_center[2] = (4 * z + (bit & 3) + 0.5 - cells[2] * 2) * fine
-                        if _meets(fine_center, half_fine, axes, span, reach):
-                            word |= _1 << np.uint64(bit)
+                    for u in range(max(first[0], 4 * x), min(last[0], 4 * x + 3) + 1):
+                        fine_center[0] = (u + 0.5 - cells[0] * 2) * fine
+                        for v in range(max(first[1], 4 * y), min(last[1], 4 * y + 3) + 1):
+                            fine_center[1] = (v + 0.5 - cells[1] * 2) * fine
+                            for w in range(max(first[2], 4 * z), min(last[2], 4 * z + 3) + 1):
+                                bit = _1 << np.uint64(16 * (u & 3) + 4 * (v & 3) + (w & 3))
+                                if word & bit:
+                                    continue
+                                fine_center[2] = (w + 0.5 - cells[2] * 2) * fine
+                                if _meets(fine_center, half_fine, axes, span, reach):
+                                    word |= bit
                     words[x, y, z] = word
     return words
 
@@ -243,17 +254,18 @@ def _dot(a, b):
 
 @numba.njit(cache=True)
 def _separating_axes(triangle, axes):
-    for d in range(3):
-        axes[d, d] = 1.0
+    """The normal, which tells most, then the 9 products of edges, then x, y and z."""
     edges = np.empty((3, 3))
     for e in range(3):
         edges[e] = triangle[(e + 1) % 3] - triangle[e]
-    axes[3] = np.cross(edges[0], edges[1])
+    axes[0] = np.cross(edges[0], edges[1])
     for e in range(3):
         x, y, z = edges[e]
-        axes[4 + 3 * e] = (0.0, -z, y)
-        axes[5 + 3 * e] = (z, 0.0, -x)
-        axes[6 + 3 * e] = (-y, x, 0.0)
+        axes[1 + 3 * e] = (0.0, -z, y)
+        axes[2 + 3 * e] = (z, 0.0, -x)
+        axes[3 + 3 * e] = (-y, x, 0.0)
+    for d in range(3):
+        axes[10 + d, d] = 1.0
 
 
 @numba.njit(cache=True, inline="always")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.library import ShapeLibrary
-from packit_sim.placement import Placed
+from packit_sim.occupancy import Placed
 from packit_sim.shapes import Item
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, SOUP, ZOO, cube_of, fill, random_item
 

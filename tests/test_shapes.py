@@ -90,6 +90,25 @@ def _with_vertex(value: float) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
+def _line() -> trimesh.Trimesh:
+    return trimesh.Trimesh([(0, 0, 0), (1, 1, 1), (2, 2, 2)], [[0, 1, 2]], process=False)
+
+
+def _dangling() -> trimesh.Trimesh:
+    mesh = creation.box((1, 1, 1))
+    mesh.faces[0, 0] = 9
+    return mesh
+
+
+def test_stray_vertices_and_huge_coordinates_do_no_harm() -> None:
+    box = creation.box((1, 2, 3))
+    stray = np.concatenate([box.vertices, [(1e12, 0, 0), (np.nan, 0, 0)]])
+    assert Shape.from_mesh(trimesh.Trimesh(stray, box.faces, process=False), "box").is_solid
+    for factor in (1e300, 1e-300):
+        far = trimesh.Trimesh(box.vertices * factor, box.faces, process=False)
+        assert np.allclose(Shape.from_mesh(far, "box").extents * 14**0.5, (1, 2, 3))
+
+
 @pytest.mark.parametrize(
     ("mesh", "message"),
     [
@@ -99,6 +118,9 @@ def _with_vertex(value: float) -> trimesh.Trimesh:
         (_with_vertex(np.inf), "not finite"),
         (trimesh.Trimesh(np.ones((3, 3)), [[0, 1, 2]], process=False), "no extent along x and y"),
         (trimesh.Trimesh(np.eye(3)[:, [0, 1, 1]] * (1, 1, 0), [[0, 1, 2]]), "no extent along z"),
+        (trimesh.Trimesh(np.eye(3)[[0, 0, 1]], [[0, 1, 2]], process=False), "no extent along z"),
+        (_line(), "none of its 1 triangles has an area"),
+        (_dangling(), "refer to vertices 0 to 9, the mesh has 0 to 7"),
         ("a path", "expected a trimesh.Trimesh, not str"),
         (trimesh.Scene(), "not Scene"),
     ],
