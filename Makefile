@@ -1,0 +1,61 @@
+# What `make` alone prints comes from the `##` comments.
+SHELL := /bin/bash
+PYTHON ?= python3
+EXTRAS ?= dev
+PYTEST_ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.set-up-$(EXTRAS)
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet --quiet
+PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup demo test test-all bench lint types wheel constraints clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
+
+setup: $(STAMP) ## everything into .venv, once; EXTRAS=dev,train for more than the dev tools
+
+$(STAMP): pyproject.toml constraints.txt packit_sim/_version.py scripts/system-packages.sh
+	@bash scripts/system-packages.sh
+	@echo "setting up $(VENV): a minute or two the first time"
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) install --constraint constraints.txt --editable '.[$(EXTRAS)]'
+	@touch $@
+	@echo "$(VENV) is ready"
+
+demo: $(STAMP) ## evolve a pack, take it apart, pack it again, draw it
+	@$(BIN)/packit demo
+
+test: $(STAMP) ## the quick tests
+	@$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
+
+test-all: $(STAMP) ## the slow tests too
+	@$(PYTEST) $(PYTEST_ARGS)
+
+bench: $(STAMP) ## every benchmark, one after the other
+	@for script in benchmarks/*.py; do \
+	    echo "== $$script"; \
+	    $(BIN)/python "$$script" || exit 1; \
+	done
+
+lint: $(STAMP) ## ruff: rules and format
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+
+types: $(STAMP) ## mypy
+	@$(BIN)/mypy
+
+wheel: $(STAMP) ## sdist, and from it the wheel, into dist/
+	@rm -rf dist
+	@$(BIN)/python -m build --no-isolation
+
+constraints: ## constraints.txt anew, from the registry's newest that fit
+	@bash scripts/constraints.sh $(PYTHON)
+
+clean: ## away with everything made, .venv too
+	rm -rf $(VENV) build demo dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
