@@ -1,0 +1,318 @@
+"""Shape libraries: the built-in one, stored ones, folders of mesh files, and what can be wrong."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from packit_sim.errors import LibraryError, MeshError, UnknownShapeError
+from packit_sim.library import Entry, ShapeLibrary, assets_folder
+from packit_sim.shapes import Shape
+
+LICENCES = {"CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US"}
+
+
+@pytest.fixture(scope="module")
+def everyday() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@pytest.fixture
+def entries() -> list[Entry]:
+    bowl = Shape.from_mesh(trimesh.creation.annulus(0.8, 1, 0.5), "sets/bowl", "bowl")
+    block = Shape.from_mesh(trimesh.creation.box((1, 2, 3)), "block", "box")
+    return [Entry(bowl, "Bowl", "Ann", "CC0-1.0", "a kiln", (8.0, 8.0, 4.5), 0.001), Entry(block)]
+
+
+@pytest.fixture
+def stored(tmp_path: Path, entries: list[Entry]) -> Path:
+    ShapeLibrary.write(tmp_path / "lib", "mine", "3", entries)
+    return tmp_path / "lib"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    meshes = tmp_path / "meshes"
+    (meshes / "toys" / "round").mkdir(parents=True)
+    trimesh.creation.box((1, 2, 3)).export(meshes / "block.stl")
+    trimesh.creation.icosphere(subdivisions=2).export(meshes / "toys" / "round" / "ball.PLY")
+    trimesh.creation.cone(1, 2).export(meshes / "toys" / "cone.obj")
+    trimesh.creation.capsule().export(meshes / "toys" / "pill.off")
+    scene = trimesh.Scene()
+    for x in (0, 9):
+        at = trimesh.transformations.translation_matrix((x, 0, 0))
+        scene.add_geometry(trimesh.creation.box((1, 2, 3)), transform=at)
+    scene.export(meshes / "pair.glb")
+    (meshes / ".hidden.stl").write_text("not a mesh")
+    (meshes / "notes.txt").write_text("nor this")
+    return meshes
+
+
+def test_everyday_holds_many_shapes_of_many_kinds(everyday: ShapeLibrary) -> None:
+    assert len(everyday) >= 60
+    assert len(everyday.categories) >= 20
+    assert list(everyday) == sorted(everyday.ids) == sorted(sum(everyday.categories.values(), ()))
+    assert everyday.name == "everyday"
+
+
+def test_every_everyday_shape_is_canonical_and_as_described(everyday: ShapeLibrary) -> None:
+    for id in everyday:
+        shape, info = everyday[id], everyday.info(id)
+        low, high = shape.mesh.bounds
+        assert (low == -high).all(), id
+        assert np.linalg.norm(high - low) == pytest.approx(1, abs=1e-9), id
+        assert shape.mesh.area_faces.min() > 0, id
+        assert shape.category == info.category
+        assert id in everyday.categories[info.category]
+        assert len(shape.mesh.faces) == info.triangles <= 4000
+        assert shape.is_solid == info.solid
+        assert shape.volume == info.volume
+        assert 0 < shape.volume <= np.prod(shape.extents) * 1.001, id
+        assert info.error_bound <= 0.01
+        assert info.size_cm is not None
+        assert shape.extents / shape.extents.max() == pytest.approx(
+            np.array(info.size_cm) / max(info.size_cm), abs=0.02
+        ), id
+
+
+def test_everyday_tells_where_each_shape_is_from(everyday: ShapeLibrary) -> None:
+    rows = (assets_folder() / "everyday.md").read_text(encoding="utf-8").splitlines()
+    listed = {row.split(" | ")[0].lstrip("| "): row for row in rows if row.startswith("| ")}
+    for info in map(everyday.info, everyday):
+        assert info.licence in LICENCES
+        assert info.author and info.title and info.source
+        assert all(text in listed[info.id] for text in (info.author, info.licence, info.source))
+    assert len(listed) == len(everyday) + 1
+
+
+def test_shapes_are_loaded_once_by_any_thread() -> None:
+    library = ShapeLibrary.open("everyday")
+    first = library.ids[0]
+    with ThreadPoolExecutor(8) as pool:
+        shapes = list(pool.map(lambda _: library[first], range(64)))
+    assert all(shape is shapes[0] for shape in shapes)
+
+
+def test_library_travels_to_another_process(stored: Path) -> None:
+    library = ShapeLibrary.open(stored)
+    copy = pickle.loads(pickle.dumps(library))
+    assert copy.digest == library.digest
+    assert copy["block"] == library["block"]
+
+
+def test_unknown_id_names_the_closest_ones(everyday: ShapeLibrary) -> None:
+    assert "coffee-mugg" not in everyday
+    with pytest.raises(UnknownShapeError, match=r"'coffee-mugg' in library 'everyday'.*coffee-mug"):
+        everyday["coffee-mugg"]
+    with pytest.raises(UnknownShapeError, match="'qqq'"):
+        everyday.info("qqq")
+
+
+def test_writing_and_reopening_is_the_identity(
+    stored: Path, entries: list[Entry], tmp_path: Path
+) -> None:
+    library = ShapeLibrary.open(stored)
+    assert (library.name, library.version) == ("mine", "3")
+    assert library.ids == ("block", "sets/bowl")
+    assert dict(library.categories) == {"bowl": ("sets/bowl",), "box": ("block",)}
+    info = library.info("sets/bowl")
+    assert (info.title, info.author, info.licence) == ("Bowl", "Ann", "CC0-1.0")
+    assert (info.source, info.size_cm, info.error_bound) == ("a kiln", (8.0, 8.0, 4.5), 0.001)
+    for entry in entries:
+        shape = library[entry.shape.id]
+        assert shape.mesh.is_volume
+        assert shape.volume == pytest.approx(entry.shape.volume, rel=1e-4)
+        assert shape.extents == pytest.approx(entry.shape.extents, abs=1e-12)
+
+    again = [
+        Entry(library[i.id], i.title, i.author, i.licence, i.source, i.size_cm, i.error_bound)
+        for i in map(library.info, library)
+    ]
+    ShapeLibrary.write(tmp_path / "again", "mine", "3", again)
+    files = [file.relative_to(stored) for file in stored.rglob("*") if file.is_file()]
+    assert len(files) == 3
+    for file in files:
+        assert (stored / file).read_bytes() == (tmp_path / "again" / file).read_bytes()
+
+
+def test_triangles_that_vanish_on_the_lattice_are_dropped(tmp_path: Path) -> None:
+    block, speck = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1e-7, 1e-7, 1e-7))
+    speck.apply_translation((0.5 + 1e-6, 0.1, 0.1))
+    shape = Shape.from_mesh(block + speck, "block", "box")
+    ShapeLibrary.write(tmp_path / "lib", "mine", "1", [Entry(shape)])
+    mesh = ShapeLibrary.open(tmp_path / "lib")["block"].mesh
+    assert len(mesh.faces) == 12
+    assert mesh.is_volume
+    assert np.linalg.norm(mesh.extents) == pytest.approx(1, abs=1e-12)
+
+
+def test_writing_replaces_an_older_library_only(stored: Path, entries: list[Entry]) -> None:
+    ShapeLibrary.write(stored, "mine", "4", entries[1:])
+    assert ShapeLibrary.open(stored).ids == ("block",)
+    (stored / "diary.txt").write_text("dear diary")
+    with pytest.raises(LibraryError, match=r"diary\.txt"):
+        ShapeLibrary.write(stored, "mine", "5", entries)
+    with pytest.raises(LibraryError, match="it is a file"):
+        ShapeLibrary.write(stored / "diary.txt", "mine", "5", entries)
+    assert ShapeLibrary.open(stored).version == "4"
+
+
+def test_failed_write_leaves_nothing_behind(stored: Path, entries: list[Entry]) -> None:
+    before = {file: file.stat().st_mtime_ns for file in stored.parent.rglob("*")}
+    block = entries[1].shape
+    for id in ("../block", "", ".block", "a b", "block", "BLOCK"):
+        twin = Entry(Shape(block.mesh, id, "box"))
+        with pytest.raises(LibraryError, match=f"shape id {id!r}"):
+            ShapeLibrary.write(stored, "mine", "4", [*entries, twin])
+    with pytest.raises(LibraryError, match="at least one shape"):
+        ShapeLibrary.write(stored.parent / "none", "none", "1", [])
+    assert {file: file.stat().st_mtime_ns for file in stored.parent.rglob("*")} == before
+
+
+def test_folder_of_meshes(folder: Path) -> None:
+    library = ShapeLibrary.open(folder)
+    assert library.name == "meshes"
+    assert library.ids == ("block", "pair", "toys/cone", "toys/pill", "toys/round/ball")
+    assert dict(library.categories) == {
+        "toys": ("toys/cone", "toys/pill"),
+        "toys/round": ("toys/round/ball",),
+        "uncategorised": ("block", "pair"),
+    }
+    assert all(library.info(id).solid for id in ("block", "toys/cone", "toys/round/ball"))
+    info = library.info("block")
+    assert (info.triangles, info.size_cm, info.error_bound) == (12, None, 0)
+    assert info.volume == pytest.approx(6 / 14**1.5)
+    assert info.source == str(folder / "block.stl")
+
+
+def test_scene_is_flattened_with_its_transforms_and_turned_z_up(folder: Path) -> None:
+    mesh = ShapeLibrary.open(folder)["pair"].mesh
+    assert mesh.body_count == 2
+    assert mesh.extents == pytest.approx(np.array((10, 3, 2)) / 113**0.5)
+
+
+def test_digest_of_a_folder_follows_its_files(folder: Path) -> None:
+    digest = ShapeLibrary.open(folder).digest
+    assert ShapeLibrary.open(str(folder)).digest == digest
+    trimesh.creation.box((1, 2, 3.5)).export(folder / "block.stl")
+    changed = ShapeLibrary.open(folder).digest
+    (folder / "block.stl").rename(folder / "brick.stl")
+    assert len({digest, changed, ShapeLibrary.open(folder).digest}) == 3
+
+
+def test_two_files_with_one_id(folder: Path) -> None:
+    trimesh.creation.box().export(folder / "block.ply")
+    with pytest.raises(LibraryError, match=r"block\.ply and block\.stl.*'block'"):
+        ShapeLibrary.open(folder)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "off", "ply", "stl"])
+def test_broken_mesh_files_are_named(tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"ball.{suffix}"
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.export(file)
+    whole = file.read_bytes()
+    ball.vertices[7] = np.nan
+    ball.export(file)
+    contents = [file.read_bytes(), b"", b"rubbish", whole[: len(whole) * 2 // 3]]
+    for content in contents[: 3 if suffix == "obj" else 4]:  # a cut OBJ is a smaller, valid OBJ
+        file.write_bytes(content)
+        with pytest.raises(MeshError, match=f"ball.{suffix}"):
+            ShapeLibrary.open(tmp_path)["ball"]
+
+
+def test_meshes_that_are_no_shape_are_named(tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "loose.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    library = ShapeLibrary.open(tmp_path)
+    for id in library:
+        with pytest.raises(MeshError, match=f"{id}.obj"):
+            library[id]
+
+
+def test_sources_that_are_no_library(tmp_path: Path) -> None:
+    with pytest.raises(LibraryError, match=r"'everyda'.*built in.*everyday"):
+        ShapeLibrary.open("everyda")
+    with pytest.raises(LibraryError, match="no shape library ''"):
+        ShapeLibrary.open("")
+    with pytest.raises(LibraryError, match="nowhere"):
+        ShapeLibrary.open(tmp_path / "nowhere")
+    with pytest.raises(LibraryError, match=r"neither library\.json nor a mesh file.*\.stl"):
+        ShapeLibrary.open(tmp_path)
+
+
+def _edited(change: Callable[[dict], object]) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        content = json.loads(text)
+        change(content)
+        return json.dumps(content)
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[:-20],
+        lambda text: "",
+        lambda text: "[" * 100_000,
+        lambda text: "[1, 2]",
+        lambda text: '{"name": "another program\'s file"}',
+        _edited(lambda content: content.update(format=2)),
+        _edited(lambda content: content.pop("digest")),
+        _edited(lambda content: content.update(version=3)),
+        _edited(lambda content: content.update(shapes=7)),
+        _edited(lambda content: content.update(shapes=[])),
+        _edited(lambda content: content["shapes"].pop()),
+        _edited(lambda content: content["shapes"].append(content["shapes"][0])),
+        _edited(lambda content: content["shapes"][0].pop("licence")),
+        _edited(lambda content: content["shapes"][0].update(id="../../secret")),
+        _edited(lambda content: content["shapes"][0].update(category=None)),
+        _edited(lambda content: content["shapes"][0].update(triangles="many")),
+        _edited(lambda content: content["shapes"][0].update(size_cm=[1, 2])),
+        _edited(lambda content: content["shapes"][0].update(volume=float("nan"))),
+        _edited(lambda content: content["shapes"][0].update(volume="much")),
+        _edited(lambda content: content["shapes"][0].update(digest="0" * 64)),
+        _edited(lambda content: content["shapes"][0].update(digest=5)),
+    ],
+)
+def test_damaged_catalogue_is_named(stored: Path, damage: Callable[[str], str]) -> None:
+    catalogue = stored / "library.json"
+    catalogue.write_text(damage(catalogue.read_text()))
+    with pytest.raises(LibraryError, match=r"lib/library\.json"):
+        ShapeLibrary.open(stored)
+
+
+def test_damaged_meshes_are_detected(stored: Path) -> None:
+    file = stored / "meshes" / "block.npz"
+    content = file.read_bytes()
+    middle = len(content) // 2
+    damaged = [b"", content[:middle], content[:100] + b"\xff\xff" + content[102:]]
+    with np.load(file) as arrays:
+        whole = dict(arrays)
+    for change in (
+        {"vertices": whole["vertices"][:-1]},
+        {"vertices": np.flip(whole["vertices"], axis=0)},
+        {"vertices": whole["vertices"][:, :2]},
+        {"faces": whole["faces"] + 1},
+        {"extents": whole["extents"] * 1.001},
+        {"extents": np.array([{}, 1, 2], dtype=object)},
+    ):
+        np.savez_compressed(file, **{**whole, **change})
+        damaged.append(file.read_bytes())
+    np.savez_compressed(file, vertices=whole["vertices"], faces=whole["faces"])
+    damaged.append(file.read_bytes())
+    for content in damaged:
+        file.write_bytes(content)
+        with pytest.raises(LibraryError, match=r"block\.npz: not the mesh of 'block'"):
+            ShapeLibrary.open(stored)["block"]
+    file.unlink()
+    with pytest.raises(LibraryError, match=r"block\.npz"):
+        ShapeLibrary.open(stored)["block"]
