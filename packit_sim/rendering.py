@@ -1,0 +1,301 @@
+"""Pictures of a PyBullet world: which renderer draws, from where, and what comes back.
+
+EGL draws on the GPU, or on Mesa's software rasteriser where there is none; PyBullet's own
+TinyRenderer needs nothing and stands in where EGL does not start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib.util
+import logging
+import math
+import os
+import subprocess
+import sys
+import threading
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from packit_sim.errors import RenderError
+
+RENDERER_VARIABLE = "PACKIT_RENDERER"
+"""Environment variable: `auto` (EGL where it starts, else TinyRenderer), `egl` or `tiny`."""
+
+PROBE_TIMEOUT = 20.0
+"""Seconds that EGL may take to start in the probe; half a second is usual."""
+
+MAX_SIDE = 2048
+"""The most pixels along a side of a picture."""
+
+UNIT = 100.0
+"""Metres of PyBullet's world to a box unit: its tolerances are absolute, so a large world is an
+exact one."""
+
+_PROBE = """
+import sys, pybullet as p
+c = p.connect(p.DIRECT)
+assert p.loadPlugin(sys.argv[1], "_eglRendererPlugin", physicsClientId=c) >= 0
+p.getCameraImage(16, 16, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)
+"""
+_SUPERSAMPLING = {"egl": 2, "tiny": 1}
+_BACKGROUND = np.array((246, 247, 249), dtype=np.float32)
+_LIGHT = (0.35, 0.6, 1.0)
+_OUTLINE = 0.55
+"""What an outline leaves of a pixel's brightness."""
+
+_OUTPUT = threading.RLock()
+_EGL = threading.Lock()
+
+
+def _forked() -> None:
+    """A child can't use EGL, and the thread that was printing is not in it."""
+    global _OUTPUT
+    _OUTPUT = threading.RLock()
+    _EGL.acquire(blocking=False)
+
+
+os.register_at_fork(after_in_child=_forked)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps what C code prints off the terminal: file descriptors 1 and 2 lead nowhere meanwhile.
+
+    They are the whole process's: what other threads print in these milliseconds is lost too.
+    """
+    libc = ctypes.CDLL(None)
+    with _OUTPUT, contextlib.ExitStack() as stack:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(AttributeError, OSError, ValueError):
+                stream.flush()
+        libc.fflush(None)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        stack.callback(os.close, nowhere)
+        for descriptor in (1, 2):
+            with contextlib.suppress(OSError):  # a daemon may have closed it
+                saved = os.dup(descriptor)
+                stack.callback(os.close, saved)
+                stack.callback(os.dup2, saved, descriptor)
+                os.dup2(nowhere, descriptor)
+        stack.callback(libc.fflush, None)
+        yield
+
+
+with quiet():
+    import pybullet
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where a picture is taken from: it looks at the box's centre, as near as the box fits whole.
+
+    azimuth: degrees about z from +x, the default looks at the origin's corner from across the box.
+    elevation: degrees above the floor. fov: vertical opening angle in degrees. margin: share of
+    the picture's half that stays free on each side. Raises ValueError where one is out of range.
+    """
+
+    azimuth: float = 62.0
+    elevation: float = 24.0
+    fov: float = 28.0
+    margin: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("azimuth", -math.inf, math.inf),
+            ("elevation", -90, 90),
+            ("fov", 0, 180),
+            ("margin", -1, 1),
+        ):
+            value = getattr(self, name)
+            if not low < value < high:
+                raise ValueError(f"camera {name} {value!r} must be between {low} and {high}")
+
+    def eye(self, size: npt.NDArray[np.float64], aspect: float) -> npt.NDArray[np.float64]:
+        """(3,) where the camera stands, in box units from the centre of a box of size (3,)."""
+        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        toward = np.array(
+            (
+                math.cos(elevation) * math.cos(azimuth),
+                math.cos(elevation) * math.sin(azimuth),
+                math.sin(elevation),
+            )
+        )
+        right = np.array((-math.sin(azimuth), math.cos(azimuth), 0.0))
+        corners = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * size
+        reach = math.tan(math.radians(self.fov) / 2) * (1 - self.margin)
+        across = np.abs(corners @ right) / aspect
+        upward = np.abs(corners @ np.cross(toward, right))
+        return toward * float((corners @ toward + np.maximum(across, upward) / reach).max())
+
+
+ISO = Camera()
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A picture of a box.
+
+    image: (H, W, 3) uint8. depth: (H, W) float32, box units along the view from the camera, inf
+    where there is nothing. segmentation: (H, W) int32, the index of the placed item, -1 for none.
+    renderer: "egl" or "tiny".
+    """
+
+    image: npt.NDArray[np.uint8]
+    depth: npt.NDArray[np.float32]
+    segmentation: npt.NDArray[np.int32]
+    renderer: str
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the image as PNG, whole or not at all, with the renderer's name in its metadata.
+
+        Raises RenderError where the path can't be written.
+        """
+        path = Path(path)
+        partial = path.parent / f".{path.name}.{uuid.uuid4().hex}"
+        info = PngInfo()
+        info.add_text("Software", "PackIt-Sim")
+        info.add_text("Renderer", self.renderer)
+        try:
+            try:
+                Image.fromarray(self.image).save(partial, format="PNG", pnginfo=info)
+                os.replace(partial, path)
+            finally:
+                partial.unlink(missing_ok=True)
+        except OSError as error:
+            raise RenderError(
+                f"the picture can't be written to {path}: {error.strerror}"
+            ) from error
+
+
+def load_renderer(client: int) -> str:
+    """Readies a renderer, "egl" or "tiny", in a world without bodies; `release_renderer` it later.
+
+    `PACKIT_RENDERER` chooses; EGL is probed once a process. Only one world at a time draws with
+    EGL, the others and forked children by TinyRenderer: PyBullet mixes up EGL's contexts, and
+    crashes. Raises RenderError where the variable is not valid, or EGL is demanded in vain.
+    """
+    wanted = os.environ.get(RENDERER_VARIABLE) or "auto"
+    if wanted not in ("auto", "egl", "tiny"):
+        raise RenderError(f"{RENDERER_VARIABLE}={wanted!r} is not known: choose auto, egl or tiny")
+    if wanted == "tiny":
+        return "tiny"
+    problem = _egl_problem()
+    if problem is None and not _EGL.acquire(blocking=False):
+        problem = "another scene of this process, or of the one it was forked from, has it"
+    elif problem is None:
+        with quiet():
+            plugin = pybullet.loadPlugin(
+                _egl_plugin(), "_eglRendererPlugin", physicsClientId=client
+            )
+        if plugin >= 0:
+            return "egl"
+        _EGL.release()
+        problem = "it started in the probe, but not in this process"
+    if wanted == "egl":
+        raise RenderError(
+            f"{RENDERER_VARIABLE}=egl, but EGL can't draw here ({problem}): close other scenes, or "
+            "install libEGL and a driver (Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri), "
+            "or choose tiny"
+        )
+    logging.getLogger(__name__).info("EGL can't draw here (%s): TinyRenderer does", problem)
+    return "tiny"
+
+
+def release_renderer(renderer: str) -> None:
+    """Lets another world have the renderer, once the one that had it is disconnected."""
+    if renderer == "egl":
+        _EGL.release()
+
+
+def take(
+    client: int,
+    renderer: str,
+    indices: dict[int, int],
+    size: npt.NDArray[np.float64],
+    camera: Camera,
+    width: int,
+    height: int,
+) -> Snapshot:
+    """Draws a world; `indices` gives the item's index for a body's number."""
+    for name, side in (("width", width), ("height", height)):
+        if not 1 <= side <= MAX_SIDE:
+            raise ValueError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
+    samples = _SUPERSAMPLING[renderer]
+    eye, center = camera.eye(size, width / height), size / 2
+    distance, radius = float(np.linalg.norm(eye)), float(np.linalg.norm(size))
+    near, far = max(distance - radius, radius / 100) * UNIT, (distance + radius) * UNIT
+    _, _, rgba, buffer, bodies = pybullet.getCameraImage(
+        width * samples,
+        height * samples,
+        viewMatrix=pybullet.computeViewMatrix(
+            ((center + eye) * UNIT).tolist(), (center * UNIT).tolist(), (0, 0, 1)
+        ),
+        projectionMatrix=pybullet.computeProjectionMatrixFOV(camera.fov, width / height, near, far),
+        lightDirection=_LIGHT,
+        lightAmbientCoeff=0.5,
+        lightDiffuseCoeff=0.6,
+        lightSpecularCoeff=0.05,
+        shadow=0,
+        renderer=pybullet.ER_BULLET_HARDWARE_OPENGL,
+        physicsClientId=client,
+    )
+    shape = (height * samples, width * samples)
+    color = np.reshape(rgba, (*shape, 4))[..., :3].astype(np.float32)
+    bodies = np.reshape(bodies, shape)
+    depth = far * near / (far - (far - near) * np.reshape(buffer, shape).astype(np.float64)) / UNIT
+    depth[bodies < 0] = np.inf
+    color[bodies < 0] = _BACKGROUND
+    color[_outlines(bodies)] *= _OUTLINE
+    pixels = color.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
+    items = np.full(max(int(bodies.max()), *indices, 0) + 2, -1, dtype=np.int32)
+    items[list(indices)] = list(indices.values())
+    return Snapshot(
+        np.rint(pixels).astype(np.uint8),
+        depth[::samples, ::samples].astype(np.float32),
+        items[np.where(bodies < 0, -1, bodies)[::samples, ::samples]],
+        renderer,
+    )
+
+
+def _outlines(bodies: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Bool (H, W): pixels whose right or lower neighbour shows another body."""
+    edges = np.zeros(bodies.shape, dtype=bool)
+    edges[:, :-1] |= bodies[:, :-1] != bodies[:, 1:]
+    edges[:-1] |= bodies[:-1] != bodies[1:]
+    return edges
+
+
+def _egl_plugin() -> str:
+    spec = importlib.util.find_spec("eglRenderer")
+    return (spec and spec.origin) or ""
+
+
+@functools.cache
+def _egl_problem() -> str | None:
+    """Why EGL does not start, or None where it does.
+
+    Asked in a process of its own: where a part of EGL is missing the plugin ends its process.
+    """
+    plugin = _egl_plugin()
+    if not plugin:
+        return "this PyBullet has no EGL plugin"
+    command = [sys.executable, "-c", _PROBE, plugin]
+    try:
+        probe = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PROBE_TIMEOUT
+        )
+    except subprocess.TimeoutExpired:
+        return f"it hung for {PROBE_TIMEOUT:g} s"
+    except OSError as error:
+        return f"the probe did not run: {error}"
+    return None if probe.returncode == 0 else f"the probe ended with status {probe.returncode}"

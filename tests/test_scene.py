@@ -1,0 +1,367 @@
+"""The PyBullet world: pictures by both renderers, clean-up, and contacts by a second opinion."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from packit_sim import rendering
+from packit_sim.box import Box
+from packit_sim.errors import RenderError
+from packit_sim.lattice import CONTACT_TOLERANCE, Triple
+from packit_sim.rendering import Camera
+from packit_sim.scene import Scene
+from packit_sim.shapes import Item, Shape
+from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
+
+
+@pytest.fixture(autouse=True)
+def fresh_probe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """TinyRenderer unless a test asks for more: it starts at once."""
+    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "tiny")
+
+
+@pytest.fixture(params=["tiny", "egl"])
+def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    name = str(request.param)
+    if name == "egl" and rendering._egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
+    return name
+
+
+@pytest.fixture
+def broken_probe(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    """EGL that does not start: the probe ends with status 1."""
+    monkeypatch.setattr(rendering, "_PROBE", "raise SystemExit(1)")
+    rendering._egl_problem.cache_clear()
+    yield monkeypatch
+    rendering._egl_problem.cache_clear()
+
+
+def three_items() -> Box:
+    """Three items that can all be seen."""
+    box = Box()
+    box.place(cube_of(30), (0, 0, 0))
+    box.place(Item(BALL, 0.1), (10, 12, 0))
+    box.place(Item(RING, 0.1, 4), (0, 10, 12))
+    return box
+
+
+@dataclass(frozen=True)
+class Anywhere:
+    """An item anywhere, as `Placed` is on the grid: cell boxes play no part."""
+
+    item: Item
+    center: np.ndarray = dataclasses.field(compare=False)
+    start: Triple = (0, 0, 0)
+    stop: Triple = (100, 100, 100)
+
+
+@dataclass(frozen=True)
+class Contents:
+    placed: tuple[Anywhere, ...]
+    cells: Triple = (100, 100, 100)
+
+
+def depth(one: Item, other: Item, offset: tuple[float, float, float]) -> float:
+    """How deep two items interpenetrate with one's centre at an offset from the other's."""
+    middle = np.full(3, 0.5)
+    pair = (Anywhere(one, middle), Anywhere(other, middle + offset, (1, 0, 0)))
+    with Scene(Contents(pair)) as scene:  # type: ignore[arg-type]
+        return scene.penetrations()[0, 1]
+
+
+def test_snapshot_shows_every_item(renderer: str) -> None:
+    with Scene(three_items()) as scene:
+        shot = scene.snapshot(200, 160)
+    assert shot.renderer == renderer
+    assert (shot.image.shape, shot.image.dtype) == ((160, 200, 3), np.uint8)
+    assert (shot.depth.shape, shot.depth.dtype) == ((160, 200), np.float32)
+    assert (shot.segmentation.shape, shot.segmentation.dtype) == ((160, 200), np.int32)
+    assert set(np.unique(shot.segmentation)) == {-1, 0, 1, 2}
+    assert shot.image.std() > 10
+    assert np.isinf(shot.depth[0, 0])
+    assert np.isfinite(shot.depth[shot.segmentation >= 0]).all()
+
+
+def test_renderers_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    if rendering._egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    shots = []
+    for name in ("egl", "tiny"):
+        monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
+        with Scene(three_items()) as scene:
+            shots.append(scene.snapshot(200, 200))
+    egl, tiny = shots
+    same = egl.segmentation == tiny.segmentation
+    assert same.mean() > 0.97
+    shown = same & (egl.segmentation >= 0)
+    assert np.median(np.abs(egl.depth[shown] - tiny.depth[shown])) < 0.01
+
+
+@pytest.mark.parametrize("cells", [(100, 100, 100), (200, 40, 80), (40, 40, 300)])
+@pytest.mark.parametrize("camera", [Camera(), Camera(200, -35, 70), Camera(0, 80, 10)])
+def test_the_whole_box_is_in_the_picture(cells: Triple, camera: Camera) -> None:
+    with Scene(Box(cells)) as scene:
+        for width, height in ((160, 90), (90, 160)):
+            shown = np.isfinite(scene.snapshot(width, height, camera).depth)
+            assert shown.any()
+            assert not (shown[[0, -1]].any() or shown[:, [0, -1]].any())
+
+
+def test_depth_is_in_box_units() -> None:
+    with Scene(three_items()) as scene:
+        camera = Camera(0, 89.9)
+        shot = scene.snapshot(101, 101, camera)
+        height = camera.eye(np.ones(3), 1.0)[2] + 0.5
+    assert shot.depth[shot.segmentation == 0].min() == pytest.approx(height - 0.3, abs=0.01)
+
+
+def test_a_shape_keeps_its_colour(renderer: str) -> None:
+    first, second = Box(), Box()
+    first.place(cube_of(30), (0, 0, 0))
+    second.place(Item(BALL, 0.1), (10, 10, 0))
+    second.place(cube_of(30), (0, 0, 0))
+    colors = []
+    for box, index in ((first, 0), (second, 1)):
+        with Scene(box) as scene:
+            shot = scene.snapshot(200, 200)
+        colors.append(np.median(shot.image[shot.segmentation == index], axis=0))
+    assert np.abs(colors[0] - colors[1]).max() <= 12
+
+
+def test_update_equals_a_fresh_scene(renderer: str) -> None:
+    box = three_items()
+    with Scene(box) as scene:
+        kept = dict(scene._bodies)
+        box.undo()
+        box.place(Item(BOWL, 0.1), (15, 0, 0))
+        box.place(Item(RING, 0.05, 9), (0, 10, 15))
+        scene.update(box)
+        assert sum(scene._bodies.get(placed) == body for placed, body in kept.items()) == 2
+        ours = scene.snapshot(160, 160)
+    with Scene(box) as fresh:
+        theirs = fresh.snapshot(160, 160)
+    assert np.array_equal(ours.segmentation, theirs.segmentation)
+    assert np.array_equal(ours.image, theirs.image)
+    assert set(np.unique(ours.segmentation)) == {-1, 0, 1, 2, 3}
+
+
+def test_update_to_a_box_of_other_cells_and_after_many_shapes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Scene(three_items()) as scene:
+        folder = scene._folder
+        monkeypatch.setattr("packit_sim.scene._MAX_MADE", 2)
+        box = Box((60, 80, 100))
+        box.place(cube_of(20), (5, 5, 0))
+        scene.update(box)
+        assert not folder.exists()
+        assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
+
+
+def test_save_is_a_png_that_names_its_renderer(renderer: str, tmp_path: Path) -> None:
+    with Scene(three_items()) as scene:
+        shot = scene.snapshot(64, 48)
+    path = tmp_path / "picture.png"
+    shot.save(path)
+    with Image.open(path) as image:
+        assert image.format == "PNG"
+        assert image.info["Renderer"] == renderer
+        assert np.array_equal(np.asarray(image), shot.image)
+    for nowhere in (tmp_path / "missing" / "a.png", tmp_path, path / "a.png"):
+        with pytest.raises(RenderError, match="can't be written to"):
+            shot.save(nowhere)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("side", [0, -1, 2049])
+def test_impossible_pictures(side: int) -> None:
+    with Scene(Box()) as scene, pytest.raises(ValueError, match=f"{side} is not possible"):
+        scene.snapshot(side, 64)
+    with pytest.raises(ValueError, match="fov 0"):
+        Camera(fov=0)
+    with pytest.raises(ValueError, match="elevation 90"):
+        Camera(elevation=90)
+
+
+@pytest.mark.parametrize("probe", ["raise SystemExit(1)", "import time; time.sleep(60)"])
+def test_a_broken_egl_falls_back(broken_probe: pytest.MonkeyPatch, probe: str) -> None:
+    broken_probe.setattr(rendering, "_PROBE", probe)
+    broken_probe.setattr(rendering, "PROBE_TIMEOUT", 0.5)
+    broken_probe.setenv(rendering.RENDERER_VARIABLE, "auto")
+    with Scene(three_items()) as scene:
+        assert scene.renderer == "tiny"
+        assert scene.snapshot(64, 64).renderer == "tiny"
+
+
+def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) -> None:
+    broken_probe.setenv(rendering.RENDERER_VARIABLE, "egl")
+    with pytest.raises(RenderError, match=r"status 1.*libegl1 libgl1-mesa-dri"):
+        Scene(Box())
+    broken_probe.setenv(rendering.RENDERER_VARIABLE, "opengl")
+    with pytest.raises(RenderError, match=r"'opengl'.*auto, egl or tiny"):
+        Scene(Box())
+
+
+def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch) -> None:
+    if rendering._egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "auto")
+    with Scene(three_items()) as first, Scene(three_items()) as second:
+        assert (first.renderer, second.renderer) == ("egl", "tiny")
+        second.snapshot(64, 64)
+        assert set(np.unique(first.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
+        monkeypatch.setenv(rendering.RENDERER_VARIABLE, "egl")
+        with pytest.raises(RenderError, match="another scene"):
+            Scene(Box())
+    with Scene(Box()) as third:
+        assert third.renderer == "egl"
+
+
+def test_close_ends_everything_and_twice_is_fine() -> None:
+    scene = Scene(three_items())
+    folder, client = scene._folder, scene._client
+    assert folder.exists() and rendering.pybullet.isConnected(client)
+    scene.close()
+    scene.close()
+    assert not folder.exists() and not rendering.pybullet.isConnected(client)
+    for use in (scene.snapshot, scene.penetrations, lambda: scene.update(Box())):
+        with pytest.raises(RenderError, match="closed"):
+            use()
+
+
+def test_a_forgotten_scene_is_closed() -> None:
+    scene = Scene(three_items())
+    folder, client = scene._folder, scene._client
+    del scene
+    gc.collect()
+    assert not folder.exists() and not rendering.pybullet.isConnected(client)
+
+
+def test_another_thread_is_refused() -> None:
+    errors: list[Exception] = []
+
+    def use() -> None:
+        for method in (scene.snapshot, scene.penetrations, scene.close):
+            try:
+                method()
+            except RenderError as error:
+                errors.append(error)
+
+    with Scene(Box()) as scene:
+        thread = threading.Thread(target=use)
+        thread.start()
+        thread.join()
+    assert len(errors) == 3 and all("thread" in str(error) for error in errors)
+
+
+def test_a_forked_child_is_refused() -> None:
+    with Scene(three_items()) as scene:
+        child = os.fork()
+        if child == 0:
+            try:
+                scene.snapshot(16, 16)
+            except RenderError as error:
+                os._exit(7 if "forked" in str(error) else 1)
+            os._exit(2)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+        scene.snapshot(16, 16)
+
+
+def test_nothing_on_the_terminal(tmp_path: Path) -> None:
+    code = (
+        "from packit_sim.box import Box; from packit_sim.scene import Scene\n"
+        "print('before'); scene = Scene(Box()); scene.snapshot(32, 32); scene.penetrations()\n"
+        "scene.close(); Scene(Box()); kept = Scene(Box()); print('after')"
+    )
+    environment = os.environ | {rendering.RENDERER_VARIABLE: "auto"}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "before\nafter\n", "")
+
+
+def test_thirty_scenes_leave_nothing_open(renderer: str) -> None:
+    box = three_items()
+
+    def open_and_close() -> None:
+        with Scene(box) as scene:
+            scene.snapshot(32, 32)
+
+    open_and_close()
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(30 if renderer == "tiny" else 5):
+        open_and_close()
+    assert len(os.listdir("/proc/self/fd")) <= before + 1
+    assert not any(rendering.pybullet.isConnected(client) for client in range(64))
+
+
+def l_prism() -> Shape:
+    """A closed body that is not convex: two boxes' L."""
+    corner, wide, high = (0, 0), 1.0, 0.4
+    outline = np.array([corner, (wide, 0), (wide, high), (high, high), (high, wide), (0, wide)])
+    bottom, top = np.c_[outline, np.zeros(6)], np.c_[outline, np.ones(6)]
+    caps = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)])
+    a, b = np.arange(6), (np.arange(6) + 1) % 6
+    sides = np.r_[np.c_[a, b, b + 6], np.c_[a, b + 6, a + 6]]
+    mesh = trimesh.Trimesh(np.r_[bottom, top], np.r_[caps[:, ::-1], caps + 6, sides])
+    assert mesh.is_volume and not mesh.is_convex
+    return Shape.from_mesh(mesh, "l-prism")
+
+
+@pytest.mark.parametrize("shape", [CUBE, l_prism()], ids=lambda shape: shape.id)
+@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.05, 0.033)])
+def test_overlap_face_to_face(shape: Shape, aside: tuple[float, float]) -> None:
+    item = Item(shape, 0.05)
+    width = float(item.extents[0])
+    for overlap in (1e-4, 1e-3, 1e-2):
+        found = depth(item, item, (width - overlap, *aside))
+        assert overlap - 2e-4 * width <= found <= overlap * 1.001
+    for gap in (0.0, 1e-6, 1e-4, 1e-2):
+        assert depth(item, item, (width + gap, *aside)) <= CONTACT_TOLERANCE / 100
+
+
+@pytest.mark.parametrize("rotation", [0, 5, 17])
+@pytest.mark.parametrize("scale", [0.01, 0.125])
+def test_turned_rings_on_top_of_each_other(rotation: int, scale: float) -> None:
+    ring = Item(RING, scale, rotation)
+    flat = int(ring.extents.argmin())
+    for overlap in (-1e-4, 0.0, 1e-4, 1e-3):
+        offset = np.zeros(3)
+        offset[flat] = ring.extents[flat] - overlap
+        x, y, z = offset.tolist()
+        assert depth(ring, ring, (x, y, z)) == pytest.approx(max(overlap, 0.0), abs=2e-6, rel=0.05)
+
+
+def test_a_ball_in_a_bowl() -> None:
+    bowl = Item(BOWL, 0.125)
+    radius = float(bowl.extents[0]) / 2
+    ball = Item(BALL, (1.2 * radius) ** 3)
+    rest = float(bowl.extents[2] / 2 - radius + ball.extents[2] / 2)
+    assert depth(bowl, ball, (0.0, 0.0, rest + 2e-3)) <= CONTACT_TOLERANCE
+    assert depth(bowl, ball, (0.0, 0.0, rest - 1e-2)) > 10 * CONTACT_TOLERANCE
+    assert depth(ball, bowl, (0.0, 0.0, 1e-2 - rest)) > 10 * CONTACT_TOLERANCE
+
+
+def test_accepted_items_do_not_interpenetrate() -> None:
+    rng = np.random.default_rng(8)
+    box = Box()
+    fill(box, [random_item(ZOO, 0.35, rng) for _ in range(30)], rng)
+    with Scene(box) as scene:
+        found = scene.penetrations()
+    assert len(box.placed) > 10 and len(found) > 10
+    assert max(found.values()) <= CONTACT_TOLERANCE
