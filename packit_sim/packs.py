@@ -1,0 +1,307 @@
+"""Packs and tasks: a packed box as text, and the same taken apart for an agent to pack again.
+
+A dataset is a JSON Lines file, one pack a line, beside a manifest with its number of packs and its
+SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from packit_sim import placement
+from packit_sim._version import __version__
+from packit_sim.box import Box
+from packit_sim.errors import InfeasibleError, PackFormatError, UnknownShapeError
+from packit_sim.lattice import CELLS_PER_UNIT, Triple, box_cells
+from packit_sim.library import ShapeLibrary, assets_folder
+from packit_sim.occupancy import Placed
+from packit_sim.shapes import Item
+
+FORMAT = 1
+"""Version of the pack format, written with each pack."""
+
+STARTER_PACKS = "starter"
+"""Name of the dataset that comes with the package."""
+
+DENSITY_SLACK = 1e-9
+"""How far a recorded density may be from the replayed one: rounding of sums."""
+
+
+@dataclass(frozen=True)
+class LibraryRef:
+    """Which shape library a pack's ids are of."""
+
+    name: str
+    version: str
+    digest: str
+
+    @classmethod
+    def of(cls, library: ShapeLibrary) -> LibraryRef:
+        return cls(library.name, library.version, library.digest)
+
+
+@dataclass(frozen=True)
+class PackedItem:
+    """One item of a pack: its shape's id, its scale (a ratio of volumes), rotation and location."""
+
+    shape: str
+    scale: float
+    rotation: int
+    location: Triple
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A packed box: what was placed where, in the order of placing, and how it was made.
+
+    cells: the box's, an axis. density: placed volume over the box's volume. made: free-form record
+    of how (agent or evolution, seed, generation, settings), JSON values only.
+    """
+
+    library: LibraryRef
+    cells: Triple
+    items: tuple[PackedItem, ...]
+    density: float
+    made: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, box: Box, library: LibraryRef, **made: Any) -> Pack:
+        """What is in a box now, of shapes of a library; `made` in JSON's types."""
+        items = tuple(
+            PackedItem(p.item.shape.id, p.item.scale, p.item.rotation, p.location)
+            for p in box.placed
+        )
+        return cls(library, box.cells, items, box.density, json.loads(json.dumps(made)))
+
+    def placed(self, library: ShapeLibrary) -> tuple[Placed, ...]:
+        """The items in their places, unchecked.
+
+        Raises PackFormatError where the library is not the pack's, UnknownShapeError for an id
+        that it doesn't hold.
+        """
+        if self.library != LibraryRef.of(library):
+            raise PackFormatError(
+                f"the pack was made with library {self.library.name!r} {self.library.version} "
+                f"({self.library.digest[:12]}), this is {library.name!r} {library.version} "
+                f"({library.digest[:12]})"
+            )
+        return tuple(
+            Placed(Item(library[i.shape], i.scale, i.rotation), i.location) for i in self.items
+        )
+
+    def replay(self, library: ShapeLibrary) -> Box:
+        """A box packed anew, item by item. Raises InfeasibleError at the first that can't stand."""
+        box = Box(self.cells)
+        for placed in self.placed(library):
+            box.place(placed.item, placed.location)
+        return box
+
+    def task(self, library: ShapeLibrary) -> Task:
+        """The pack taken apart, its items in an order that tells nothing of the pack's."""
+        packed = [p.item for p in self.placed(library)]
+        order = sorted(range(len(packed)), key=lambda n: (packed[n].shape.id, packed[n].scale, n))
+        return Task(
+            items=tuple(Item(packed[n].shape, packed[n].scale) for n in order),
+            pack=self,
+            solution=tuple(
+                (order.index(n), item.rotation, item.location) for n, item in enumerate(self.items)
+            ),
+        )
+
+    def to_json(self) -> str:
+        """One line of JSON; floats keep every bit."""
+        fields = {"format": FORMAT, "version": __version__, **asdict(self)}
+        return json.dumps(fields, separators=(",", ":"), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, line: str) -> Pack:
+        """Reads one line. Raises PackFormatError that names the field that is wrong."""
+        try:
+            raw = json.loads(line)
+        except json.JSONDecodeError as error:
+            raise PackFormatError(f"not JSON: {error}") from None
+        if not isinstance(raw, dict):
+            raise PackFormatError(f"a pack is a JSON object, not {type(raw).__name__}")
+        if raw.get("format") != FORMAT:
+            raise PackFormatError(
+                f"field 'format' is {raw.get('format')!r}: this version reads {FORMAT}"
+            )
+        library = _get(raw, "library", dict)
+        try:
+            cells = box_cells(_get(raw, "cells", list))
+        except ValueError as error:
+            raise PackFormatError(f"field 'cells': {error}") from None
+        density = _get(raw, "density", float)
+        return cls(
+            LibraryRef(
+                *(_get(library, key, str, "library") for key in ("name", "version", "digest"))
+            ),
+            cells,
+            tuple(
+                _packed_item(raw_item, f"items[{n}]", cells)
+                for n, raw_item in enumerate(_get(raw, "items", list))
+            ),
+            density,
+            _get(raw, "made", dict),
+        )
+
+
+@dataclass(frozen=True)
+class Task:
+    """A pack taken apart: what stands outside the box, in canonical orientation.
+
+    items: sorted by shape and scale. pack: the ground truth.
+    solution: (index into items, rotation, location) for each of the pack's items, in its order.
+    """
+
+    items: tuple[Item, ...]
+    pack: Pack
+    solution: tuple[tuple[int, int, Triple], ...]
+
+    @property
+    def cells(self) -> Triple:
+        """Of the box to pack."""
+        return self.pack.cells
+
+    @property
+    def volume(self) -> float:
+        """Total volume of the items, in box units cubed."""
+        return sum(item.volume for item in self.items)
+
+
+def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
+    """What is wrong with a pack, as sentences; nothing is where it holds.
+
+    Replays it item by item against the oracle, without the engine that made it.
+    """
+    try:
+        items = pack.placed(library)
+    except (PackFormatError, UnknownShapeError) as error:
+        return [str(error)]
+    problems = []
+    placed: list[Placed] = []
+    for n, candidate in enumerate(items):
+        if not placement.is_valid(pack.cells, placed, candidate):
+            blocking = [
+                m for m, other in enumerate(placed) if placement.conflicts(other, candidate)
+            ]
+            reason = f"in conflict with items {blocking}" if blocking else "not inside the box"
+            problems.append(f"item {n} ({candidate.item.shape.id!r}) is {reason}")
+        placed.append(candidate)
+    volume = math.prod(pack.cells) / CELLS_PER_UNIT**3
+    density = sum(p.item.volume for p in placed) / volume
+    if abs(density - pack.density) > DENSITY_SLACK:
+        problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")
+    return problems
+
+
+def load_tasks(source: Path | str, library: ShapeLibrary) -> tuple[Task, ...]:
+    """The tasks of a dataset: "starter", which comes with the package, or a JSON Lines file."""
+    built_in = source == STARTER_PACKS
+    path = assets_folder() / "packs" / f"{source}.jsonl" if built_in else Path(source)
+    return tuple(pack.task(library) for pack in read_packs(path))
+
+
+def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
+    """Writes a dataset, whole or not at all: the JSON Lines file and its manifest beside it."""
+    path = Path(path)
+    packs = list(packs)
+    text = "".join(pack.to_json() + "\n" for pack in packs)
+    manifest = {
+        "format": FORMAT,
+        "version": __version__,
+        "packs": len(packs),
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "libraries": [asdict(ref) for ref in dict.fromkeys(pack.library for pack in packs)],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_text(path, text)
+    replace_text(manifest_path(path), json.dumps(manifest, indent=1) + "\n")
+
+
+def read_packs(path: Path | str) -> list[Pack]:
+    """Reads a dataset. Raises PackFormatError that names the file, the line and what is wrong.
+
+    Where a manifest stands beside the file, the file must be the one it describes.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise PackFormatError(f"packs can't be read from {path}: {error.strerror}") from None
+    packs = []
+    for number, line in enumerate(data.split(b"\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            packs.append(Pack.from_json(line.decode()))
+        except (PackFormatError, UnicodeDecodeError) as error:
+            raise PackFormatError(f"{path}, line {number}: {error}") from None
+    if not packs:
+        raise PackFormatError(f"{path} holds no packs")
+    manifest = manifest_path(path)
+    if manifest.exists():
+        try:
+            digest = json.loads(manifest.read_text())["sha256"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise PackFormatError(f"{manifest} is no manifest: {error!r}") from None
+        if digest != hashlib.sha256(data).hexdigest():
+            raise PackFormatError(
+                f"{path} is not the file that {manifest.name} describes: its SHA-256 differs"
+            )
+    return packs
+
+
+def manifest_path(path: Path) -> Path:
+    """Where the manifest of a dataset stands."""
+    return path.with_suffix(".manifest.json")
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Writes a file under a temporary name, and renames it when it is complete."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
+    if not isinstance(raw, dict):
+        raise PackFormatError(f"field '{where}' is {raw!r}: it must be an object")
+    scale = _get(raw, "scale", float, where)
+    rotation = _get(raw, "rotation", int, where)
+    if not (math.isfinite(scale) and scale > 0):
+        raise PackFormatError(f"field '{where}.scale' is {scale!r}: it must be more than 0")
+    if not 0 <= rotation < 24:
+        raise PackFormatError(f"field '{where}.rotation' is {rotation!r}: it must be 0 to 23")
+    try:
+        location = placement.checked_location(cells, _get(raw, "location", list, where))
+    except InfeasibleError as error:
+        raise PackFormatError(f"field '{where}.location': {error}") from None
+    return PackedItem(_get(raw, "shape", str, where), scale, rotation, location)
+
+
+def _get(raw: Mapping[str, Any], key: str, kind: type, where: str = "") -> Any:
+    """A field of the right JSON type; a whole number will do for a float, a bool for neither."""
+    name = f"{where}.{key}" if where else key
+    if key not in raw:
+        raise PackFormatError(f"field {name!r} is missing")
+    value = raw[key]
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise PackFormatError(f"field {name!r} is {value!r}: it must be of type {kind.__name__}")
+    return value

@@ -1,0 +1,182 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from packit_sim.box import Box
+from packit_sim.errors import InfeasibleError, PackFormatError
+from packit_sim.library import Entry, ShapeLibrary
+from packit_sim.packs import (
+    LibraryRef,
+    Pack,
+    load_tasks,
+    manifest_path,
+    read_packs,
+    verify,
+    write_packs,
+)
+from packit_sim.shapes import Item
+from tests.zoo import ZOO
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> ShapeLibrary:
+    path = tmp_path_factory.mktemp("library") / "zoo"
+    ShapeLibrary.write(path, "zoo", "1", [Entry(shape) for shape in ZOO])
+    return ShapeLibrary.open(path)
+
+
+@pytest.fixture(scope="module")
+def pack(library: ShapeLibrary) -> Pack:
+    rng = np.random.default_rng(3)
+    box = Box()
+    for shape_id in library.ids:
+        item = Item(library[shape_id], 0.1 + 0.1 * rng.random(), int(rng.integers(24)))
+        location = box.blbf(item)
+        assert location is not None
+        box.place(item, location)
+    return Pack.of(box, LibraryRef.of(library), by="a test", seed=3)
+
+
+def test_reading_back_is_the_identity(pack, tmp_path) -> None:
+    assert Pack.from_json(pack.to_json()) == pack
+    assert "\n" not in pack.to_json()
+    path = tmp_path / "new folder" / "packs.jsonl"
+    write_packs(path, [pack, pack])
+    assert read_packs(path) == [pack, pack]
+    assert sorted(p.name for p in path.parent.iterdir()) == ["packs.jsonl", "packs.manifest.json"]
+    manifest = json.loads(manifest_path(path).read_text())
+    assert manifest["packs"] == 2 and manifest["libraries"][0]["name"] == "zoo"
+
+
+def test_replay_reproduces_the_pack(pack, library) -> None:
+    box = pack.replay(library)
+    assert Pack.of(box, LibraryRef.of(library), **pack.made) == pack
+    assert verify(pack, library) == []
+
+
+def test_a_task_holds_the_items_outside_in_canonical_orientation(pack, library) -> None:
+    task = pack.task(library)
+    assert all(item.rotation == 0 for item in task.items)
+    assert sorted((i.shape.id, i.scale) for i in task.items) == sorted(
+        (i.shape, i.scale) for i in pack.items
+    )
+    assert task.volume == pytest.approx(pack.density)
+    box = Box(task.cells)
+    for index, rotation, location in task.solution:
+        box.place(Item(task.items[index].shape, task.items[index].scale, rotation), location)
+    assert Pack.of(box, pack.library, **pack.made) == pack
+
+
+def _tampered(pack: Pack, **changes) -> Pack:
+    raw = json.loads(pack.to_json())
+    for path, value in changes.items():
+        keys = path.split("__")
+        target = raw
+        for key in keys[:-1]:
+            target = target[int(key) if key.isdigit() else key]
+        target[int(keys[-1]) if keys[-1].isdigit() else keys[-1]] = value
+    return Pack.from_json(json.dumps(raw))
+
+
+def test_verify_finds_what_was_tampered_with(pack, library) -> None:
+    first = list(pack.items[0].location)
+    moved = _tampered(pack, items__3__location=first)
+    assert any("item 3" in p and "in conflict with items [0" in p for p in verify(moved, library))
+    outside = _tampered(pack, items__1__location=[24, 24, 24])
+    assert any("item 1" in p and "not inside the box" in p for p in verify(outside, library))
+    grown = _tampered(pack, items__2__scale=pack.items[2].scale * 1.01)
+    assert any("density is recorded" in p for p in verify(grown, library))
+    lying = _tampered(pack, density=0.9)
+    assert len(verify(lying, library)) == 1
+    foreign = _tampered(pack, library__digest="0" * 64)
+    assert "made with library 'zoo' 1 (000000000000)" in verify(foreign, library)[0]
+    unknown = _tampered(pack, items__0__shape="zebra")
+    assert "zebra" in verify(unknown, library)[0]
+
+
+def test_a_pack_that_does_not_hold_is_not_replayed(pack, library) -> None:
+    moved = _tampered(pack, items__3__location=list(pack.items[0].location))
+    with pytest.raises(InfeasibleError, match="in conflict with placed item 0"):
+        moved.replay(library)
+
+
+def _without(line: str, key: str) -> str:
+    raw = json.loads(line)
+    del raw[key]
+    return json.dumps(raw)
+
+
+@pytest.mark.parametrize(
+    ("broken", "message"),
+    [
+        (lambda line: line[:-20], "not JSON"),
+        (lambda line: "[]", "a pack is a JSON object, not list"),
+        (lambda line: line.replace('"format":1', '"format":99'), "'format' is 99: .* reads 1"),
+        (lambda line: _without(line, "density"), "'density' is missing"),
+        (lambda line: _without(line, "library"), "'library' is missing"),
+        (lambda line: line.replace('"scale":', '"size":', 1), r"'items\[0\].scale' is missing"),
+        (
+            lambda line: line.replace('"rotation":', '"rotation":9', 1),
+            r"rotation' is 9\d+: .* 0 to 23",
+        ),
+        (
+            lambda line: line.replace('"rotation":', '"rotation":true,"r":', 1),
+            "must be of type int",
+        ),
+        (lambda line: line.replace('"location":[', '"location":[77,', 1), r"items\[0\].location"),
+        (lambda line: line.replace('"cells":[100,', '"cells":[99,'), "'cells': .* multiple of 4"),
+        (lambda line: line.replace('"scale":0', '"scale":-0', 1), "more than 0"),
+        (lambda line: "\xff\xfe", "not JSON"),
+    ],
+)
+def test_a_broken_line_is_named_by_file_line_and_field(pack, tmp_path, broken, message) -> None:
+    path = tmp_path / "packs.jsonl"
+    path.write_text(pack.to_json() + "\n" + broken(pack.to_json()) + "\n")
+    with pytest.raises(PackFormatError, match=f"(?s)packs.jsonl, line 2: .*{message}"):
+        read_packs(path)
+
+
+def test_files_that_are_no_dataset_are_refused(pack, tmp_path) -> None:
+    with pytest.raises(PackFormatError, match=r"absent.jsonl: No such file"):
+        read_packs(tmp_path / "absent.jsonl")
+    (tmp_path / "empty.jsonl").write_text("\n")
+    with pytest.raises(PackFormatError, match=r"empty.jsonl holds no packs"):
+        read_packs(tmp_path / "empty.jsonl")
+    path = tmp_path / "packs.jsonl"
+    write_packs(path, [pack, pack])
+    path.write_text(pack.to_json() + "\n")
+    with pytest.raises(PackFormatError, match=r"not the file that packs.manifest.json describes"):
+        read_packs(path)
+    manifest_path(path).write_text("{}")
+    with pytest.raises(PackFormatError, match="is no manifest"):
+        read_packs(path)
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(pack, tmp_path, monkeypatch) -> None:
+    path = tmp_path / "packs.jsonl"
+    write_packs(path, [pack])
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+
+    def fail(*args: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_packs(path, [pack, pack])
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_the_starter_packs_hold() -> None:
+    library = ShapeLibrary.open("everyday")
+    tasks = load_tasks("starter", library)
+    assert len(tasks) >= 8
+    for task in tasks:
+        assert len(task.items) >= 10
+        assert verify(task.pack, library) == []
+
+
+def test_a_path_named_like_nothing_is_refused(library) -> None:
+    with pytest.raises(PackFormatError, match="can't be read from"):
+        load_tasks(Path("nowhere.jsonl"), library)
