@@ -1,0 +1,312 @@
+"""The command line: `packit`."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.table import Column, Table
+
+from packit_sim.errors import PackItError
+from packit_sim.evaluation import SUCCESS_LEVELS, Estimate, Rollout, Score, evaluate
+from packit_sim.evolution import Evolution, EvolutionSettings, Generation, evolve
+from packit_sim.library import ShapeLibrary
+from packit_sim.packs import STARTER_PACKS, Pack, Task, load_tasks, read_packs, verify, write_packs
+from packit_sim.policies import Agent
+from packit_sim.scene import Scene
+
+HEURISTICS = tuple(
+    "/".join(parts)
+    for parts in itertools.product(
+        ("random", "largest-first"), ("random", "aligned"), ("random", "blbf")
+    )
+)
+"""Every combination of the paper's heuristics."""
+
+DEMO_SIZE = (0.65, 0.65)
+"""The demo's size factor: about 25 items fill a box, and a short evolution gets somewhere."""
+
+app = typer.Typer(
+    help="Pack real 3D shapes into a box, exactly.", no_args_is_help=True, add_completion=False
+)
+shapes_app = typer.Typer(help="Look at shape libraries.", no_args_is_help=True)
+app.add_typer(shapes_app, name="shapes")
+console = Console()
+_AGENT = Column("agent", no_wrap=True, min_width=len("largest-first/aligned/blbf"))
+
+LibraryOption = Annotated[
+    str, typer.Option("--library", help="Shape library: a name, or a folder of meshes.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Repeats a run exactly.")]
+PacksArgument = Annotated[Path, typer.Argument(help="A dataset of packs: a JSON Lines file.")]
+
+
+def main() -> None:
+    """Runs `packit`; a user's error is one line on stderr and exit code 2."""
+    try:
+        app()
+    except PackItError as error:
+        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for what the demo makes.")] = Path("demo"),
+    seed: SeedOption = 0,
+    generations: Annotated[int, typer.Option(min=0, help="Of the short evolution.")] = 20,
+) -> None:
+    """Evolves a pack, takes it apart, lets the heuristic agents pack it again, and draws it."""
+    started = time.perf_counter()
+    library = ShapeLibrary.open("everyday")
+    console.print(
+        f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
+        f"in {len(library.categories)} categories"
+    )
+    settings = EvolutionSettings(generations=generations, size_range=DEMO_SIZE)
+    pack = _evolve(library, seed, settings, "evolving").best
+    task = pack.task(library)
+    agents = [Agent.from_name(name) for name in HEURISTICS]
+    rollouts = _evaluate(agents, [task], seed)
+    packs = [pack, *(rollout.pack for rollout in rollouts)]
+    problems = _verify(packs, library)
+
+    console.print(_rollout_table(pack, rollouts, problems))
+    out.mkdir(parents=True, exist_ok=True)
+    write_packs(out / "pack.jsonl", [pack])
+    write_packs(out / "results.jsonl", [rollout.pack for rollout in rollouts])
+    ranked = sorted(rollouts, key=lambda rollout: rollout.total)
+    pictures = {"truth": pack, "best": ranked[-1].pack, "worst": ranked[0].pack}
+    written = [out / "pack.jsonl", out / "results.jsonl"]
+    for name, shown in pictures.items():
+        renderer = _render(shown, library, out / f"{name}.png", 512)
+        written.append(out / f"{name}.png")
+    for path in written:
+        console.print(f"wrote {path}")
+    console.print(
+        f"Pictures by the {renderer} renderer. Done in {time.perf_counter() - started:.0f} s."
+    )
+    if any(problems):
+        raise typer.Exit(1)
+
+
+@shapes_app.command("list")
+def shapes_list(
+    library: LibraryOption = "everyday",
+    category: Annotated[str | None, typer.Option(help="Only this category.")] = None,
+) -> None:
+    """Lists the shapes of a library."""
+    opened = ShapeLibrary.open(library)
+    if category is not None and category not in opened.categories:
+        raise PackItError(
+            f"library {opened.name!r} has no category {category!r}: "
+            f"choose from {', '.join(opened.categories)}"
+        )
+    table = Table("id", "category", "triangles", "solid", "volume", "licence", "author")
+    chosen = opened.ids if category is None else opened.categories[category]
+    for shape_id in chosen:
+        info = opened.info(shape_id)
+        table.add_row(
+            info.id,
+            info.category,
+            str(info.triangles),
+            "yes" if info.solid else "no",
+            f"{info.volume:.4f}",
+            info.licence,
+            info.author,
+        )
+    console.print(table)
+    console.print(f"{len(chosen)} shapes")
+
+
+@app.command()
+def generate(
+    out: Annotated[Path, typer.Option("--out", help="The dataset to write.")],
+    packs: Annotated[int, typer.Option(min=1, help="How many.")] = 1,
+    seed: SeedOption = 0,
+    library: LibraryOption = "everyday",
+    pool: Annotated[int, typer.Option(min=1, help="Shapes drawn a pack.")] = 50,
+    population: Annotated[int, typer.Option(help="Chromosomes a generation.")] = 100,
+    generations: Annotated[int, typer.Option(min=0, help="At most, a pack.")] = 1000,
+    patience: Annotated[
+        int, typer.Option(min=1, help="Stop after so many generations without improvement.")
+    ] = 100,
+    size: Annotated[
+        tuple[float, float], typer.Option(help="Range of a pack's linear size factor.")
+    ] = (0.75, 1.0),
+) -> None:
+    """Evolves packs. Pack n has the seed SEED + n, so that any one can be made again."""
+    opened = ShapeLibrary.open(library)
+    try:
+        settings = EvolutionSettings(
+            pool=pool,
+            population=population,
+            generations=generations,
+            patience=patience,
+            size_range=size,
+        )
+    except ValueError as error:
+        raise PackItError(str(error)) from None
+    made: list[Pack] = []
+    for number in range(packs):
+        label = f"pack {number + 1} of {packs}"
+        made.append(_evolve(opened, seed + number, settings, label).best)
+        write_packs(out, made)
+    console.print(f"wrote {out}: {len(made)} packs")
+
+
+@app.command("verify")
+def verify_command(packs: PacksArgument, library: LibraryOption = "everyday") -> None:
+    """Replays every pack against the oracle; exit code 1 where one does not hold."""
+    opened = ShapeLibrary.open(library)
+    problems = _verify(read_packs(packs), opened)
+    for number, found in enumerate(problems):
+        for problem in found:
+            console.print(f"{packs}, pack {number}: {problem}", highlight=False, soft_wrap=True)
+    wrong = sum(1 for found in problems if found)
+    console.print(f"{len(problems) - wrong} of {len(problems)} packs hold")
+    if wrong:
+        raise typer.Exit(1)
+
+
+@app.command("evaluate")
+def evaluate_command(
+    packs: Annotated[str, typer.Argument(help="A dataset of packs, or 'starter'.")] = STARTER_PACKS,
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(help="shape/rotation/location; may be given more than once."),
+    ] = None,
+    seed: SeedOption = 0,
+    library: LibraryOption = "everyday",
+    out: Annotated[Path | None, typer.Option(help="Write what the agents packed.")] = None,
+) -> None:
+    """Lets agents play the tasks of a dataset and prints the paper's table."""
+    opened = ShapeLibrary.open(library)
+    agents = [Agent.from_name(name) for name in agent or HEURISTICS]
+    tasks = load_tasks(packs, opened)
+    rollouts = _evaluate(agents, tasks, seed)
+    table = Table(_AGENT, "avg reward", *(f"S@{x:g}" for x in SUCCESS_LEVELS))
+    for name in dict.fromkeys(a.name for a in agents):
+        score = Score.of(name, rollouts)
+        table.add_row(
+            name,
+            _interval(score.reward, ".3f"),
+            *(_interval(estimate, ".1f") for estimate in score.success.values()),
+        )
+    table.caption = f"{len(tasks)} tasks, seed {seed}, 95% bootstrap intervals"
+    console.print(table)
+    if out is not None:
+        write_packs(out, [rollout.pack for rollout in rollouts])
+        console.print(f"wrote {out}")
+
+
+@app.command()
+def render(
+    packs: PacksArgument,
+    out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
+    pack: Annotated[int, typer.Option(min=0, help="Which pack of the dataset.")] = 0,
+    size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels an edge.")] = 512,
+    library: LibraryOption = "everyday",
+) -> None:
+    """Draws a pack."""
+    opened = ShapeLibrary.open(library)
+    read = read_packs(packs)
+    if pack >= len(read):
+        raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
+    renderer = _render(read[pack], opened, out, size)
+    console.print(f"wrote {out} by the {renderer} renderer")
+
+
+def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label: str) -> Evolution:
+    with _progress() as progress:
+        bar = progress.add_task(label, total=settings.generations + 1, note="first generation")
+
+        def show(generation: Generation) -> None:
+            note = f"density {generation.best:.3f}, {len(generation.pack.items)} items"
+            progress.update(bar, completed=generation.number + 1, note=note)
+
+        evolution = evolve(library, seed, settings, show)
+        progress.update(bar, total=len(evolution.densities))
+    return evolution
+
+
+def _evaluate(agents: Sequence[Agent], tasks: Sequence[Task], seed: int) -> list[Rollout]:
+    with _progress() as progress:
+        bar = progress.add_task("playing", total=len(agents) * len(tasks), note="")
+        return evaluate(
+            agents, tasks, seed, lambda rollout: progress.update(bar, advance=1, note=rollout.agent)
+        )
+
+
+def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:
+    """The problems of each pack."""
+    with _progress() as progress:
+        bar = progress.add_task("verifying", total=len(packs), note="")
+        problems = []
+        for pack in packs:
+            problems.append(verify(pack, library))
+            progress.advance(bar)
+    return problems
+
+
+def _render(pack: Pack, library: ShapeLibrary, path: Path, size: int) -> str:
+    """Draws a pack and returns the name of the renderer that did."""
+    with Scene(pack.replay(library)) as scene:
+        snapshot = scene.snapshot(size, size)
+    snapshot.save(path)
+    return snapshot.renderer
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description:<14}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
+        console=console,
+    )
+
+
+def _rollout_table(
+    truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
+) -> Table:
+    """What each agent made of one task; the ground truth, whose problems come first, leads."""
+    table = Table(_AGENT, "return", "items", "density", "oracle", "ended", show_edge=False)
+
+    def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
+        table.add_row(
+            name,
+            f"{total:.3f}",
+            f"{len(pack.items)}/{len(truth.items)}",
+            f"{pack.density:.3f}",
+            "; ".join(found) or "holds",
+            why,
+        )
+
+    add("[bold]ground truth[/]", 1.0, truth, problems[0], "evolved")
+    played = zip(rollouts, problems[1:], strict=True)
+    for rollout, found in sorted(played, key=lambda row: -row[0].total):
+        add(rollout.agent, rollout.total, rollout.pack, found, str(rollout.end))
+    table.caption = "one task, played once by each agent"
+    return table
+
+
+def _interval(estimate: Estimate, spec: str) -> str:
+    mean = format(estimate.mean, spec)
+    if estimate.low is None or estimate.high is None:
+        return mean
+    return f"{mean} [{format(estimate.low, spec)}, {format(estimate.high, spec)}]"

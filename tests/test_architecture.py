@@ -1,0 +1,109 @@
+"""The rooms of ARCHITECTURE.md: who may import whom."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SIMULATOR = ROOT / "packit_sim"
+AGENTS = ROOT / "agents" / "packit_agents"
+
+ORDER = (
+    "_version",
+    "errors",
+    "lattice",
+    "rotations",
+    "voxels",
+    "shapes",
+    "quantized",
+    "library",
+    "occupancy",
+    "placement",
+    "box",
+    "rendering",
+    "scene",
+    "packs",
+    "evolution",
+    "episode",
+    "observations",
+    "env",
+    "policies",
+    "evaluation",
+    "__init__",
+    "cli",
+    "__main__",
+)
+"""The modules of packit_sim from the bottom up: each may import those before it."""
+
+QUARANTINE = {
+    "fcl": {"packit_sim.placement"},
+    "pybullet": {"packit_sim.rendering", "packit_sim.scene"},
+}
+"""Which modules may import a third party."""
+
+
+def module_name(file: Path, source_root: Path) -> str:
+    return ".".join(file.relative_to(source_root).with_suffix("").parts)
+
+
+MODULES = {
+    module_name(file, source_root): file
+    for source_root, package in ((ROOT, SIMULATOR), (ROOT / "agents", AGENTS))
+    for file in sorted(package.rglob("*.py"))
+}
+
+
+def imports(file: Path) -> Iterator[str]:
+    """The modules that a file imports, in functions too; packages stand for their `__init__`."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module, f"{file}:{node.lineno}: relative import"
+            for alias in node.names:
+                inside = f"{node.module}.{alias.name}"
+                if inside in MODULES:
+                    yield inside
+                elif f"{node.module}.__init__" in MODULES:
+                    yield f"{node.module}.__init__"
+                else:
+                    yield node.module
+
+
+def packages(file: Path) -> set[str]:
+    return {name.partition(".")[0] for name in imports(file)}
+
+
+def test_every_module_of_the_simulator_has_a_place() -> None:
+    found = {name.removeprefix("packit_sim.") for name in MODULES if name.startswith("packit_sim.")}
+    assert found <= set(ORDER), "give the new module a place in ORDER"
+    assert len(ORDER) == len(set(ORDER))
+
+
+@pytest.mark.parametrize("name", [m for m in MODULES if m.startswith("packit_sim.")])
+def test_imports_run_downwards_only(name) -> None:
+    own = ORDER.index(name.removeprefix("packit_sim."))
+    below = {f"packit_sim.{module}" for module in ORDER[:own]}
+    imported = {m for m in imports(MODULES[name]) if m.partition(".")[0] == "packit_sim"}
+    assert imported <= below
+
+
+@pytest.mark.parametrize("third_party", QUARANTINE)
+def test_third_parties_stay_in_their_room(third_party) -> None:
+    importers = {name for name, file in MODULES.items() if third_party in packages(file)}
+    assert importers <= QUARANTINE[third_party]
+
+
+def test_the_simulator_knows_neither_torch_nor_agents() -> None:
+    unwanted = {"packit_agents", "stable_baselines3", "sb3_contrib", "torch"}
+    for name, file in MODULES.items():
+        if name.startswith("packit_sim."):
+            assert not unwanted & packages(file), name
+
+
+def test_nothing_imports_the_source_root_agents() -> None:
+    folders = (ROOT / part for part in ("packit_sim", "agents", "benchmarks", "scripts", "tests"))
+    for file in (file for folder in folders for file in folder.rglob("*.py")):
+        assert "agents" not in packages(file), file

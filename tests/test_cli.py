@@ -1,0 +1,133 @@
+"""The command line as a user runs it: what it prints, writes and refuses."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from trimesh import creation
+
+from packit_sim.packs import read_packs
+
+SMALL = ("--pool", "6", "--generations", "1")
+
+
+def packit(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "packit_sim", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=280,
+        cwd=cwd,
+    )
+
+
+def pixels(path: Path) -> np.ndarray:
+    with Image.open(path) as picture:
+        return np.asarray(picture)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("packs") / "two.jsonl"
+    made = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", path)
+    assert made.returncode == 0, made.stderr
+    assert "2 packs" in made.stdout
+    return path
+
+
+def test_demo_does_the_whole_job(tmp_path) -> None:
+    done = packit("demo", "--generations", "0", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("holds") == 9  # the ground truth and eight agents
+    files = ("pack.jsonl", "results.jsonl", "truth.png", "best.png", "worst.png")
+    for name in files:
+        assert f"demo/{name}" in done.stdout and (tmp_path / "demo" / name).exists()
+    results = read_packs(tmp_path / "demo" / "results.jsonl")
+    assert len(results) == len({pack.made["by"] for pack in results}) == 8
+    pictures = [pixels(tmp_path / "demo" / name) for name in files[2:]]
+    assert all(picture.shape == (512, 512, 3) for picture in pictures)
+    assert len({picture.tobytes() for picture in pictures}) == 3
+
+
+def test_generated_packs_verify_evaluate_and_render(dataset, tmp_path) -> None:
+    verified = packit("verify", dataset)
+    assert verified.returncode == 0 and "2 of 2 packs hold" in verified.stdout
+
+    played = packit("evaluate", dataset, "--out", tmp_path / "results.jsonl")
+    assert played.returncode == 0, played.stderr
+    assert "largest-first/aligned/blbf" in played.stdout and "2 tasks" in played.stdout
+    assert len(read_packs(tmp_path / "results.jsonl")) == 16
+
+    drawn = packit("render", dataset, "--pack", "1", "--size", "64", "--out", tmp_path / "one.png")
+    assert drawn.returncode == 0, drawn.stderr
+    assert pixels(tmp_path / "one.png").shape == (64, 64, 3)
+
+
+def test_a_seed_repeats_a_dataset_bit_for_bit(dataset, tmp_path) -> None:
+    packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", tmp_path / "again.jsonl")
+    assert (tmp_path / "again.jsonl").read_bytes() == dataset.read_bytes()
+
+
+def test_verify_is_red_on_a_pack_that_does_not_hold(dataset, tmp_path) -> None:
+    packs = read_packs(dataset)
+    last = packs[1].to_json().rpartition('"location":[')
+    moved = tmp_path / "moved.jsonl"
+    moved.write_text(f"{packs[0].to_json()}\n{last[0]}{last[1]}24,{last[2].partition(',')[2]}\n")
+    verified = packit("verify", moved)
+    assert verified.returncode == 1
+    assert "pack 1: item" in verified.stdout and "not inside the box" in verified.stdout
+    assert "1 of 2 packs hold" in verified.stdout
+
+
+def test_shapes_are_listed() -> None:
+    listed = packit("shapes", "list", "--category", "mug")
+    assert listed.returncode == 0 and "mug" in listed.stdout and "CC" in listed.stdout
+
+
+def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
+    (tmp_path / "blocks").mkdir()
+    creation.box((1, 2, 3)).export(tmp_path / "blocks" / "brick.stl")
+    creation.icosphere(subdivisions=2).export(tmp_path / "ball.obj")
+    out = tmp_path / "mine.jsonl"
+    made = packit("generate", "--library", tmp_path, *SMALL, "--out", out)
+    assert made.returncode == 0, made.stderr
+    assert {i.shape for i in read_packs(out)[0].items} <= {"blocks/brick", "ball"}
+    assert packit("verify", out, "--library", tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["verify", "absent.jsonl"], "absent.jsonl: No such file"),
+        (["verify", "broken.jsonl"], "broken.jsonl, line 1: not JSON"),
+        (["evaluate", "absent.jsonl"], "absent.jsonl: No such file"),
+        (
+            ["evaluate", "starter", "--agent", "best/aligned/blbf"],
+            "choose from largest-first, random",
+        ),
+        (["render", "broken.jsonl", "--out", "x.png"], "broken.jsonl, line 1"),
+        (["shapes", "list", "--library", "nowhere"], "'nowhere'"),
+        (["shapes", "list", "--category", "dragon"], "'dragon': choose from"),
+        (["generate", "--size", "1", "0.5", "--out", "x.jsonl"], "size_range = (1.0, 0.5)"),
+        (["generate", "--population", "9", "--out", "x.jsonl"], "population = 9"),
+        (["generate", "--library", "meshes", "--out", "x.jsonl"], "bad.stl"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_writes_nothing(arguments, message, tmp_path) -> None:
+    (tmp_path / "broken.jsonl").write_text('{"format":1,\n')
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "bad.stl").write_bytes(b"no mesh")
+    before = sorted(p.name for p in tmp_path.rglob("*"))
+    failed = packit(*arguments, cwd=tmp_path)
+    assert failed.returncode == 2
+    assert failed.stderr.startswith("error: ") and failed.stderr.count("\n") == 1
+    assert message in failed.stderr
+    assert sorted(p.name for p in tmp_path.rglob("*")) == before
+
+
+def test_a_pack_that_is_not_there_is_refused(dataset, tmp_path) -> None:
+    failed = packit("render", dataset, "--pack", "7", "--out", tmp_path / "x.png")
+    assert failed.returncode == 2 and "choose 0 to 1" in failed.stderr
