@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ def main() -> None:
     """Runs `packit`; a user's error is one line on stderr and exit code 2."""
     try:
         app()
-    except PackItError as error:
+    except (PackItError, OSError) as error:
         Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
@@ -71,6 +72,7 @@ def demo(
 ) -> None:
     """Evolves a pack, takes it apart, lets the heuristic agents pack it again, and draws it."""
     started = time.perf_counter()
+    _make_room(out / "pack.jsonl")
     library = ShapeLibrary.open("everyday")
     console.print(
         f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
@@ -85,7 +87,6 @@ def demo(
     problems = _verify(packs, library)
 
     console.print(_rollout_table(pack, rollouts, problems))
-    out.mkdir(parents=True, exist_ok=True)
     write_packs(out / "pack.jsonl", [pack])
     write_packs(out / "results.jsonl", [rollout.pack for rollout in rollouts])
     ranked = sorted(rollouts, key=lambda rollout: rollout.total)
@@ -147,8 +148,15 @@ def generate(
     size: Annotated[
         tuple[float, float], typer.Option(help="Range of a pack's linear size factor.")
     ] = (0.75, 1.0),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the dataset.")] = False,
 ) -> None:
-    """Evolves packs. Pack n has the seed SEED + n, so that any one can be made again."""
+    """Evolves packs. Pack n has the seed SEED + n, so that any one can be made again.
+
+    The dataset is written anew after each pack: what is finished is never lost.
+    """
+    if out.exists() and not overwrite:
+        raise PackItError(f"{out} exists already: choose another file, or give --overwrite")
+    _make_room(out)
     opened = ShapeLibrary.open(library)
     try:
         settings = EvolutionSettings(
@@ -194,6 +202,8 @@ def evaluate_command(
     out: Annotated[Path | None, typer.Option(help="Write what the agents packed.")] = None,
 ) -> None:
     """Lets agents play the tasks of a dataset and prints the paper's table."""
+    if out is not None:
+        _make_room(out)
     opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in agent or HEURISTICS]
     tasks = load_tasks(packs, opened)
@@ -222,12 +232,20 @@ def render(
     library: LibraryOption = "everyday",
 ) -> None:
     """Draws a pack."""
+    _make_room(out)
     opened = ShapeLibrary.open(library)
     read = read_packs(packs)
     if pack >= len(read):
         raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
     renderer = _render(read[pack], opened, out, size)
     console.print(f"wrote {out} by the {renderer} renderer")
+
+
+def _make_room(path: Path) -> None:
+    """Makes the folder that a file goes to, before there is work that could be lost."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(path.parent, os.W_OK):
+        raise PackItError(f"{path} can't be written: no permission for {path.parent}")
 
 
 def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label: str) -> Evolution:

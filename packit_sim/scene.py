@@ -336,7 +336,9 @@ def _pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
     """Vertices (n, 3) and faces (m, 3) of convex pieces that make up a mesh's surface."""
     pieces: list[tuple[Rows, Rows]] = []
     for part in mesh.split(only_watertight=False):
-        if part.is_volume and part.is_convex:
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a part that holds no volume
+            convex = part.is_volume and part.is_convex
+        if convex:
             pieces.append((part.vertices, part.faces))
         else:
             pieces += [(corners, np.arange(3)[None]) for corners in part.triangles]

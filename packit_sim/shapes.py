@@ -101,7 +101,11 @@ class Shape:
         vertices = clean.vertices - clean.bounds.mean(axis=0)
         vertices = vertices / np.linalg.norm(clean.extents)
         canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
-        if canonical.is_watertight and canonical.is_winding_consistent and canonical.volume < 0:
+        if (
+            canonical.is_watertight
+            and canonical.is_winding_consistent
+            and _signed_volume(canonical) < 0
+        ):
             canonical.invert()
         return cls(canonical, id, category)
 
@@ -118,14 +122,15 @@ class Shape:
             mesh.is_watertight
             and mesh.is_winding_consistent
             and mesh.body_count == 1
-            and mesh.volume > 0
+            and _signed_volume(mesh) > 0
         )
 
     @cached_property
     def volume(self) -> float:
-        return (
-            float(self.mesh.volume) if self.is_solid else voxels.solid_volume(self.mesh.triangles)
-        )
+        """In canonical units: of the closed body, or of the solid by voxels."""
+        if self.is_solid:
+            return _signed_volume(self.mesh)
+        return voxels.solid_volume(self.mesh.triangles)
 
     @cached_property
     def digest(self) -> str:
@@ -209,6 +214,11 @@ class Item:
     def inner(self) -> npt.NDArray[np.bool_]:
         """Bool over `cells`: cells that are enclosed and that the surface does not touch."""
         return self.voxels.inner_cells
+
+
+def _signed_volume(mesh: trimesh.Trimesh) -> float:
+    with np.errstate(divide="ignore", invalid="ignore"):  # its centre of mass, where it is 0
+        return float(mesh.volume)
 
 
 def _by_bytes() -> LRUCache[Any, voxels.Voxels]:

@@ -9,7 +9,10 @@ import pytest
 from PIL import Image
 from trimesh import creation
 
+from packit_sim.lattice import CONTACT_TOLERANCE
+from packit_sim.library import ShapeLibrary
 from packit_sim.packs import read_packs
+from packit_sim.scene import Scene
 
 SMALL = ("--pool", "6", "--generations", "1")
 
@@ -38,7 +41,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_demo_does_the_whole_job(tmp_path) -> None:
+def test_demo_does_the_whole_job_and_pybullet_sees_no_penetration(tmp_path) -> None:
     done = packit("demo", "--generations", "0", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("holds") == 9  # the ground truth and eight agents
@@ -50,6 +53,11 @@ def test_demo_does_the_whole_job(tmp_path) -> None:
     pictures = [pixels(tmp_path / "demo" / name) for name in files[2:]]
     assert all(picture.shape == (512, 512, 3) for picture in pictures)
     assert len({picture.tobytes() for picture in pictures}) == 3
+
+    library = ShapeLibrary.open("everyday")
+    for pack in [*read_packs(tmp_path / "demo" / "pack.jsonl"), *results]:
+        with Scene(pack.replay(library)) as scene:
+            assert max(scene.penetrations().values(), default=0.0) <= CONTACT_TOLERANCE
 
 
 def test_generated_packs_verify_evaluate_and_render(dataset, tmp_path) -> None:
@@ -126,6 +134,20 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(arguments, message, tmp_
     assert failed.stderr.startswith("error: ") and failed.stderr.count("\n") == 1
     assert message in failed.stderr
     assert sorted(p.name for p in tmp_path.rglob("*")) == before
+
+
+def test_a_dataset_is_only_replaced_when_asked_to(dataset) -> None:
+    before = dataset.read_bytes()
+    failed = packit("generate", *SMALL, "--out", dataset)
+    assert failed.returncode == 2 and "exists already" in failed.stderr
+    assert dataset.read_bytes() == before
+
+
+def test_where_nothing_can_be_written_it_says_so_before_it_works(tmp_path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    failed = packit("generate", "--out", tmp_path / "file" / "packs.jsonl")
+    assert failed.returncode == 2 and "file" in failed.stderr
+    assert failed.stderr.startswith("error: ") and failed.stderr.count("\n") == 1
 
 
 def test_a_pack_that_is_not_there_is_refused(dataset, tmp_path) -> None:
