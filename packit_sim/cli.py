@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -19,7 +20,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Column, Table
+from rich.table import Table
 
 from packit_sim.errors import PackItError
 from packit_sim.evaluation import SUCCESS_LEVELS, Estimate, Rollout, Score, evaluate
@@ -46,7 +47,6 @@ app = typer.Typer(
 shapes_app = typer.Typer(help="Look at shape libraries.", no_args_is_help=True)
 app.add_typer(shapes_app, name="shapes")
 console = Console()
-_AGENT = Column("agent", no_wrap=True, min_width=len("largest-first/aligned/blbf"))
 
 LibraryOption = Annotated[
     str, typer.Option("--library", help="Shape library: a name, or a folder of meshes.")
@@ -116,7 +116,7 @@ def shapes_list(
             f"library {opened.name!r} has no category {category!r}: "
             f"choose from {', '.join(opened.categories)}"
         )
-    table = Table("id", "category", "triangles", "solid", "volume", "licence", "author")
+    table = Table("id", "category", "triangles", "solid", "volume", "licence")
     chosen = opened.ids if category is None else opened.categories[category]
     for shape_id in chosen:
         info = opened.info(shape_id)
@@ -127,7 +127,6 @@ def shapes_list(
             "yes" if info.solid else "no",
             f"{info.volume:.4f}",
             info.licence,
-            info.author,
         )
     console.print(table)
     console.print(f"{len(chosen)} shapes")
@@ -208,15 +207,16 @@ def evaluate_command(
     agents = [Agent.from_name(name) for name in agent or HEURISTICS]
     tasks = load_tasks(packs, opened)
     rollouts = _evaluate(agents, tasks, seed)
-    table = Table(_AGENT, "avg reward", *(f"S@{x:g}" for x in SUCCESS_LEVELS))
+    levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
+    table = Table("agent", "reward", *levels, box=SIMPLE_HEAD, show_edge=False, padding=(0, 1))
     for name in dict.fromkeys(a.name for a in agents):
         score = Score.of(name, rollouts)
         table.add_row(
-            name,
-            _interval(score.reward, ".3f"),
-            *(_interval(estimate, ".1f") for estimate in score.success.values()),
+            name.replace("/", "/\n", 1),
+            _interval(score.reward, ".3f", ".2f"),
+            *(_interval(estimate, ".1f", ".0f") for estimate in score.success.values()),
         )
-    table.caption = f"{len(tasks)} tasks, seed {seed}, 95% bootstrap intervals"
+    table.caption = f"tasks: {len(tasks)}, seed: {seed}; below each mean its 95% bootstrap interval"
     console.print(table)
     if out is not None:
         write_packs(out, [rollout.pack for rollout in rollouts])
@@ -303,7 +303,7 @@ def _rollout_table(
     truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
 ) -> Table:
     """What each agent made of one task; the ground truth, whose problems come first, leads."""
-    table = Table(_AGENT, "return", "items", "density", "oracle", "ended", show_edge=False)
+    table = Table("agent", "return", "items", "density", "oracle", "ended", box=SIMPLE_HEAD)
 
     def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
         table.add_row(
@@ -323,8 +323,8 @@ def _rollout_table(
     return table
 
 
-def _interval(estimate: Estimate, spec: str) -> str:
-    mean = format(estimate.mean, spec)
+def _interval(estimate: Estimate, mean_spec: str, spec: str) -> str:
+    mean = format(estimate.mean, mean_spec)
     if estimate.low is None or estimate.high is None:
         return mean
-    return f"{mean} [{format(estimate.low, spec)}, {format(estimate.high, spec)}]"
+    return f"{mean}\n[dim]{format(estimate.low, spec)}-{format(estimate.high, spec)}[/]"

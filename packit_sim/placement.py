@@ -107,6 +107,8 @@ def conflicts(a: Placed, b: Placed) -> bool:
     """Whether two items can't both stand where they are, by the oracle's definition.
 
     One holds a fine cell inside it that is outer for the other, or their collision meshes cross.
+    What lies wholly within the fine cells that another's surface touches, so within 1/400 of that
+    surface, and does not cross it, is no conflict, on whichever side of it.
     """
     start = np.maximum(a.start, b.start)
     stop = np.minimum(a.stop, b.stop)

@@ -101,11 +101,8 @@ class Shape:
         vertices = clean.vertices - clean.bounds.mean(axis=0)
         vertices = vertices / np.linalg.norm(clean.extents)
         canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
-        if (
-            canonical.is_watertight
-            and canonical.is_winding_consistent
-            and _signed_volume(canonical) < 0
-        ):
+        closed = canonical.is_watertight and canonical.is_winding_consistent
+        if closed and _signed_volume(canonical) < 0:
             canonical.invert()
         return cls(canonical, id, category)
 
