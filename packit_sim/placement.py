@@ -203,21 +203,33 @@ def _inside(cells: Triple, candidate: Placed) -> bool:
 
 
 def _query(occupancy: Occupancy, item: Item) -> tuple[Any, ...]:
-    """What the kernels read of the box and of the item."""
+    """What the kernels read of the box and of the item, cells by their C-order index in the box."""
     voxels = item.voxels
     return (
-        occupancy.outer,
-        occupancy.inner,
+        occupancy.outer.ravel(),
+        occupancy.inner.ravel(),
+        occupancy.filled,
+        np.array(occupancy.cells),
         occupancy.spans,
         np.array(item.cells),
-        voxels.coords,
+        _cell_index(voxels.coords, occupancy.cells),
         voxels.outer,
         voxels.inner,
     )
 
 
 @numba.njit(cache=True, nogil=True)
-def _classify_one(box_outer, box_inner, spans, cells, coords, outer, inner, start):
+def _cell_index(coords, cells):
+    index = np.empty(len(coords), np.int64)
+    for n in range(len(coords)):
+        index[n] = (coords[n, 0] * cells[1] + coords[n, 1]) * cells[2] + coords[n, 2]
+    return index
+
+
+@numba.njit(cache=True, nogil=True)
+def _classify_one(
+    box_outer, box_inner, filled, box_cells, spans, cells, index, outer, inner, start
+):
     """What the fine cells tell of one location: blocked, free, or open."""
     apart = True
     for n in range(len(spans)):
@@ -234,20 +246,22 @@ def _classify_one(box_outer, box_inner, spans, cells, coords, outer, inner, star
     if apart:
         return _FREE
     state = _FREE
-    for n in range(len(coords)):
-        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
-        filled = box_outer[x, y, z]
-        if filled == 0:
+    first = (start[0] * box_cells[1] + start[1]) * box_cells[2] + start[2]
+    for n in range(len(index)):
+        at = first + index[n]
+        if not filled[at >> 6] >> np.uint64(at & 63) & np.uint64(1):
             continue
-        if (filled & inner[n]) | (box_inner[x, y, z] & outer[n]):
+        if (box_outer[at] & inner[n]) | (box_inner[at] & outer[n]):
             return _BLOCKED
-        if filled & outer[n]:
+        if box_outer[at] & outer[n]:
             state = _OPEN
     return state
 
 
 @numba.njit(cache=True, nogil=True)
-def _classify(box_outer, box_inner, spans, cells, coords, outer, inner, nodes, last):
+def _classify(
+    box_outer, box_inner, filled, box_cells, spans, cells, index, outer, inner, nodes, last
+):
     """The state of every location, in an array over the grid's nodes."""
     state = np.zeros((nodes[0], nodes[1], nodes[2]), np.uint8)
     start = np.zeros(3, np.int64)
@@ -258,13 +272,24 @@ def _classify(box_outer, box_inner, spans, cells, coords, outer, inner, nodes, l
             for k in range(last[2] + 1):
                 start[2] = k * STEP
                 state[i, j, k] = _classify_one(
-                    box_outer, box_inner, spans, cells, coords, outer, inner, start
+                    box_outer,
+                    box_inner,
+                    filled,
+                    box_cells,
+                    spans,
+                    cells,
+                    index,
+                    outer,
+                    inner,
+                    start,
                 )
     return state
 
 
 @numba.njit(cache=True, nogil=True)
-def _next_unblocked(box_outer, box_inner, spans, cells, coords, outer, inner, last, first):
+def _next_unblocked(
+    box_outer, box_inner, filled, box_cells, spans, cells, index, outer, inner, last, first
+):
     """The first location in the order of (z, x, y), from number `first` on, that is not blocked."""
     row, layer = last[1] + 1, (last[0] + 1) * (last[1] + 1)
     start = np.zeros(3, np.int64)
@@ -272,7 +297,9 @@ def _next_unblocked(box_outer, box_inner, spans, cells, coords, outer, inner, la
         k, rest = divmod(number, layer)
         i, j = divmod(rest, row)
         start[0], start[1], start[2] = i * STEP, j * STEP, k * STEP
-        state = _classify_one(box_outer, box_inner, spans, cells, coords, outer, inner, start)
+        state = _classify_one(
+            box_outer, box_inner, filled, box_cells, spans, cells, index, outer, inner, start
+        )
         if state != _BLOCKED:
             return i, j, k, state
     return 0, 0, 0, _BLOCKED

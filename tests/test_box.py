@@ -23,6 +23,7 @@ def assert_cache_is_that_of_a_new_box(box: Box) -> None:
         fresh.add(placed)
     assert (box._occupancy.outer == fresh.outer).all()
     assert (box._occupancy.inner == fresh.inner).all()
+    assert (box._occupancy.filled == fresh.filled).all()
     assert (box._occupancy.spans == fresh.spans).all()
 
 
