@@ -15,14 +15,14 @@ def tasks() -> tuple[Task, ...]:
 
 @pytest.mark.filterwarnings("error")
 def test_gymnasiums_checker_is_content() -> None:
-    env = gym.make("PackIt-v0", max_shapes=30, render_mode="rgb_array")
+    env = gym.make("PackIt-v0", max_shapes=40, render_mode="rgb_array")
     check_env(env.unwrapped)
     env.close()
 
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_replay_of_the_ground_truth_returns_1(tasks, number) -> None:
-    with gym.make("PackIt-v0", tasks=tasks, max_shapes=30) as env:
+    with gym.make("PackIt-v0", tasks=tasks, max_shapes=40) as env:
         env.reset(options={"task": number})
         total, info = 0.0, {}
         for shape, rotation, location in tasks[number].solution:
@@ -37,18 +37,18 @@ def test_replay_of_the_ground_truth_returns_1(tasks, number) -> None:
 
 
 def test_what_is_observed(tasks) -> None:
-    env = PackItEnv(tasks, max_shapes=30)
+    env = PackItEnv(tasks, max_shapes=40)
     seen, info = env.reset(seed=1)
     task = tasks[info["task"]]
     count = len(task.items)
     assert seen in env.observation_space
-    assert seen["shapes"].shape == (30, 100, 100, 100)
+    assert seen["shapes"].shape == (40, 100, 100, 100)
     assert [int(s.sum()) for s in seen["shapes"][:count]] == [
         int(i.outer.sum()) for i in task.items
     ]
     assert not seen["shapes"][count:].any() and not seen["item"].any() and not seen["box"].any()
     assert seen["outside"].sum() == seen["action_mask"].sum() == count
-    assert seen["chosen"] == 30
+    assert seen["chosen"] == 40
     assert seen["volumes"].sum() == pytest.approx(task.volume)
 
     shape, rotation, location = task.solution[0]
@@ -67,9 +67,9 @@ def test_what_is_observed(tasks) -> None:
 
 
 def test_an_invalid_action_ends_the_episode_and_says_so(tasks) -> None:
-    env = PackItEnv(tasks, max_shapes=30)
+    env = PackItEnv(tasks, max_shapes=40)
     env.reset(seed=0)
-    _, reward, terminated, _, info = env.step(29)
+    _, reward, terminated, _, info = env.step(39)
     assert reward == 0 and terminated and info["end"] == "invalid action"
     assert not env.action_masks().any()
     with pytest.raises(RuntimeError, match="over"):
@@ -78,7 +78,7 @@ def test_an_invalid_action_ends_the_episode_and_says_so(tasks) -> None:
 
 def test_two_seeded_rollouts_are_equal_step_by_step(tasks) -> None:
     def rollout() -> list:
-        env = PackItEnv(tasks, max_shapes=30)
+        env = PackItEnv(tasks, max_shapes=40)
         env.reset(seed=11)
         env.action_space.seed(11)
         steps = []
@@ -102,8 +102,8 @@ def test_settings_that_cannot_be_are_refused(tasks) -> None:
         PackItEnv(tasks, max_shapes=most - 1)
     with pytest.raises(ValueError, match="share one box"):
         PackItEnv([])
-    env = PackItEnv(tasks, max_shapes=30)
+    env = PackItEnv(tasks, max_shapes=40)
     with pytest.raises(ValueError, match="there is no task 99"):
         env.reset(options={"task": 99})
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
-        PackItEnv(tasks, max_shapes=30).step(0)
+        PackItEnv(tasks, max_shapes=40).step(0)
