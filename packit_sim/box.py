@@ -118,14 +118,13 @@ class Box:
         item = candidate.item
         what = f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation})"
         where = f"at {candidate.location}"
-        if any(stop > c for stop, c in zip(candidate.stop, self.cells, strict=True)):
+        if not placement.is_inside(self.cells, candidate):
             return (
                 f"{what} {where} is not inside the box: it needs {item.cells} cells "
                 f"from cell {candidate.start} on, the box has {self.cells}"
             )
         blocking = [
-            f"{n} ({other.item.shape.id!r})"
-            for n, other in enumerate(self.placed)
-            if placement.conflicts(other, candidate)
+            f"{n} ({self.placed[n].item.shape.id!r})"
+            for n in placement.blockers(self.placed, candidate)
         ]
         return f"{what} {where} is in conflict with placed item {', '.join(blocking)}"

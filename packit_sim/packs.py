@@ -125,7 +125,7 @@ class Pack:
     def from_json(cls, line: str) -> Pack:
         """Reads one line. Raises PackFormatError that names the field that is wrong."""
         try:
-            raw = json.loads(line)
+            raw = json.loads(line, parse_constant=_refuse_constant)
         except json.JSONDecodeError as error:
             raise PackFormatError(f"not JSON: {error}") from None
         if not isinstance(raw, dict):
@@ -187,18 +187,19 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     except (PackFormatError, UnknownShapeError) as error:
         return [str(error)]
     problems = []
-    placed: list[Placed] = []
+    inside: dict[int, Placed] = {}
     for n, candidate in enumerate(items):
-        if not placement.is_valid(pack.cells, placed, candidate):
-            blocking = [
-                m for m, other in enumerate(placed) if placement.conflicts(other, candidate)
-            ]
-            reason = f"in conflict with items {blocking}" if blocking else "not inside the box"
-            problems.append(f"item {n} ({candidate.item.shape.id!r}) is {reason}")
-        placed.append(candidate)
-    volume = math.prod(pack.cells) / CELLS_PER_UNIT**3
-    density = sum(p.item.volume for p in placed) / volume
-    if abs(density - pack.density) > DENSITY_SLACK:
+        what = f"item {n} ({candidate.item.shape.id!r})"
+        if not placement.is_inside(pack.cells, candidate):
+            problems.append(f"{what} is not inside the box")
+            continue
+        numbers = list(inside)
+        blocking = [numbers[m] for m in placement.blockers(inside.values(), candidate)]
+        if blocking:
+            problems.append(f"{what} is in conflict with items {blocking}")
+        inside[n] = candidate
+    density = sum(p.item.volume for p in items) / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
+    if not abs(density - pack.density) <= DENSITY_SLACK:
         problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")
     return problems
 
@@ -276,6 +277,10 @@ def replace_text(path: Path, text: str) -> None:
     except BaseException:
         os.unlink(name)
         raise
+
+
+def _refuse_constant(name: str) -> float:
+    raise PackFormatError(f"{name} is no number that a pack can hold")
 
 
 def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:

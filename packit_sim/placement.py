@@ -32,6 +32,9 @@ from packit_sim.shapes import Item
 
 Mask = npt.NDArray[np.bool_]
 
+FINE_CACHE_BYTES = 2**30
+"""Budget of the process's cache of whole fine arrays, which only the oracle asks for."""
+
 COLLISION_CACHE_TRIANGLES = 1_000_000
 """Budget of the process's cache of collision meshes, roughly 1 kB a triangle."""
 
@@ -79,7 +82,7 @@ def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
 
 def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
     """Whether one item is feasible at one location: the mask's value there."""
-    if not _inside(occupancy.cells, candidate):
+    if not is_inside(occupancy.cells, candidate):
         return False
     state = _classify_one(*_query(occupancy, candidate.item), np.array(candidate.start))
     return bool(state == _FREE or (state == _OPEN and not crosses(occupancy, candidate)))
@@ -88,6 +91,11 @@ def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
 def crosses(occupancy: Occupancy, candidate: Placed) -> bool:
     """Whether FCL finds the candidate crossing a placed item, asked where outer fine cells meet."""
     return any(collides(other, candidate) for other in occupancy.touching(candidate))
+
+
+def is_inside(cells: Triple, candidate: Placed) -> bool:
+    """Whether the candidate's cell box is inside a box of so many cells."""
+    return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
 
 
 def oracle(box: Contents, item: Item) -> Mask:
@@ -100,7 +108,7 @@ def oracle(box: Contents, item: Item) -> Mask:
 
 def is_valid(cells: Triple, placed: Iterable[Placed], candidate: Placed) -> bool:
     """The oracle's answer for one location, among placed items in a box of so many cells."""
-    return _inside(cells, candidate) and not any(conflicts(other, candidate) for other in placed)
+    return is_inside(cells, candidate) and not any(conflicts(other, candidate) for other in placed)
 
 
 def conflicts(a: Placed, b: Placed) -> bool:
@@ -121,12 +129,18 @@ def conflicts(a: Placed, b: Placed) -> bool:
         )
         for p in (a, b)
     )
-    voxels_a, voxels_b = a.item.voxels, b.item.voxels
+    outer_a, inner_a = _fine_cells(a.item)
+    outer_b, inner_b = _fine_cells(b.item)
     return bool(
-        (voxels_a.inner_fine[window_a] & voxels_b.outer_fine[window_b]).any()
-        or (voxels_a.outer_fine[window_a] & voxels_b.inner_fine[window_b]).any()
+        (inner_a[window_a] & outer_b[window_b]).any()
+        or (outer_a[window_a] & inner_b[window_b]).any()
         or collides(a, b)
     )
+
+
+def blockers(placed: Iterable[Placed], candidate: Placed) -> list[int]:
+    """Numbers of the placed items that a candidate is in conflict with."""
+    return [n for n, other in enumerate(placed) if conflicts(other, candidate)]
 
 
 def collides(a: Placed, b: Placed) -> bool:
@@ -135,7 +149,7 @@ def collides(a: Placed, b: Placed) -> bool:
     A fact of the two items and the whole half cells between their centres: the first in a fixed
     order of items stands at the origin, whatever the place in the box or the order of placing.
     """
-    if (_order(b.item), b.start) < (_order(a.item), a.start):
+    if (b.item.key, b.start) < (a.item.key, a.start):
         a, b = b, a
     half_cells = np.add(b.start, b.stop) - np.add(a.start, a.stop)
     at_origin = fcl.Transform(rotations.MATRICES[a.item.rotation].astype(float), np.zeros(3))
@@ -170,8 +184,14 @@ def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
     return i, j, k
 
 
-def _order(item: Item) -> tuple[str, float, int]:
-    return item.shape.digest, item.scale, item.rotation
+@cached(
+    LRUCache(FINE_CACHE_BYTES, getsizeof=lambda fine: fine[0].nbytes + fine[1].nbytes),
+    key=operator.attrgetter("key"),
+    lock=threading.RLock(),
+)
+def _fine_cells(item: Item) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Bool over the fine cells of the item's cell box: outer, and inner."""
+    return item.voxels.outer_fine, item.voxels.inner_fine
 
 
 @cached(
@@ -196,10 +216,6 @@ def _last_location(cells: Triple, item: Item) -> Triple:
     x, y, z = ((c - own) // STEP for c, own in zip(cells, item.cells, strict=True))
     nodes = grid_nodes(cells)
     return min(x, nodes[0] - 1), min(y, nodes[1] - 1), min(z, nodes[2] - 1)
-
-
-def _inside(cells: Triple, candidate: Placed) -> bool:
-    return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
 
 
 def _query(occupancy: Occupancy, item: Item) -> tuple[Any, ...]:

@@ -172,6 +172,11 @@ class Item:
         object.__setattr__(self, "rotation", rotation)
 
     @cached_property
+    def key(self) -> tuple[str, float, int]:
+        """What the item is, whichever objects stand for it: geometry, scale and rotation."""
+        return self.shape.digest, self.scale, self.rotation
+
+    @cached_property
     def volume(self) -> float:
         """In box units cubed: the scale times the shape's."""
         return self.scale * self.shape.volume
@@ -230,7 +235,7 @@ def _upright_voxels(shape: Shape, scale: float) -> voxels.Voxels:
 
 @cached(
     _by_bytes(),
-    key=lambda item: (item.shape.digest, item.scale, item.rotation),
+    key=operator.attrgetter("key"),
     lock=threading.RLock(),
 )
 def _turned_voxels(item: Item) -> voxels.Voxels:

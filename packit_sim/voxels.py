@@ -7,7 +7,6 @@ of the cell. Items keep only their cells with an outer fine cell, each with its 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numba
@@ -60,22 +59,22 @@ class Voxels:
             _permute_bits(self.inner, tables),
         )
 
-    @cached_property
+    @property
     def outer_cells(self) -> npt.NDArray[np.bool_]:
         """Bool over the cell box: cells of which any fine cell is outer."""
         return self._dense(np.ones(len(self.coords), dtype=bool))
 
-    @cached_property
+    @property
     def inner_cells(self) -> npt.NDArray[np.bool_]:
         """Bool over the cell box: cells of which all fine cells are inner."""
         return self._dense(self.inner == FULL)
 
-    @cached_property
+    @property
     def outer_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the outer ones."""
         return unpack(self._dense(self.outer))
 
-    @cached_property
+    @property
     def inner_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the inner ones."""
         return unpack(self._dense(self.inner))

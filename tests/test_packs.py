@@ -88,6 +88,8 @@ def test_verify_finds_what_was_tampered_with(pack, library) -> None:
     assert any("item 1" in p and "not inside the box" in p for p in verify(outside, library))
     grown = _tampered(pack, items__2__scale=pack.items[2].scale * 1.01)
     assert any("density is recorded" in p for p in verify(grown, library))
+    giant = _tampered(pack, items__1__scale=1e12)
+    assert any("item 1" in p and "not inside the box" in p for p in verify(giant, library))
     lying = _tampered(pack, density=0.9)
     assert len(verify(lying, library)) == 1
     foreign = _tampered(pack, library__digest="0" * 64)
@@ -128,6 +130,8 @@ def _without(line: str, key: str) -> str:
         (lambda line: line.replace('"location":[', '"location":[77,', 1), r"items\[0\].location"),
         (lambda line: line.replace('"cells":[100,', '"cells":[99,'), "'cells': .* multiple of 4"),
         (lambda line: line.replace('"scale":0', '"scale":-0', 1), "more than 0"),
+        (lambda line: line.replace('"density":', '"density":NaN,"d":'), "NaN is no number"),
+        (lambda line: line.replace('"scale":', '"scale":1e999,"s":', 1), "more than 0"),
         (lambda line: "\xff\xfe", "not JSON"),
     ],
 )
