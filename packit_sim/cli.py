@@ -303,7 +303,8 @@ def _rollout_table(
     truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
 ) -> Table:
     """What each agent made of one task; the ground truth, whose problems come first, leads."""
-    table = Table("agent", "return", "items", "density", "oracle", "ended", box=SIMPLE_HEAD)
+    columns = ("agent", "return", "items", "density", "oracle", "ended")
+    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
 
     def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
         table.add_row(
