@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -28,6 +29,7 @@ from packit_sim.evolution import Evolution, EvolutionSettings, Generation, evolv
 from packit_sim.library import ShapeLibrary
 from packit_sim.packs import STARTER_PACKS, Pack, Task, load_tasks, read_packs, verify, write_packs
 from packit_sim.policies import Agent
+from packit_sim.rendering import MAX_SIDE
 from packit_sim.scene import Scene
 
 HEURISTICS = tuple(
@@ -60,7 +62,8 @@ def main() -> None:
     try:
         app()
     except (PackItError, OSError) as error:
-        Console(stderr=True).print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        message = f"[bold red]error:[/] {escape(str(error))}"
+        Console(stderr=True).print(message, highlight=False, soft_wrap=True)
         sys.exit(2)
 
 
@@ -155,7 +158,6 @@ def generate(
     """
     if out.exists() and not overwrite:
         raise PackItError(f"{out} exists already: choose another file, or give --overwrite")
-    _make_room(out)
     opened = ShapeLibrary.open(library)
     try:
         settings = EvolutionSettings(
@@ -167,6 +169,7 @@ def generate(
         )
     except ValueError as error:
         raise PackItError(str(error)) from None
+    _make_room(out)
     made: list[Pack] = []
     for number in range(packs):
         label = f"pack {number + 1} of {packs}"
@@ -182,7 +185,8 @@ def verify_command(packs: PacksArgument, library: LibraryOption = "everyday") ->
     problems = _verify(read_packs(packs), opened)
     for number, found in enumerate(problems):
         for problem in found:
-            console.print(f"{packs}, pack {number}: {problem}", highlight=False, soft_wrap=True)
+            line = f"{packs}, pack {number}: {problem}"
+            console.print(line, highlight=False, soft_wrap=True, markup=False)
     wrong = sum(1 for found in problems if found)
     console.print(f"{len(problems) - wrong} of {len(problems)} packs hold")
     if wrong:
@@ -201,15 +205,15 @@ def evaluate_command(
     out: Annotated[Path | None, typer.Option(help="Write what the agents packed.")] = None,
 ) -> None:
     """Lets agents play the tasks of a dataset and prints the paper's table."""
+    opened = ShapeLibrary.open(library)
+    agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
+    tasks = load_tasks(packs, opened)
     if out is not None:
         _make_room(out)
-    opened = ShapeLibrary.open(library)
-    agents = [Agent.from_name(name) for name in agent or HEURISTICS]
-    tasks = load_tasks(packs, opened)
     rollouts = _evaluate(agents, tasks, seed)
     levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
     table = Table("agent", "reward", *levels, box=SIMPLE_HEAD, show_edge=False, padding=(0, 1))
-    for name in dict.fromkeys(a.name for a in agents):
+    for name in (a.name for a in agents):
         score = Score.of(name, rollouts)
         table.add_row(
             name.replace("/", "/\n", 1),
@@ -228,15 +232,15 @@ def render(
     packs: PacksArgument,
     out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
     pack: Annotated[int, typer.Option(min=0, help="Which pack of the dataset.")] = 0,
-    size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels an edge.")] = 512,
+    size: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
     library: LibraryOption = "everyday",
 ) -> None:
     """Draws a pack."""
-    _make_room(out)
     opened = ShapeLibrary.open(library)
     read = read_packs(packs)
     if pack >= len(read):
         raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
+    _make_room(out)
     renderer = _render(read[pack], opened, out, size)
     console.print(f"wrote {out} by the {renderer} renderer")
 

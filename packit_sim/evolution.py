@@ -198,10 +198,10 @@ def evolve(
                 population.append(child)
                 densities.append(creator.pack(child).density)
         champion = int(np.argmax(densities))
-        improved = not history or densities[champion] > history[-1]
-        if best_pack is None or improved:
+        stale += 1
+        if best_pack is None or densities[champion] > history[-1]:
             best_pack = record(population[champion], number)
-        stale = 0 if improved else stale + 1
+            stale = 0
         history.append(densities[champion])
         if number % settings.keep_every == 0:
             kept.append(best_pack)

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from packit_sim import placement
+from packit_sim import placement, rotations
 from packit_sim._version import __version__
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError, PackFormatError, UnknownShapeError
@@ -290,8 +290,10 @@ def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
     rotation = _get(raw, "rotation", int, where)
     if not (math.isfinite(scale) and scale > 0):
         raise PackFormatError(f"field '{where}.scale' is {scale!r}: it must be more than 0")
-    if not 0 <= rotation < 24:
-        raise PackFormatError(f"field '{where}.rotation' is {rotation!r}: it must be 0 to 23")
+    if not 0 <= rotation < rotations.COUNT:
+        raise PackFormatError(
+            f"field '{where}.rotation' is {rotation!r}: it must be 0 to {rotations.COUNT - 1}"
+        )
     try:
         location = placement.checked_location(cells, _get(raw, "location", list, where))
     except InfeasibleError as error:

@@ -136,6 +136,23 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(arguments, message, tmp_
     assert sorted(p.name for p in tmp_path.rglob("*")) == before
 
 
+def test_brackets_in_a_name_are_printed_as_they_are(tmp_path) -> None:
+    failed = packit("verify", tmp_path / "a[bold]b.jsonl")
+    assert failed.returncode == 2 and "a[bold]b.jsonl" in failed.stderr
+
+
+def test_an_agent_named_twice_plays_once(dataset) -> None:
+    name = ("--agent", "largest-first/aligned/blbf")
+    once, twice = (packit("evaluate", dataset, *names) for names in (name, name + name))
+    assert "2/2" in once.stdout and "2/2" in twice.stdout  # rollouts, of two tasks
+    assert once.stdout.partition("reward")[2] == twice.stdout.partition("reward")[2] != ""
+
+
+def test_a_picture_larger_than_can_be_drawn_is_refused(dataset, tmp_path) -> None:
+    failed = packit("render", dataset, "--size", "4096", "--out", tmp_path / "x.png")
+    assert failed.returncode == 2 and "2048" in failed.stderr
+
+
 def test_a_dataset_is_only_replaced_when_asked_to(dataset) -> None:
     before = dataset.read_bytes()
     failed = packit("generate", *SMALL, "--out", dataset)
