@@ -14,6 +14,7 @@ from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
 from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.placement import Mask
 from packit_sim.shapes import Item
+from packit_sim.voxels import unpack
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Box:
     @property
     def outer(self) -> npt.NDArray[np.bool_]:
         """Bool over `cells`: those that hold an outer fine cell of a placed item."""
-        return self._occupancy.outer != 0
+        return unpack(self._occupancy.outer_words)
 
     def feasible(self, item: Item) -> Mask:
         """Bool [x, y, z] over the grid's nodes: where the item can stand, exactly."""

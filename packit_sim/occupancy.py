@@ -1,21 +1,21 @@
-"""Placed items, and the fine cells of a box that they fill."""
+"""Placed items, and the cells and fine cells of a box that they fill."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.lattice import CELL, STEP, Triple
+from packit_sim.bits import Words, lowest_bit
+from packit_sim.compiled import kernel
+from packit_sim.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.shapes import Item
-from packit_sim.voxels import Words
 
 _1 = np.uint64(1)
+_NO_PAGE = -1
 
 
 @dataclass(frozen=True)
@@ -52,21 +52,26 @@ class Placed:
 
 
 class Occupancy:
-    """The fine cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
+    """The cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
 
-    outer, inner: words [x, y, z] over the box's cells, the union over the placed items.
-    filled: a bit for each cell in C order, set where it holds an outer fine cell; small enough to
-    stay in the processor's cache, and nine of ten questions end there.
+    Bricks (see `voxels`) are in the order of bottom-left-back fill, so that a scan in that order
+    reads neighbours: number `(k * nx + i) * ny + j` for the brick at node (i, j, k).
+    bricks: (n, 2) words, each brick's outer and inner cells, the union over the placed items.
+    page: (n,) int32, where `fine` has a brick's fine cells, -1 for none.
+    fine: (pages, 64, 2) words, the outer and the inner fine cells of a brick's cells; only those
+    of cells that are outer and not inner are kept, what is in the others means nothing.
     """
 
     def __init__(self, cells: Triple) -> None:
         self.cells = cells
-        self.outer: Words = np.zeros(cells, dtype=np.uint64)
-        self.inner: Words = np.zeros(cells, dtype=np.uint64)
-        self.filled: Words = np.zeros(-(-math.prod(cells) // 64), dtype=np.uint64)
+        count = math.prod(grid_nodes(cells))
+        self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
+        self.page = np.full(count, _NO_PAGE, dtype=np.int32)
+        self.fine: Words = np.empty((0, 64, 2), dtype=np.uint64)
+        self._pages = 0
         self._placed: list[Placed] = []
-        self._own_outer: list[Words] = []
-        self._spans = np.zeros((0, 6), dtype=np.int64)
+        self._spans = np.zeros((16, 6), dtype=np.int64)
+        self._before: list[tuple[int, Words, Words]] = []
 
     @property
     def placed(self) -> tuple[Placed, ...]:
@@ -74,94 +79,118 @@ class Occupancy:
 
     @property
     def spans(self) -> npt.NDArray[np.int64]:
-        """(n, 6): the cell box of each placed item, min and max corner in cells."""
+        """(n, 6): the first and the last brick, along x, y and z, of each placed item."""
         return self._spans[: len(self._placed)]
+
+    @property
+    def outer_words(self) -> Words:
+        """Words [x, y, z] over the box's bricks: their outer cells."""
+        x, y, z = grid_nodes(self.cells)
+        return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
 
     def add(self, placed: Placed) -> None:
         """Fills the cells of an item. Whether it is feasible there was checked before."""
         voxels = placed.item.voxels
-        self._fill(placed)
-        own = np.zeros(voxels.cells, dtype=np.uint64)
-        own[tuple(voxels.coords.T)] = voxels.outer
-        self._own_outer.append(own)
+        if self._pages + len(voxels.bricks) > len(self.fine):
+            room = max(2 * len(self.fine), self._pages + len(voxels.bricks))
+            grown = np.empty((room, 64, 2), dtype=np.uint64)
+            grown[: self._pages] = self.fine[: self._pages]
+            self.fine = grown
+        pages, words, shared = _fill(
+            self.bricks,
+            self.page,
+            self.fine,
+            self._pages,
+            *self._brick_numbers(placed),
+            voxels.outer,
+            voxels.inner,
+            voxels.first,
+            voxels.fine,
+        )
+        self._before.append((self._pages, words, shared))
+        self._pages = pages
         count = len(self._placed)
         if count == len(self._spans):
-            self._spans = np.concatenate([self._spans, np.zeros((count + 8, 6), dtype=np.int64)])
-        self._spans[count] = (*placed.start, *placed.stop)
+            self._spans = np.concatenate([self._spans, np.zeros_like(self._spans)])
+        extent = np.array(voxels.number.shape) - 1
+        self._spans[count] = (*placed.location, *(placed.location + extent))
         self._placed.append(placed)
 
     def truncate(self, count: int) -> None:
         """Takes out all but the first `count` items."""
-        removed = self._placed[count:]
-        del self._placed[count:], self._own_outer[count:]
-        for gone in removed:
-            _clear(self.outer, self.inner, self.filled, gone.item.voxels.coords, gone.start)
-        for kept in self._placed:
-            if any(_overlap(kept.start, kept.stop, gone.start, gone.stop) for gone in removed):
-                self._fill(kept)
+        if count == 0:
+            self.bricks.fill(0)
+            self.page.fill(_NO_PAGE)
+            self._pages = 0
+            self._placed.clear()
+            self._before.clear()
+        while len(self._placed) > count:
+            gone = self._placed.pop()
+            self._pages, words, shared = self._before.pop()
+            _unfill(
+                self.bricks,
+                self.page,
+                self.fine,
+                self._pages,
+                *self._brick_numbers(gone),
+                words,
+                shared,
+            )
 
-    def touching(self, candidate: Placed) -> Iterator[Placed]:
-        """The placed items of which an outer fine cell is one of the candidate's too."""
-        voxels, start = candidate.item.voxels, candidate.start
-        for other, own_outer in zip(self._placed, self._own_outer, strict=True):
-            if _overlap(start, candidate.stop, other.start, other.stop) and _meets(
-                own_outer, other.start, voxels.coords, voxels.outer, start
-            ):
-                yield other
-
-    def _fill(self, placed: Placed) -> None:
-        voxels = placed.item.voxels
-        _fill(
-            self.outer,
-            self.inner,
-            self.filled,
-            voxels.coords,
-            voxels.outer,
-            voxels.inner,
-            placed.start,
-        )
+    def _brick_numbers(self, placed: Placed) -> tuple[npt.NDArray[np.int16], int, int, int]:
+        """What tells the kernels where in the box an item's bricks are."""
+        nx, ny, _ = grid_nodes(self.cells)
+        i, j, k = placed.location
+        return placed.item.voxels.bricks, (k * nx + i) * ny + j, nx, ny
 
 
-def _overlap(start: Triple, stop: Triple, other_start: Triple, other_stop: Triple) -> bool:
-    return all(
-        a < d and c < b for a, b, c, d in zip(start, stop, other_start, other_stop, strict=True)
-    )
+@kernel
+def _fill(box, page, box_fine, pages, bricks, start, nx, ny, outer, inner, first, fine):
+    """Adds an item; returns the pages in use, and what it takes to go back.
+
+    That is the words of the bricks before, and the fine cells that were another item's too: page
+    times 64 plus bit, and its two words.
+    """
+    before = np.empty((len(bricks), 2), np.uint64)
+    shared = np.empty((len(fine), 3), np.uint64)
+    count = 0
+    for n in range(len(bricks)):
+        at = start + (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
+        taken = box[at, 0]
+        before[n, 0], before[n, 1] = taken, box[at, 1]
+        box[at, 0] |= outer[n]
+        box[at, 1] |= inner[n]
+        surface = outer[n] & ~inner[n]
+        if not surface:
+            continue
+        if page[at] == _NO_PAGE:
+            page[at] = pages
+            pages += 1
+        to = box_fine[page[at]]
+        cell = first[n]
+        while surface:
+            bit = lowest_bit(surface)
+            surface &= surface - _1
+            if taken >> np.uint64(bit) & _1:
+                shared[count, 0] = page[at] * 64 + bit
+                shared[count, 1], shared[count, 2] = to[bit, 0], to[bit, 1]
+                count += 1
+                to[bit, 0] |= fine[cell, 0]
+                to[bit, 1] |= fine[cell, 1]
+            else:
+                to[bit, 0], to[bit, 1] = fine[cell, 0], fine[cell, 1]
+            cell += 1
+    return pages, before, shared[:count].copy()
 
 
-@numba.njit(cache=True, nogil=True)
-def _fill(box_outer, box_inner, filled, coords, outer, inner, start):
-    _, size_y, size_z = box_outer.shape
-    for n in range(len(coords)):
-        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
-        box_outer[x, y, z] |= outer[n]
-        box_inner[x, y, z] |= inner[n]
-        at = (x * size_y + y) * size_z + z
-        filled[at >> 6] |= _1 << np.uint64(at & 63)
-
-
-@numba.njit(cache=True, nogil=True)
-def _clear(box_outer, box_inner, filled, coords, start):
-    _, size_y, size_z = box_outer.shape
-    for n in range(len(coords)):
-        x, y, z = coords[n, 0] + start[0], coords[n, 1] + start[1], coords[n, 2] + start[2]
-        box_outer[x, y, z] = 0
-        box_inner[x, y, z] = 0
-        at = (x * size_y + y) * size_z + z
-        filled[at >> 6] &= ~(_1 << np.uint64(at & 63))
-
-
-@numba.njit(cache=True, nogil=True)
-def _meets(own_outer, own_start, coords, outer, start):
-    """Whether an outer fine cell of one item, dense, is one of another's, a list."""
-    for n in range(len(coords)):
-        x = coords[n, 0] + start[0] - own_start[0]
-        y = coords[n, 1] + start[1] - own_start[1]
-        z = coords[n, 2] + start[2] - own_start[2]
-        if (
-            0 <= x < own_outer.shape[0]
-            and 0 <= y < own_outer.shape[1]
-            and 0 <= z < own_outer.shape[2]
-            and own_outer[x, y, z] & outer[n]
-        ):
-            return True
-    return False
+@kernel
+def _unfill(box, page, box_fine, pages, bricks, start, nx, ny, before, shared):
+    """Takes out the item added last; pages: that were in use before."""
+    for n in range(len(shared)):
+        at = np.int64(shared[n, 0])
+        box_fine[at >> 6, at & 63, 0], box_fine[at >> 6, at & 63, 1] = shared[n, 1], shared[n, 2]
+    for n in range(len(bricks)):
+        at = start + (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
+        box[at, 0], box[at, 1] = before[n, 0], before[n, 1]
+        if page[at] >= pages:
+            page[at] = _NO_PAGE

@@ -9,24 +9,22 @@ from __future__ import annotations
 import hashlib
 import math
 import operator
-import threading
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from cachetools import LRUCache, cached
 
-from packit_sim import rotations, voxels
+from packit_sim import rotations
+from packit_sim.caches import bounded
 from packit_sim.errors import MeshError
 from packit_sim.lattice import Triple, cell_box
+from packit_sim.voxelization import solid_volume
+from packit_sim.voxels import Voxels
 
-VOXEL_CACHE_BYTES = 512 * 2**20
-"""Budget of each of the process's two caches of voxels: of shapes at a scale, and of those turned.
-
-The least recently used go first."""
+VOXELS_BUDGET = 512 * 2**20
+"""Bytes in each of the process's two caches of voxels: upright ones, and turned ones."""
 
 _MIN_EXTENT = 1e-9
 """Extents below this share of the bounding box's diagonal are none: rounding of a flat mesh."""
@@ -37,7 +35,7 @@ class Shape:
 
     id, category: names, of which the first is unique in a library.
     mesh: the canonical mesh, triangles only. volume: in canonical units, of the closed body or of
-    its solid by voxels (see `voxels.solid_volume`). digest: SHA-256 of the geometry, in hex.
+    its solid by voxels (see `voxelization.solid_volume`). digest: SHA-256 of the geometry, in hex.
     """
 
     def __init__(
@@ -127,7 +125,7 @@ class Shape:
         """In canonical units: of the closed body, or of the solid by voxels."""
         if self.is_solid:
             return _signed_volume(self.mesh)
-        return voxels.solid_volume(self.mesh.triangles)
+        return solid_volume(self.mesh.triangles)
 
     @cached_property
     def digest(self) -> str:
@@ -203,7 +201,7 @@ class Item:
         return trimesh.Trimesh(vertices * np.cbrt(self.scale), self.shape.mesh.faces, process=False)
 
     @property
-    def voxels(self) -> voxels.Voxels:
+    def voxels(self) -> Voxels:
         """The outer and inner fine cells: made once a shape and scale, then turned."""
         return _turned_voxels(self)
 
@@ -223,20 +221,24 @@ def _signed_volume(mesh: trimesh.Trimesh) -> float:
         return float(mesh.volume)
 
 
-def _by_bytes() -> LRUCache[Any, voxels.Voxels]:
-    return LRUCache(VOXEL_CACHE_BYTES, getsizeof=lambda v: v.nbytes)
-
-
-@cached(_by_bytes(), key=lambda shape, scale: (shape.digest, scale), lock=threading.RLock())
-def _upright_voxels(shape: Shape, scale: float) -> voxels.Voxels:
-    upright = Item(shape, scale)
-    return voxels.voxelize(upright.mesh.triangles, upright.cells)
-
-
-@cached(
-    _by_bytes(),
-    key=operator.attrgetter("key"),
-    lock=threading.RLock(),
+@bounded(
+    "voxels",
+    VOXELS_BUDGET,
+    "bytes",
+    size=lambda voxels: voxels.nbytes,
+    key=lambda shape, scale: (shape.digest, scale),
 )
-def _turned_voxels(item: Item) -> voxels.Voxels:
+def _upright_voxels(shape: Shape, scale: float) -> Voxels:
+    upright = Item(shape, scale)
+    return Voxels.of(upright.mesh.triangles, upright.cells)
+
+
+@bounded(
+    "turned voxels",
+    VOXELS_BUDGET,
+    "bytes",
+    size=lambda voxels: voxels.nbytes,
+    key=operator.attrgetter("key"),
+)
+def _turned_voxels(item: Item) -> Voxels:
     return _upright_voxels(item.shape, item.scale).turned(item.rotation)

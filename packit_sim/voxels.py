@@ -1,137 +1,131 @@
-"""Outer and inner fine cells: what an item's surface touches or encloses, exactly, as bits.
+"""The cells of an item, as bits on two levels: bricks of cells, and cells of fine cells.
 
-A cell's 64 fine cells are one machine word, bit `16 * x + 4 * y + z` for the fine cell (x, y, z)
-of the cell. Items keep only their cells with an outer fine cell, each with its two words.
+A brick is one grid step an axis: 4 x 4 x 4 cells, one word, as a cell's fine cells are. Items stand
+on the grid's nodes, so the bricks of any two in a box line up, and so do their cells.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim import rotations
-from packit_sim.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, MAX_CELLS, Triple
+from packit_sim.bits import (
+    FULL,
+    LOW,
+    STRIDES,
+    Words,
+    count_bits,
+    lowest_bit,
+    turn_words,
+    turning_swaps,
+)
+from packit_sim.compiled import kernel
+from packit_sim.lattice import FINE_PER_CELL, STEP, Triple
+from packit_sim.voxelization import fine_cells
 
-Words = npt.NDArray[np.uint64]
-
-FULL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
-_Z_LOW, _Z_HIGH = np.uint64(0x1111_1111_1111_1111), np.uint64(0x8888_8888_8888_8888)
-_Y_LOW, _Y_HIGH = np.uint64(0x000F_000F_000F_000F), np.uint64(0xF000_F000_F000_F000)
-_X_LOW, _X_HIGH = np.uint64(0x0000_0000_0000_FFFF), np.uint64(0xFFFF_0000_0000_0000)
-_1, _3, _4, _12, _16, _48 = (np.uint64(n) for n in (1, 3, 4, 12, 16, 48))
-
-VOLUME_RESOLUTION = 256
-"""Voxels along the longest side where the volume of a shape that is no closed body is measured."""
+_1 = np.uint64(1)
 
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """The cells of an item that hold an outer fine cell, in a fixed, shuffled order.
+    """The bricks of an item that hold an outer cell, in a shuffled order, and their fine cells.
 
     Shuffled, because neighbours tell the same: a scan that may stop early meets what differs soon.
 
-    cells: cells an axis of the cell box. coords: (n, 3) int16, each cell's place in the cell box.
-    outer, inner: (n,) uint64, a bit for each fine cell that is outer, or inner.
+    cells: cells an axis of the cell box. bricks: (n, 3) int16, each brick's place in the cell box,
+    in grid steps. outer, inner: (n,) words, a bit for each cell that is outer, or inner (DESIGN).
+    first: (n + 1,) int32, where the brick's part of `fine` starts, and stops.
+    fine: (m, 2) words, the outer and the inner fine cells of each cell that is outer but not inner,
+    by brick, and by bit in it. number: int32 [x, y, z], the brick at a place, -1 for none.
     """
 
     cells: Triple
-    coords: npt.NDArray[np.int16]
+    bricks: npt.NDArray[np.int16]
     outer: Words
     inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
+    number: npt.NDArray[np.int32]
+
+    @classmethod
+    def of(cls, triangles: npt.NDArray[np.float64], cells: Triple) -> Voxels:
+        """Of a surface in its cell box, which is centred on the origin.
+
+        triangles: (n, 3, 3) corners in box units. Raises ValueError where the cell box is too
+        large (see `voxelization.fine_cells`).
+        """
+        outer, inner = fine_cells(triangles, cells)
+        return cls(cells, *_bricks(outer, inner, *_brick_words(outer, inner)))
 
     @property
     def nbytes(self) -> int:
-        return int(self.coords.nbytes + self.outer.nbytes + self.inner.nbytes)
+        arrays = (self.bricks, self.outer, self.inner, self.first, self.fine, self.number)
+        return sum(array.nbytes for array in arrays)
 
     def turned(self, rotation: int) -> Voxels:
         """The same under one of the 24 rotations, bit for bit."""
-        cells = np.array(self.cells)[rotations.AXES[rotation]]
-        tables = _byte_tables(rotation)
-        x, y, z = cells.tolist()
+        axes, signs = rotations.AXES[rotation], rotations.SIGNS[rotation]
+        x, y, z = (self.cells[axis] for axis in axes.tolist())
+        swaps = turning_swaps(rotation)
         return Voxels(
             (x, y, z),
-            _turn_coords(self.coords, cells, rotations.AXES[rotation], rotations.SIGNS[rotation]),
-            _permute_bits(self.outer, tables),
-            _permute_bits(self.inner, tables),
+            *_turned(
+                self.bricks,
+                self.outer,
+                self.inner,
+                self.first,
+                self.fine,
+                np.array((x, y, z)),
+                axes,
+                signs,
+                swaps,
+            ),
         )
 
     @property
     def outer_cells(self) -> npt.NDArray[np.bool_]:
-        """Bool over the cell box: cells of which any fine cell is outer."""
-        return self._dense(np.ones(len(self.coords), dtype=bool))
+        """Bool over the cell box: cells that hold an outer fine cell."""
+        return self._unpacked(self.outer)
 
     @property
     def inner_cells(self) -> npt.NDArray[np.bool_]:
         """Bool over the cell box: cells of which all fine cells are inner."""
-        return self._dense(self.inner == FULL)
+        return self._unpacked(self.inner)
 
     @property
     def outer_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the outer ones."""
-        return unpack(self._dense(self.outer))
+        return unpack(self._words(0))
 
     @property
     def inner_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the inner ones."""
-        return unpack(self._dense(self.inner))
+        return unpack(self._words(1))
 
-    def _dense(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        dense = np.zeros(self.cells, dtype=values.dtype)
-        dense[tuple(self.coords.T)] = values
-        dense.setflags(write=False)
+    def _unpacked(self, words: Words) -> npt.NDArray[np.bool_]:
+        dense = np.zeros(_brick_box(self.cells), dtype=np.uint64)
+        dense[tuple(self.bricks.T)] = words
+        x, y, z = self.cells
+        return unpack(dense)[:x, :y, :z]
+
+    def _words(self, which: int) -> Words:
+        dense = np.zeros(self.cells, dtype=np.uint64)
+        _spread(dense, self.bricks, self.outer, self.inner, self.first, self.fine[:, which])
         return dense
 
 
-def voxelize(triangles: npt.NDArray[np.float64], cells: Triple) -> Voxels:
-    """The outer and inner fine cells of a surface in its cell box, which is centred on the origin.
-
-    triangles: (n, 3, 3) corners in box units. A fine cell, grown by half the contact tolerance, is
-    touched where a triangle meets it; the enclosed ones are those that no path over faces of
-    untouched fine cells reaches from outside. Raises ValueError where the cell box has more than
-    `MAX_CELLS` along an axis.
-    """
-    if max(cells) > MAX_CELLS:
-        raise ValueError(
-            f"a mesh of {' x '.join(map(str, cells))} cells is too large to voxelise: "
-            f"at most {MAX_CELLS} an axis"
-        )
-    touched = _touched(triangles, np.array(cells), CELL, CONTACT_TOLERANCE / 2)
-    reached = _reached(touched)
-    outer = ~reached
-    coords = np.random.default_rng(0).permutation(np.argwhere(outer))
-    at = tuple(coords.T)
-    return Voxels(cells, coords.astype(np.int16), outer[at], (outer & ~touched)[at])
-
-
-def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
-    """Volume of what a surface encloses, for surfaces that are no closed body (DESIGN: Shapes).
-
-    Voxels of 1/256 of the longest side; enclosed ones count whole and touched ones half.
-    """
-    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    voxel = float((high - low).max()) / VOLUME_RESOLUTION
-    cell = voxel * FINE_PER_CELL
-    room_outside = 2  # a face on the border of voxels touches those on both sides of it
-    cells = np.ceil((high - low) / cell).astype(np.int64) + room_outside
-    touched = _touched(triangles - (low + high) / 2, cells, cell, voxel * 1e-9)
-    enclosed = ~(touched | _reached(touched))
-    counts = int(np.bitwise_count(enclosed).sum()) + int(np.bitwise_count(touched).sum()) / 2
-    return counts * voxel**3
-
-
 def unpack(words: Words) -> npt.NDArray[np.bool_]:
-    """Words [x, y, z] as a bool array over their fine cells, four times as many an axis."""
+    """Words [x, y, z] as a bool array over their bits' places, four times as many an axis."""
     n = FINE_PER_CELL
     bits = np.unpackbits(words[..., None].view(np.uint8), axis=-1, bitorder="little")
     x, y, z = words.shape
     split = bits.reshape(x, y, z, n, n, n).transpose(0, 3, 1, 4, 2, 5)
-    fine = np.ascontiguousarray(split).reshape(x * n, y * n, z * n).view(np.bool_)
-    fine.setflags(write=False)
-    return fine
+    dense = np.ascontiguousarray(split).reshape(x * n, y * n, z * n).view(np.bool_)
+    dense.setflags(write=False)
+    return dense
 
 
 def centred(cells: npt.NDArray[np.bool_], shape: Triple) -> npt.NDArray[np.bool_]:
@@ -150,198 +144,168 @@ def centred(cells: npt.NDArray[np.bool_], shape: Triple) -> npt.NDArray[np.bool_
     return padded
 
 
-_BYTE_TABLES: dict[int, Words] = {}
+def _brick_box(cells: Triple) -> Triple:
+    x, y, z = (-(-c // STEP) for c in cells)
+    return x, y, z
 
 
-def _byte_tables(rotation: int) -> Words:
-    """(8, 256): for each byte of a word and each value of it, the word's bits after a turn."""
-    if rotation not in _BYTE_TABLES:
-        bit = np.arange(64).reshape(4, 4, 4)
-        turned = rotations.turn_array(bit, rotation).ravel()  # turned[new bit] = old bit
-        new_bit = np.argsort(turned).astype(np.uint64).reshape(8, 8)
-        value = np.arange(256, dtype=np.uint64)
-        shift = np.arange(8, dtype=np.uint64)
-        bits = (value[:, None] >> shift) & _1  # (256, 8)
-        moved = bits[None] << new_bit[:, None]  # (8, 256, 8)
-        _BYTE_TABLES[rotation] = np.bitwise_or.reduce(moved, axis=2)
-    return _BYTE_TABLES[rotation]
-
-
-@numba.njit(cache=True)
-def _turn_coords(coords, cells, axes, signs):
-    turned = np.empty_like(coords)
-    for n in range(len(coords)):
-        for d in range(3):
-            at = coords[n, axes[d]]
-            turned[n, d] = at if signs[d] > 0 else cells[d] - 1 - at
-    return turned
-
-
-@numba.njit(cache=True)
-def _permute_bits(words, tables):
-    permuted = np.empty_like(words)
-    for n in range(words.size):
-        word = words[n]
-        new = np.uint64(0)
-        for byte in range(8):
-            new |= tables[byte, (word >> np.uint64(8 * byte)) & np.uint64(255)]
-        permuted[n] = new
-    return permuted
-
-
-@numba.njit(cache=True)
-def _touched(triangles, cells, cell, grow):
-    """Words [x, y, z]: fine cells, grown on all sides, that a triangle meets.
-
-    The separating-axis test of Akenine-Moeller (2001): the box's 3 axes, the triangle's normal, and
-    the 9 products of their edges; first on whole cells, then on the fine cells of those that pass.
-    """
-    words = np.zeros((cells[0], cells[1], cells[2]), np.uint64)
-    fine = cell / 4
-    half_cell, half_fine = cell / 2 + grow, fine / 2 + grow
-    axes = np.zeros((13, 3))
-    span = np.zeros((13, 2))
-    reach = np.zeros(13)
-    first = np.zeros(3, np.int64)
-    last = np.zeros(3, np.int64)
-    center = np.zeros(3)
-    fine_center = np.zeros(3)
-    for t in range(len(triangles)):
-        triangle = triangles[t]
-        _separating_axes(triangle, axes)
-        for a in range(13):
-            p0 = _dot(axes[a], triangle[0])
-            p1 = _dot(axes[a], triangle[1])
-            p2 = _dot(axes[a], triangle[2])
-            span[a, 0] = min(p0, p1, p2)
-            span[a, 1] = max(p0, p1, p2)
-            reach[a] = abs(axes[a, 0]) + abs(axes[a, 1]) + abs(axes[a, 2])
-        for d in range(3):  # fine cells that the triangle's bounding box may meet, and one more
-            low, high = span[10 + d, 0] - grow, span[10 + d, 1] + grow
-            first[d] = max(int(np.floor(low / fine + 2 * cells[d])) - 1, 0)
-            last[d] = min(int(np.floor(high / fine + 2 * cells[d])) + 1, 4 * cells[d] - 1)
-        for x in range(first[0] // 4, last[0] // 4 + 1):
-            center[0] = (x + 0.5 - cells[0] / 2) * cell
-            for y in range(first[1] // 4, last[1] // 4 + 1):
-                center[1] = (y + 0.5 - cells[1] / 2) * cell
-                for z in range(first[2] // 4, last[2] // 4 + 1):
-                    word = words[x, y, z]
-                    if word == FULL:
-                        continue
-                    center[2] = (z + 0.5 - cells[2] / 2) * cell
-                    if not _meets(center, half_cell, axes, span, reach):
-                        continue
-                    for u in range(max(first[0], 4 * x), min(last[0], 4 * x + 3) + 1):
-                        fine_center[0] = (u + 0.5 - cells[0] * 2) * fine
-                        for v in range(max(first[1], 4 * y), min(last[1], 4 * y + 3) + 1):
-                            fine_center[1] = (v + 0.5 - cells[1] * 2) * fine
-                            for w in range(max(first[2], 4 * z), min(last[2], 4 * z + 3) + 1):
-                                bit = _1 << np.uint64(16 * (u & 3) + 4 * (v & 3) + (w & 3))
-                                if word & bit:
-                                    continue
-                                fine_center[2] = (w + 0.5 - cells[2] * 2) * fine
-                                if _meets(fine_center, half_fine, axes, span, reach):
-                                    word |= bit
-                    words[x, y, z] = word
-    return words
-
-
-@numba.njit(cache=True, inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(cache=True)
-def _separating_axes(triangle, axes):
-    """The normal, which tells most, then the 9 products of edges, then x, y and z."""
-    edges = np.empty((3, 3))
-    for e in range(3):
-        edges[e] = triangle[(e + 1) % 3] - triangle[e]
-    axes[0] = np.cross(edges[0], edges[1])
-    for e in range(3):
-        x, y, z = edges[e]
-        axes[1 + 3 * e] = (0.0, -z, y)
-        axes[2 + 3 * e] = (z, 0.0, -x)
-        axes[3 + 3 * e] = (-y, x, 0.0)
-    for d in range(3):
-        axes[10 + d, d] = 1.0
-
-
-@numba.njit(cache=True, inline="always")
-def _meets(center, half, axes, span, reach):
-    for a in range(13):
-        at = _dot(axes[a], center)
-        if at + half * reach[a] < span[a, 0] or at - half * reach[a] > span[a, 1]:
-            return False
-    return True
-
-
-@numba.njit(cache=True)
-def _reached(touched):
-    """Words [x, y, z]: untouched fine cells with a path over faces from outside the cell box."""
-    nx, ny, nz = touched.shape
-    reached = np.zeros_like(touched)
-    queued = np.zeros(touched.shape, np.bool_)
-    stack = np.empty((touched.size, 3), np.int32)
-    top = 0
+@kernel
+def _brick_words(outer, inner):
+    """Outer and inner cells as words over the bricks [x, y, z], from words of fine cells."""
+    nx, ny, nz = outer.shape
+    bricks = ((nx + 3) // 4, (ny + 3) // 4, (nz + 3) // 4)
+    outer_cells = np.zeros(bricks, np.uint64)
+    inner_cells = np.zeros(bricks, np.uint64)
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
-                border = np.uint64(0)
-                if x == 0:
-                    border |= _X_LOW
-                if x == nx - 1:
-                    border |= _X_HIGH
-                if y == 0:
-                    border |= _Y_LOW
-                if y == ny - 1:
-                    border |= _Y_HIGH
-                if z == 0:
-                    border |= _Z_LOW
-                if z == nz - 1:
-                    border |= _Z_HIGH
-                border &= ~touched[x, y, z]
-                if border:
-                    reached[x, y, z] = border
-                    stack[top] = (x, y, z)
-                    queued[x, y, z] = True
-                    top += 1
-    while top:
-        top -= 1
-        x, y, z = stack[top]
-        queued[x, y, z] = False
-        free = ~touched[x, y, z]
-        flood = reached[x, y, z]
-        while True:
-            grown = flood | (flood & ~_Z_HIGH) << _1 | (flood & ~_Z_LOW) >> _1
-            grown |= (flood & ~_Y_HIGH) << _4 | (flood & ~_Y_LOW) >> _4
-            grown |= flood << _16 | flood >> _16
-            grown &= free
-            if grown == flood:
-                break
-            flood = grown
-        reached[x, y, z] = flood
-        for side in range(6):
-            u, v, w = x, y, z
-            if side == 0:
-                u, into = x + 1, flood >> _48
-            elif side == 1:
-                u, into = x - 1, flood << _48
-            elif side == 2:
-                v, into = y + 1, (flood & _Y_HIGH) >> _12
-            elif side == 3:
-                v, into = y - 1, (flood & _Y_LOW) << _12
-            elif side == 4:
-                w, into = z + 1, (flood & _Z_HIGH) >> _3
+                if outer[x, y, z]:
+                    bit = _1 << np.uint64(16 * (x & 3) + 4 * (y & 3) + (z & 3))
+                    outer_cells[x >> 2, y >> 2, z >> 2] |= bit
+                    if inner[x, y, z] == FULL:
+                        inner_cells[x >> 2, y >> 2, z >> 2] |= bit
+    return outer_cells, inner_cells
+
+
+@kernel
+def _shuffled(outer_cells, inner_cells):
+    """The bricks that hold a cell, shuffled: places, words, and where their fine words start."""
+    nx, ny, nz = outer_cells.shape
+    count = 0
+    for word in outer_cells.flat:
+        count += word != 0
+    bricks = np.empty((count, 3), np.int16)
+    n = 0
+    random = np.uint64(0x9E37_79B9_7F4A_7C15)
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                if outer_cells[x, y, z]:
+                    random ^= random << np.uint64(13)  # Marsaglia's xorshift64
+                    random ^= random >> np.uint64(7)
+                    random ^= random << np.uint64(17)
+                    at = np.int64(random % np.uint64(n + 1))
+                    bricks[n] = bricks[at]
+                    bricks[at, 0], bricks[at, 1], bricks[at, 2] = x, y, z
+                    n += 1
+    outer = np.empty(count, np.uint64)
+    inner = np.empty(count, np.uint64)
+    first = np.zeros(count + 1, np.int32)
+    number = np.full((nx, ny, nz), np.int32(-1))
+    for n in range(count):
+        x, y, z = bricks[n]
+        number[x, y, z] = n
+        outer[n], inner[n] = outer_cells[x, y, z], inner_cells[x, y, z]
+        first[n + 1] = first[n] + count_bits(outer[n] & ~inner[n])
+    return bricks, outer, inner, first, number
+
+
+@kernel
+def _bricks(outer_fine, inner_fine, outer_cells, inner_cells):
+    bricks, outer, inner, first, number = _shuffled(outer_cells, inner_cells)
+    fine = np.empty((first[-1], 2), np.uint64)
+    for n in range(len(bricks)):
+        at = first[n]
+        left = outer[n] & ~inner[n]
+        while left:
+            bit = lowest_bit(left)
+            left &= left - _1
+            x = 4 * bricks[n, 0] + (bit >> 4)
+            y = 4 * bricks[n, 1] + (bit >> 2 & 3)
+            z = 4 * bricks[n, 2] + (bit & 3)
+            fine[at, 0] = outer_fine[x, y, z]
+            fine[at, 1] = inner_fine[x, y, z]
+            at += 1
+    return bricks, outer, inner, first, fine, number
+
+
+@kernel
+def _turned(old_bricks, old_outer, old_inner, old_first, old_fine, cells, axes, signs, swaps):
+    """The bricks and words of an item after a turn; cells: of the turned cell box."""
+    nx, ny, nz = (cells[0] + 3) // 4, (cells[1] + 3) // 4, (cells[2] + 3) // 4
+    outer_cells = np.zeros((nx, ny, nz), np.uint64)
+    inner_cells = np.zeros((nx, ny, nz), np.uint64)
+    words = old_outer.copy()
+    turn_words(words, swaps)
+    _put(outer_cells, words, old_bricks, axes, signs)
+    words[:] = old_inner
+    turn_words(words, swaps)
+    _put(inner_cells, words, old_bricks, axes, signs)
+    for d in range(3):
+        spare = -cells[d] & 3
+        if signs[d] < 0 and spare:
+            _shift(outer_cells, d, spare)
+            _shift(inner_cells, d, spare)
+    bricks, outer, inner, first, number = _shuffled(outer_cells, inner_cells)
+    flat = old_fine.ravel().copy()
+    turn_words(flat, swaps)
+    fine = np.empty_like(old_fine)
+    at = 0
+    old = np.empty(3, np.int64)
+    new = np.empty(3, np.int64)
+    for m in range(len(old_bricks)):
+        left = old_outer[m] & ~old_inner[m]
+        while left:
+            bit = lowest_bit(left)
+            left &= left - _1
+            old[0] = 4 * old_bricks[m, 0] + (bit >> 4)
+            old[1] = 4 * old_bricks[m, 1] + (bit >> 2 & 3)
+            old[2] = 4 * old_bricks[m, 2] + (bit & 3)
+            for d in range(3):
+                new[d] = old[axes[d]] if signs[d] > 0 else cells[d] - 1 - old[axes[d]]
+            n = number[new[0] >> 2, new[1] >> 2, new[2] >> 2]
+            bit = 16 * (new[0] & 3) + 4 * (new[1] & 3) + (new[2] & 3)
+            below = (_1 << np.uint64(bit)) - _1
+            to = first[n] + count_bits(outer[n] & ~inner[n] & below)
+            fine[to, 0], fine[to, 1] = flat[2 * at], flat[2 * at + 1]
+            at += 1
+    return bricks, outer, inner, first, fine, number
+
+
+@kernel
+def _put(dense, words, bricks, axes, signs):
+    """Words at the places of their bricks after a turn of a cell box of whole bricks."""
+    place = np.empty(3, np.int64)
+    for n in range(len(bricks)):
+        for d in range(3):
+            at = bricks[n, axes[d]]
+            place[d] = at if signs[d] > 0 else dense.shape[d] - 1 - at
+        dense[place[0], place[1], place[2]] = words[n]
+
+
+@kernel
+def _shift(dense, d, count):
+    """Moves the cells in bricks [x, y, z] by 1 to 3 places towards 0 along axis d."""
+    stride = STRIDES[d]
+    low = np.uint64(0)
+    for place in range(count):
+        low |= LOW[d] << np.uint64(place * stride)
+    down, up = np.uint64(count * stride), np.uint64((4 - count) * stride)
+    nx, ny, nz = dense.shape
+    dx, dy, dz = d == 0, d == 1, d == 2
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                word = (dense[x, y, z] & ~low) >> down
+                if x + dx < nx and y + dy < ny and z + dz < nz:
+                    word |= (dense[x + dx, y + dy, z + dz] & low) << up
+                dense[x, y, z] = word
+
+
+@kernel
+def _spread(dense, bricks, outer, inner, first, fine):
+    """Words [x, y, z] over the cell box, from bricks and the words of their outer cells."""
+    for n in range(len(bricks)):
+        at = first[n]
+        left = outer[n]
+        while left:
+            bit = lowest_bit(left)
+            left &= left - _1
+            x = 4 * bricks[n, 0] + (bit >> 4)
+            y = 4 * bricks[n, 1] + (bit >> 2 & 3)
+            z = 4 * bricks[n, 2] + (bit & 3)
+            if inner[n] >> np.uint64(bit) & _1:
+                dense[x, y, z] = FULL
             else:
-                w, into = z - 1, (flood & _Z_LOW) << _3
-            if u < 0 or u >= nx or v < 0 or v >= ny or w < 0 or w >= nz:
-                continue
-            into &= ~(touched[u, v, w] | reached[u, v, w])
-            if into:
-                reached[u, v, w] |= into
-                if not queued[u, v, w]:
-                    queued[u, v, w] = True
-                    stack[top] = (u, v, w)
-                    top += 1
-    return reached
+                dense[x, y, z] = fine[at]
+                at += 1

@@ -15,11 +15,18 @@ ORDER = (
     "errors",
     "lattice",
     "rotations",
+    "caches",
+    "compiled",
+    "bits",
+    "voxelization",
     "voxels",
     "shapes",
     "quantized",
     "library",
     "occupancy",
+    "collision",
+    "screening",
+    "nofit",
     "placement",
     "box",
     "rendering",
@@ -38,7 +45,7 @@ ORDER = (
 """The modules of packit_sim from the bottom up: each may import those before it."""
 
 QUARANTINE = {
-    "fcl": {"packit_sim.placement"},
+    "fcl": {"packit_sim.collision"},
     "pybullet": {"packit_sim.rendering", "packit_sim.scene"},
 }
 """Which modules may import a third party."""

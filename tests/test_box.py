@@ -21,10 +21,20 @@ def assert_cache_is_that_of_a_new_box(box: Box) -> None:
     fresh = Occupancy(box.cells)
     for placed in box.placed:
         fresh.add(placed)
-    assert (box._occupancy.outer == fresh.outer).all()
-    assert (box._occupancy.inner == fresh.inner).all()
-    assert (box._occupancy.filled == fresh.filled).all()
-    assert (box._occupancy.spans == fresh.spans).all()
+    ours = box._occupancy
+    assert (ours.bricks == fresh.bricks).all()
+    assert (ours.spans == fresh.spans).all()
+    assert (fine_cells(ours) == fine_cells(fresh)).all()
+
+
+def fine_cells(occupancy: Occupancy) -> np.ndarray:
+    """(bricks, 64, 2) words of the cells that are outer and not inner, 0 elsewhere."""
+    bits = np.arange(64, dtype=np.uint64)
+    outer, inner = ((words[:, None] >> bits) & 1 for words in occupancy.bricks.T)
+    surface = (outer == 1) & (inner == 0)
+    assert ((occupancy.page >= 0) | ~surface.any(axis=1)).all()
+    fine = occupancy.fine if len(occupancy.fine) else np.zeros((1, 64, 2), np.uint64)
+    return np.where(surface[..., None], fine[occupancy.page], 0)
 
 
 def random_box(rng: np.random.Generator) -> Box:

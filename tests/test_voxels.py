@@ -11,6 +11,8 @@ from scipy import ndimage
 from packit_sim import rotations, voxels
 from packit_sim.lattice import CONTACT_TOLERANCE, FINE
 from packit_sim.shapes import Item
+from packit_sim.voxelization import solid_volume
+from packit_sim.voxels import Voxels
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, ZOO, cube_of
 
 
@@ -67,7 +69,7 @@ def test_cells_follow_from_fine_cells(shape, size) -> None:
 @given(st.sampled_from(ZOO), st.floats(0.05, 0.4), st.integers(0, 23))
 def test_cells_turn_with_the_item(shape, size, rotation) -> None:
     upright, turned = Item(shape, size**3), Item(shape, size**3, rotation)
-    anew = voxels.voxelize(turned.mesh.triangles, turned.cells)
+    anew = Voxels.of(turned.mesh.triangles, turned.cells)
     for kind in ("outer_fine", "inner_fine", "outer_cells", "inner_cells"):
         expected = rotations.turn_array(getattr(upright.voxels, kind), rotation)
         assert (getattr(turned.voxels, kind) == expected).all()
@@ -94,7 +96,7 @@ def test_what_is_open_encloses_nothing_and_a_cavity_does() -> None:
 @pytest.mark.parametrize("shape", [CUBE, BALL, RING], ids=lambda s: s.id)
 def test_volume_by_voxels_is_near_the_exact_one(shape) -> None:
     exact = shape.mesh.volume
-    assert voxels.solid_volume(shape.mesh.triangles) == pytest.approx(exact, rel=0.005)
+    assert solid_volume(shape.mesh.triangles) == pytest.approx(exact, rel=0.005)
 
 
 def test_a_closed_cavity_counts_as_solid() -> None:

@@ -1,0 +1,259 @@
+"""What cells tell of a location before any mesh is asked: blocked, free, or open.
+
+Blocked: a fine cell is inner for one item and outer for another. Free: no outer fine cell is
+shared. Both are proofs (DESIGN: Feasible); what is open, the meshes decide.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.bits import count_bits, lowest_bit
+from packit_sim.compiled import kernel
+from packit_sim.lattice import Triple, grid_nodes
+from packit_sim.occupancy import Occupancy, Placed
+from packit_sim.shapes import Item
+from packit_sim.voxels import Voxels
+
+FREE, OPEN, BLOCKED = 0, 1, 2
+"""In this order: what several placed items tell of a location is the largest of what each does."""
+
+States = npt.NDArray[np.uint8]
+
+_1 = np.uint64(1)
+
+
+def last_location(cells: Triple, item: Item) -> Triple:
+    """The largest location at which the item is inside the box; negative where it is too large."""
+    x, y, z = ((c - own) // 4 for c, own in zip(cells, item.cells, strict=True))
+    nodes = grid_nodes(cells)
+    return min(x, nodes[0] - 1), min(y, nodes[1] - 1), min(z, nodes[2] - 1)
+
+
+def no_states(cells: Triple, item: Item) -> States:
+    """FREE at every location at which the item is inside a box of so many cells."""
+    i, j, k = last_location(cells, item)
+    return np.full((i + 1, j + 1, k + 1), FREE, dtype=np.uint8)
+
+
+def screen(occupancy: Occupancy, item: Item) -> States:
+    """The state of every location from (0, 0, 0) to the last at which the item is inside."""
+    i, j, k = last_location(occupancy.cells, item)
+    return _screen(*_box(occupancy), *_item(item.voxels), occupancy.spans, (i + 1, j + 1, k + 1))
+
+
+def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
+    """The state of one location, at which the item is inside the box."""
+    return int(_screen_at(*_box(occupancy), *_item(candidate.item.voxels), candidate.location))
+
+
+def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Triple, int, int]:
+    """The first location in the order of (z, x, y) that is not blocked, from a number on.
+
+    Returns it, its state (BLOCKED: there is none), and the number of the location after it.
+    """
+    i, j, k = last_location(occupancy.cells, item)
+    size = (i + 1, j + 1, k + 1)
+    i, j, k, state, following = _next_unblocked(*_box(occupancy), *_item(item.voxels), size, number)
+    return (i, j, k), state, following
+
+
+def screen_pair(a: Placed, b: Placed) -> int:
+    """What the cells of two placed items tell of their being where they are."""
+    (i, j, k), (u, v, w) = a.location, b.location
+    offset = (u - i, v - j, w - k)
+    return int(_screen_pair_at(*_host(a.item.voxels), *_item(b.item.voxels), offset))
+
+
+def screen_offsets(a: Item, b: Item) -> States:
+    """The states of two items at all offsets at which their bricks meet.
+
+    [x, y, z] for b at x - (bricks of b along x) + 1 and so on, in grid steps from a.
+    """
+    return _screen_offsets(*_host(a.voxels), *_item(b.voxels), b.voxels.number.shape)
+
+
+def _box(occupancy: Occupancy) -> tuple[Any, ...]:
+    nx, ny, _ = grid_nodes(occupancy.cells)
+    return occupancy.bricks, occupancy.page, occupancy.fine, nx, ny
+
+
+def _item(voxels: Voxels) -> tuple[Any, ...]:
+    return voxels.bricks, voxels.outer, voxels.inner, voxels.first, voxels.fine
+
+
+def _host(voxels: Voxels) -> tuple[Any, ...]:
+    return voxels.number, voxels.outer, voxels.inner, voxels.first, voxels.fine
+
+
+@kernel
+def _offsets(bricks, nx, ny):
+    """By how much the number in the box of each of an item's bricks exceeds its location's."""
+    offsets = np.empty(len(bricks), np.int32)
+    for n in range(len(bricks)):
+        offsets[n] = (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
+    return offsets
+
+
+@kernel
+def _state(box, page, box_fine, start, offsets, outer, inner, first, fine, hot):
+    """The state of the location whose brick has number `start`, and the brick that blocks it.
+
+    hot: the item's brick to look at first, that which blocked the location before.
+    """
+    at = start + offsets[hot]
+    if box[at, 0] & inner[hot] | box[at, 1] & outer[hot]:
+        return BLOCKED, hot
+    state = FREE
+    for n in range(len(offsets)):
+        at = start + offsets[n]
+        theirs = box[at, 0]
+        shared = theirs & outer[n]
+        if not shared:
+            continue
+        if theirs & inner[n] | box[at, 1] & outer[n]:
+            return BLOCKED, n
+        page_fine = box_fine[page[at]]
+        surface = outer[n] & ~inner[n]
+        while shared:
+            bit = lowest_bit(shared)
+            shared &= shared - _1
+            own = first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
+            if page_fine[bit, 0] & fine[own, 1] | page_fine[bit, 1] & fine[own, 0]:
+                return BLOCKED, n
+            if page_fine[bit, 0] & fine[own, 0]:
+                state = OPEN
+    return state, hot
+
+
+@kernel
+def _screen(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, spans, size):
+    """The states of locations; spans: (n, 6) first and last brick of each placed item."""
+    states = np.full(size, np.uint8(FREE))
+    near = np.zeros(size, np.bool_)
+    extent = np.zeros(3, np.int64)
+    for n in range(len(bricks)):
+        for d in range(3):
+            extent[d] = max(extent[d], bricks[n, d])
+    for n in range(len(spans)):
+        for i in range(max(spans[n, 0] - extent[0], 0), min(spans[n, 3] + 1, size[0])):
+            for j in range(max(spans[n, 1] - extent[1], 0), min(spans[n, 4] + 1, size[1])):
+                for k in range(max(spans[n, 2] - extent[2], 0), min(spans[n, 5] + 1, size[2])):
+                    near[i, j, k] = True
+    offsets = _offsets(bricks, nx, ny)
+    hot = 0
+    for k in range(size[2]):
+        for i in range(size[0]):
+            for j in range(size[1]):
+                if near[i, j, k]:
+                    start = (k * nx + i) * ny + j
+                    states[i, j, k], hot = _state(
+                        box, page, box_fine, start, offsets, outer, inner, first, fine, hot
+                    )
+    return states
+
+
+@kernel
+def _screen_at(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, location):
+    i, j, k = location
+    start = (k * nx + i) * ny + j
+    offsets = _offsets(bricks, nx, ny)
+    return _state(box, page, box_fine, start, offsets, outer, inner, first, fine, 0)[0]
+
+
+@kernel
+def _next_unblocked(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, size, number):
+    row, layer = size[1], size[0] * size[1]
+    offsets = _offsets(bricks, nx, ny)
+    hot = 0
+    while number < layer * size[2]:
+        k, rest = divmod(number, layer)
+        i, j = divmod(rest, row)
+        start = (k * nx + i) * ny + j
+        state, hot = _state(box, page, box_fine, start, offsets, outer, inner, first, fine, hot)
+        number += 1
+        if state != BLOCKED:
+            return i, j, k, state, number
+    return 0, 0, 0, BLOCKED, number
+
+
+@kernel
+def _pair_state(
+    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, offset
+):
+    """As `_state`, for an item `offset` bricks from another, the host."""
+    nx, ny, nz = number.shape
+    state = FREE
+    for n in range(len(bricks)):
+        x, y, z = bricks[n, 0] + offset[0], bricks[n, 1] + offset[1], bricks[n, 2] + offset[2]
+        if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
+            continue
+        m = number[x, y, z]
+        if m < 0:
+            continue
+        shared = host_outer[m] & outer[n]
+        if not shared:
+            continue
+        if host_outer[m] & inner[n] | host_inner[m] & outer[n]:
+            return BLOCKED
+        surface = outer[n] & ~inner[n]
+        host_surface = host_outer[m] & ~host_inner[m]
+        while shared:
+            bit = lowest_bit(shared)
+            shared &= shared - _1
+            below = (_1 << np.uint64(bit)) - _1
+            own = first[n] + count_bits(surface & below)
+            theirs = host_first[m] + count_bits(host_surface & below)
+            if host_fine[theirs, 0] & fine[own, 1] | host_fine[theirs, 1] & fine[own, 0]:
+                return BLOCKED
+            if host_fine[theirs, 0] & fine[own, 0]:
+                state = OPEN
+    return state
+
+
+@kernel
+def _screen_pair_at(
+    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, offset
+):
+    return _pair_state(
+        number,
+        host_outer,
+        host_inner,
+        host_first,
+        host_fine,
+        bricks,
+        outer,
+        inner,
+        first,
+        fine,
+        offset,
+    )
+
+
+@kernel
+def _screen_offsets(
+    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, own
+):
+    nx, ny, nz = number.shape
+    states = np.empty((nx + own[0] - 1, ny + own[1] - 1, nz + own[2] - 1), np.uint8)
+    for x in range(states.shape[0]):
+        for y in range(states.shape[1]):
+            for z in range(states.shape[2]):
+                offset = (x - own[0] + 1, y - own[1] + 1, z - own[2] + 1)
+                states[x, y, z] = _pair_state(
+                    number,
+                    host_outer,
+                    host_inner,
+                    host_first,
+                    host_fine,
+                    bricks,
+                    outer,
+                    inner,
+                    first,
+                    fine,
+                    offset,
+                )
+    return states
