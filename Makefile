@@ -3,6 +3,8 @@ SHELL := /bin/bash
 PYTHON ?= python3
 EXTRAS ?= dev
 PYTEST_ARGS ?=
+MASKS ?= 100
+SEED ?= 0
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -33,8 +35,8 @@ demo: $(STAMP) ## evolve a pack, take it apart, pack it again, draw it
 test: $(STAMP) ## the quick tests
 	@$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-test-all: $(STAMP) ## the slow tests too
-	@$(PYTEST) $(PYTEST_ARGS)
+test-all: $(STAMP) ## the slow tests too; MASKS=2000 SEED=1: so many full masks against the oracle
+	@$(PYTEST) --masks $(MASKS) --seed $(SEED) $(PYTEST_ARGS)
 
 bench: $(STAMP) ## every benchmark, one after the other
 	@for script in benchmarks/*.py; do \

@@ -12,7 +12,7 @@ from packit_sim import placement
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
 from packit_sim.occupancy import Occupancy, Placed
-from packit_sim.placement import Mask
+from packit_sim.placement import Blockers, Mask
 from packit_sim.shapes import Item
 from packit_sim.voxels import unpack
 
@@ -72,6 +72,22 @@ class Box:
         """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere."""
         return placement.blbf(self._occupancy, item)
 
+    def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
+        """Bool [rotation, x, y, z]: where the item can stand in each of the 24 rotations, exactly.
+
+        Whatever the item's own rotation; `.any(axis=0)` is PackIt-Easy's union.
+        """
+        return placement.feasible_rotations(self._occupancy, item)
+
+    def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
+        """Which walls and which placed items, by number, keep an item from a location.
+
+        Nothing does, and the answer is false, where it is feasible. Raises InfeasibleError where
+        the location is no node of the grid.
+        """
+        candidate = Placed(item, placement.checked_location(self.cells, location))
+        return placement.blockers(self._occupancy, candidate)
+
     def place(self, item: Item, location: Sequence[int]) -> Placed:
         """Places an item. Raises InfeasibleError, and changes nothing, where it is not feasible."""
         placed = Placed(item, placement.checked_location(self.cells, location))
@@ -126,6 +142,6 @@ class Box:
             )
         blocking = [
             f"{n} ({self.placed[n].item.shape.id!r})"
-            for n in placement.blockers(self.placed, candidate)
+            for n in placement.blockers(self._occupancy, candidate).items
         ]
         return f"{what} {where} is in conflict with placed item {', '.join(blocking)}"

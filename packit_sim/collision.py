@@ -34,6 +34,17 @@ def collides_memo(a: Placed, b: Placed) -> bool:
     return _remembered(*_canonical(a, b))
 
 
+@bounded(
+    "collisions",
+    COLLISIONS_BUDGET,
+    "answers",
+    size=lambda answer: 1,
+    key=lambda a, b, offset: (a.key, b.key, offset),
+)
+def _remembered(a: Item, b: Item, offset: Triple) -> bool:
+    return _ask(a, b, offset)
+
+
 def _canonical(a: Placed, b: Placed) -> tuple[Item, Item, Triple]:
     """Two items in a fixed order, and by how many grid nodes the second is beyond the first."""
     if (b.item.key, b.location) < (a.item.key, a.location):
@@ -56,15 +67,6 @@ def _ask(a: Item, b: Item, offset: Triple) -> bool:
             fcl.CollisionResult(),
         )
     )
-
-
-_remembered = bounded(
-    "collisions",
-    COLLISIONS_BUDGET,
-    "answers of FCL",
-    size=lambda answer: 1,
-    key=lambda a, b, offset: (a.key, b.key, offset),
-)(_ask)
 
 
 @bounded(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -141,13 +142,13 @@ class PackCreator:
         self.pool = pool
         self.scales = scales
         self.box = Box(cells)
+        self._item = cache(lambda n, scale, rotation: Item(pool[n], scales[scale], rotation))
 
     def pack(self, chromosome: Chromosome) -> Box:
         """The box with every item that has a feasible location when its turn comes."""
         self.box.clear()
         for n in chromosome.order:
-            scale = self.scales[chromosome.scales[n]]
-            item = Item(self.pool[n], scale, int(chromosome.rotations[n]))
+            item = self._item(n, chromosome.scales[n], chromosome.rotations[n])
             location = self.box.blbf(item)
             if location is not None:
                 self.box.place(item, location)

@@ -88,6 +88,14 @@ class Occupancy:
         x, y, z = grid_nodes(self.cells)
         return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
 
+    def near(self, candidate: Placed) -> list[Placed]:
+        """The placed items whose box of bricks meets the candidate's."""
+        first = np.array(candidate.location)
+        last = first + candidate.item.voxels.number.shape - 1
+        spans = self.spans
+        meets = (spans[:, :3] <= last) & (spans[:, 3:] >= first)
+        return [self._placed[n] for n in np.flatnonzero(meets.all(axis=1)).tolist()]
+
     def add(self, placed: Placed) -> None:
         """Fills the cells of an item. Whether it is feasible there was checked before."""
         voxels = placed.item.voxels

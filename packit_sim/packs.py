@@ -193,8 +193,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
         if not placement.is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        numbers = list(inside)
-        blocking = [numbers[m] for m in placement.blockers(inside.values(), candidate)]
+        blocking = [n for n, other in inside.items() if placement.conflicts(other, candidate)]
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
         inside[n] = candidate

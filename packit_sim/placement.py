@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import nofit
+from packit_sim import nofit, rotations
 from packit_sim.caches import bounded
 from packit_sim.collision import collides, collides_memo
 from packit_sim.errors import InfeasibleError
@@ -30,8 +31,12 @@ from packit_sim.screening import (
     screen_pair,
 )
 from packit_sim.shapes import Item
+from packit_sim.statistics import count
 
 Mask = npt.NDArray[np.bool_]
+
+WALLS = ("right", "front", "top")
+"""The walls that an item on the grid can stick out of, by axis."""
 
 FINE_CELLS_BUDGET = 2**30
 """Bytes in the process's cache of whole fine arrays, which only the oracle asks for."""
@@ -51,39 +56,49 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
         return mask
-    placed = occupancy.placed
-    tables = nofit.tables(placed, item)
+    tables = nofit.tables(occupancy.placed, item)
     if tables is None:
         states = screen(occupancy, item)
     else:
         states = no_states(occupancy.cells, item)
-        for other, table in zip(placed, tables, strict=True):
-            table.merge_into(states, other, item)
+        for placed, table in zip(occupancy.placed, tables, strict=True):
+            table.merge_into(states, placed, item)
     x, y, z = states.shape
     mask[:x, :y, :z] = states == FREE
-    for i, j, k in np.argwhere(states == OPEN).tolist():
+    undecided = np.argwhere(states == OPEN).tolist()
+    for i, j, k in undecided:
         candidate = Placed(item, (i, j, k))
         if tables is None:
             mask[i, j, k] = not crosses(occupancy, candidate)
         else:
             mask[i, j, k] = not any(
-                table.conflict(other, candidate)
-                for other, table in zip(placed, tables, strict=True)
+                table.conflict(placed, candidate)
+                for placed, table in zip(occupancy.placed, tables, strict=True)
             )
+    count("masks", states.size, len(undecided))
     return mask
+
+
+def feasible_rotations(occupancy: Occupancy, item: Item) -> npt.NDArray[np.bool_]:
+    """The exact masks of an item in each of the 24 rotations: bool [rotation, x, y, z].
+
+    PackIt-Easy's question (paper, section 4.3): `.any(axis=0)` are the locations feasible in any
+    rotation, and `[:, i, j, k]` the rotations feasible at one of them.
+    """
+    return np.stack([feasible(occupancy, item.turned(n)) for n in range(rotations.COUNT)])
 
 
 def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
     """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None."""
     if not fits(occupancy.cells, item):
         return None
-    number = 0
+    number = undecided = 0
     while True:
         location, state, number = next_unblocked(occupancy, item, number)
-        if state == BLOCKED:
-            return None
-        if state == FREE or not crosses(occupancy, Placed(item, location)):
-            return location
+        undecided += state == OPEN
+        if state != OPEN or not crosses(occupancy, Placed(item, location)):
+            count("searches", number, undecided)
+            return None if state == BLOCKED else location
 
 
 def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
@@ -91,15 +106,47 @@ def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
     if not is_inside(occupancy.cells, candidate):
         return False
     state = screen_at(occupancy, candidate)
+    count("checks", 1, state == OPEN)
     return state == FREE or (state == OPEN and not crosses(occupancy, candidate))
 
 
 def crosses(occupancy: Occupancy, candidate: Placed) -> bool:
     """Whether a placed item's mesh crosses the candidate's, at a location that is not blocked."""
     return any(
-        screen_pair(other, candidate) == OPEN and collides_memo(other, candidate)
-        for other in occupancy.placed
+        screen_pair(placed, candidate) == OPEN and collides_memo(placed, candidate)
+        for placed in occupancy.near(candidate)
     )
+
+
+@dataclass(frozen=True)
+class Blockers:
+    """What keeps an item from a location: false where nothing does.
+
+    walls: those that its cell box sticks out of, of "right", "front" and "top" (x, y and z).
+    items: numbers of the placed items that it is in conflict with, in the order of placing.
+    """
+
+    walls: tuple[str, ...]
+    items: tuple[int, ...]
+
+    def __bool__(self) -> bool:
+        return bool(self.walls or self.items)
+
+
+def blockers(occupancy: Occupancy, candidate: Placed) -> Blockers:
+    """Why an item is not feasible at a location, exactly: each wall and each item by itself."""
+    walls = tuple(
+        wall
+        for wall, stop, size in zip(WALLS, candidate.stop, occupancy.cells, strict=True)
+        if stop > size
+    )
+    items = tuple(
+        n
+        for n, placed in enumerate(occupancy.placed)
+        if (state := screen_pair(placed, candidate)) == BLOCKED
+        or (state == OPEN and collides_memo(placed, candidate))
+    )
+    return Blockers(walls, items)
 
 
 def fits(cells: Triple, item: Item) -> bool:
@@ -150,11 +197,6 @@ def conflicts(a: Placed, b: Placed) -> bool:
         or (outer_a[window_a] & inner_b[window_b]).any()
         or collides(a, b)
     )
-
-
-def blockers(placed: Iterable[Placed], candidate: Placed) -> list[int]:
-    """Numbers of the placed items that a candidate is in conflict with."""
-    return [n for n, other in enumerate(placed) if conflicts(other, candidate)]
 
 
 def checked_location(cells: Triple, location: Sequence[int]) -> Triple:

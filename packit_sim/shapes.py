@@ -169,6 +169,10 @@ class Item:
         object.__setattr__(self, "scale", float(self.scale))
         object.__setattr__(self, "rotation", rotation)
 
+    def turned(self, rotation: int) -> Item:
+        """The same shape and scale in another of the 24 rotations, counted from the canonical."""
+        return Item(self.shape, self.scale, rotation)
+
     @cached_property
     def key(self) -> tuple[str, float, int]:
         """What the item is, whichever objects stand for it: geometry, scale and rotation."""

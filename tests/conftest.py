@@ -1,9 +1,25 @@
-"""Hypothesis profiles: `ci` is the same on every run; HYPOTHESIS_PROFILE=thorough looks further."""
+"""How far tests look: `--masks` and `--seed` for the slow masks, profiles for hypothesis.
+
+Its profile `ci` is the same on every run; HYPOTHESIS_PROFILE=thorough looks further.
+"""
 
 import os
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("packit")
+    group.addoption("--masks", type=int, default=100, help="masks to hold against the oracle")
+    group.addoption("--seed", type=int, default=0, help="what to draw those masks from")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "mask_seed" in metafunc.fixturenames:
+        masks, seed = (metafunc.config.getoption(name) for name in ("--masks", "--seed"))
+        metafunc.parametrize("mask_seed", [(seed, n) for n in range(masks)], ids=str)

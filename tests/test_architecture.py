@@ -26,6 +26,7 @@ ORDER = (
     "occupancy",
     "collision",
     "screening",
+    "statistics",
     "nofit",
     "placement",
     "box",
