@@ -38,11 +38,9 @@ test: $(STAMP) ## the quick tests
 test-all: $(STAMP) ## the slow tests too; MASKS=2000 SEED=1: so many full masks against the oracle
 	@$(PYTEST) --masks $(MASKS) --seed $(SEED) $(PYTEST_ARGS)
 
-bench: $(STAMP) ## every benchmark, one after the other
-	@for script in benchmarks/*.py; do \
-	    echo "== $$script"; \
-	    $(BIN)/python "$$script" || exit 1; \
-	done
+bench: ## every benchmark, one after the other
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
+	@$(BIN)/python -m benchmarks.placement
 
 lint: $(STAMP) ## ruff: rules and format
 	@$(BIN)/ruff check

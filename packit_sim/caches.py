@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from cachetools import LRUCache, cached
+from cachetools import LRUCache
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -37,14 +37,14 @@ class CacheUse:
     unit: str
 
 
-class _Bounded(Generic[_P, _T]):
+class Bounded(Generic[_P, _T]):
     """A function whose values are kept by key, up to a budget."""
 
     def __init__(
         self,
         function: Callable[_P, _T],
         unit: str,
-        size: Callable[[Any], int],
+        size: Callable[[_T], int],
         key: Callable[..., Hashable],
         budget: int,
     ) -> None:
@@ -54,22 +54,45 @@ class _Bounded(Generic[_P, _T]):
         self._key = key
         self.limit(budget)
 
+    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        """The value that is kept, or a new one."""
+        key = self._key(*args, **kwargs)
+        with lock:
+            if key in self._kept:
+                self._hits += 1
+                return self._kept[key]
+            self._misses += 1
+        value = self._function(*args, **kwargs)
+        with lock:
+            if self._size(value) <= self._kept.maxsize:
+                self._kept[key] = value
+        return value
+
+    def peek(self, *args: _P.args, **kwargs: _P.kwargs) -> _T | None:
+        """The value that is kept, or None."""
+        key = self._key(*args, **kwargs)
+        with lock:
+            if key not in self._kept:
+                return None
+            self._hits += 1
+            return self._kept[key]
+
     def limit(self, budget: int) -> None:
-        store: LRUCache[Hashable, Any] = LRUCache(budget, getsizeof=self._size)
-        self._kept = cached(store, key=self._key, lock=lock, info=True)(self._function)
+        """Sets the budget, and empties."""
+        with lock:
+            self._kept: LRUCache[Hashable, _T] = LRUCache(budget, getsizeof=self._size)
+            self._hits = self._misses = 0
 
     def clear(self) -> None:
-        self._kept.cache_clear()
+        self.limit(int(self._kept.maxsize))
 
     def use(self) -> CacheUse:
-        hits, misses, budget, size = self._kept.cache_info()
-        return CacheUse(hits, misses, size, budget or 0, self._unit)
-
-    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        return self._kept(*args, **kwargs)
+        with lock:
+            kept = self._kept
+            return CacheUse(self._hits, self._misses, kept.currsize, kept.maxsize, self._unit)
 
 
-_caches: dict[str, _Bounded[..., Any]] = {}
+_caches: dict[str, Bounded[..., Any]] = {}
 
 
 def bounded(
@@ -78,11 +101,11 @@ def bounded(
     unit: str,
     size: Callable[[Any], int],
     key: Callable[..., Hashable],
-) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+) -> Callable[[Callable[_P, _T]], Bounded[_P, _T]]:
     """Keeps a function's values by key, up to a budget in `unit`s of which a value takes `size`."""
 
-    def decorate(function: Callable[_P, _T]) -> Callable[_P, _T]:
-        cache = _Bounded(function, unit, size, key, budget)
+    def decorate(function: Callable[_P, _T]) -> Bounded[_P, _T]:
+        cache: Bounded[_P, _T] = Bounded(function, unit, size, key, budget)
         _caches[name] = cache
         return cache
 
@@ -105,7 +128,7 @@ def clear(*names: str) -> None:
         _named(name).clear()
 
 
-def _named(name: str) -> _Bounded[..., Any]:
+def _named(name: str) -> Bounded[..., Any]:
     if name not in _caches:
         raise ValueError(f"no cache is called {name!r}: choose one of {', '.join(_caches)}")
     return _caches[name]

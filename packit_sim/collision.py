@@ -6,18 +6,21 @@ from functools import cache
 
 import fcl
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim import rotations
 from packit_sim.caches import bounded
-from packit_sim.lattice import CELL, CONTACT_TOLERANCE, Triple
+from packit_sim.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
 from packit_sim.occupancy import Placed
-from packit_sim.shapes import Item
+from packit_sim.shapes import Item, Shape
 
-COLLISION_MESHES_BUDGET = 1_000_000
-"""Triangles that the process's cache of collision meshes holds, roughly 1 kB each."""
+COLLISION_MESHES_BUDGET = 2_000_000
+"""Triangles that the process's cache of collision meshes holds, roughly 0.7 kB each."""
 
 COLLISIONS_BUDGET = 250_000
 """Answers of FCL that the process remembers, roughly 0.4 kB each."""
+
+_REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
 
 def collides(a: Placed, b: Placed) -> bool:
@@ -54,40 +57,50 @@ def _canonical(a: Placed, b: Placed) -> tuple[Item, Item, Triple]:
 
 
 def _ask(a: Item, b: Item, offset: Triple) -> bool:
-    beside = Placed(b, offset)
-    half_cells = np.add(beside.start, beside.stop) - a.cells
-    request = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
-    return bool(
-        fcl.collide(
-            fcl.CollisionObject(collision_mesh(a), fcl.Transform(_turn(a.rotation), np.zeros(3))),
-            fcl.CollisionObject(
-                collision_mesh(b), fcl.Transform(_turn(b.rotation), half_cells * (CELL / 2))
-            ),
-            request,
-            fcl.CollisionResult(),
-        )
-    )
+    half_cells = [
+        2 * STEP * steps + own - theirs
+        for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
+    ]
+    there = fcl.Transform(_turn(b.rotation), np.array(half_cells) * (CELL / 2))
+    beside = fcl.CollisionObject(collision_mesh(b).model, there)
+    at_origin = collision_mesh(a).at_origin(a.rotation)
+    return bool(fcl.collide(at_origin, beside, _REQUEST, fcl.CollisionResult()))
+
+
+class CollisionMesh:
+    """A shape at a scale as FCL sees it: drawn in by half the contact tolerance on each side."""
+
+    def __init__(self, shape: Shape, scale: float) -> None:
+        extents = Item(shape, scale).extents
+        drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
+        vertices, faces = shape.mesh.vertices, shape.mesh.faces
+        self.triangles = len(faces)
+        self.model = fcl.BVHModel()
+        self.model.beginModel(len(vertices), len(faces))
+        self.model.addSubModel(vertices * (np.cbrt(scale) * drawn_in), faces)
+        self.model.endModel()
+        self._at_origin: dict[int, fcl.CollisionObject] = {}
+
+    def at_origin(self, rotation: int) -> fcl.CollisionObject:
+        """Turned, and centred on the origin."""
+        if rotation not in self._at_origin:
+            there = fcl.Transform(_turn(rotation), np.zeros(3))
+            self._at_origin[rotation] = fcl.CollisionObject(self.model, there)
+        return self._at_origin[rotation]
 
 
 @bounded(
     "collision meshes",
     COLLISION_MESHES_BUDGET,
     "triangles",
-    size=lambda model: model.num_tries_(),
+    size=lambda mesh: mesh.triangles,
     key=lambda item: (item.shape.digest, item.scale),
 )
-def collision_mesh(item: Item) -> fcl.BVHModel:
-    """The shape at the item's scale, drawn in by half the contact tolerance on each side."""
-    extents = Item(item.shape, item.scale).extents
-    drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
-    mesh = item.shape.mesh
-    model = fcl.BVHModel()
-    model.beginModel(len(mesh.vertices), len(mesh.faces))
-    model.addSubModel(mesh.vertices * (np.cbrt(item.scale) * drawn_in), mesh.faces)
-    model.endModel()
-    return model
+def collision_mesh(item: Item) -> CollisionMesh:
+    """The collision mesh of an item's shape at its scale."""
+    return CollisionMesh(item.shape, item.scale)
 
 
 @cache
-def _turn(rotation: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _turn(rotation: int) -> npt.NDArray[np.float64]:
     return rotations.MATRICES[rotation].astype(float)

@@ -24,9 +24,9 @@ TABLES_BUDGET = 256 * 2**20
 PAIRS_BUDGET = 250_000
 """Pairs of which the process counts the meetings."""
 
-MEETINGS = 8
-"""How often two items meet in mask queries before they get a table: when what the queries cost
-without one comes to what it costs."""
+MEETINGS = 32
+"""How often two items meet in mask queries before they get a table: about when what the queries
+cost without one comes to what it costs. So too after their table had to go."""
 
 
 class NoFit:
@@ -66,21 +66,30 @@ class NoFit:
 
 
 def tables(placed: Sequence[Placed], item: Item) -> list[NoFit] | None:
-    """The tables of an item and each placed one; None where one of the pairs is too new."""
+    """The tables of an item and each placed one; None where a pair has none and did not earn it."""
     pairs = [_ordered(other.item, item) for other in placed]
-    old = True
-    for pair in pairs:
-        meetings = _meetings(*pair)
-        meetings.count += 1
-        old &= meetings.count > MEETINGS
-    return [_table(*pair) for pair in pairs] if old else None
+    kept = [_table.peek(*pair) for pair in pairs]
+    earned = True
+    for pair, table in zip(pairs, kept, strict=True):
+        if table is None:
+            earned &= _meetings(*pair).another() > MEETINGS
+    if not earned:
+        return None
+    return [table or _table(*pair) for pair, table in zip(pairs, kept, strict=True)]
 
 
 class _Meetings:
-    """How often a pair was asked about."""
+    """How often a pair met since it last got a table."""
 
     def __init__(self) -> None:
-        self.count = 0
+        self._count = 0
+
+    def another(self) -> int:
+        self._count += 1
+        return self._count
+
+    def forget(self) -> None:
+        self._count = 0
 
 
 def _ordered(a: Item, b: Item) -> tuple[Item, Item]:
@@ -106,6 +115,7 @@ def _meetings(first: Item, second: Item) -> _Meetings:
     key=lambda first, second: (first.key, second.key),
 )
 def _table(first: Item, second: Item) -> NoFit:
+    _meetings(first, second).forget()
     return NoFit(first, second)
 
 

@@ -88,12 +88,10 @@ class Occupancy:
         x, y, z = grid_nodes(self.cells)
         return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
 
-    def near(self, candidate: Placed) -> list[Placed]:
-        """The placed items whose box of bricks meets the candidate's."""
-        first = np.array(candidate.location)
-        last = first + candidate.item.voxels.number.shape - 1
-        spans = self.spans
-        meets = (spans[:, :3] <= last) & (spans[:, 3:] >= first)
+    def near(self, item: Item, locations: npt.NDArray[np.int64]) -> list[Placed]:
+        """The placed items that an item can meet at one of some locations (n, 3)."""
+        first, last = locations.min(axis=0), locations.max(axis=0) + item.voxels.number.shape
+        meets = (self.spans[:, :3] < last) & (self.spans[:, 3:] >= first)
         return [self._placed[n] for n in np.flatnonzero(meets.all(axis=1)).tolist()]
 
     def add(self, placed: Placed) -> None:

@@ -24,6 +24,7 @@ from packit_sim.screening import (
     BLOCKED,
     FREE,
     OPEN,
+    Locations,
     next_unblocked,
     no_states,
     screen,
@@ -65,12 +66,12 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
             table.merge_into(states, placed, item)
     x, y, z = states.shape
     mask[:x, :y, :z] = states == FREE
-    undecided = np.argwhere(states == OPEN).tolist()
-    for i, j, k in undecided:
-        candidate = Placed(item, (i, j, k))
-        if tables is None:
-            mask[i, j, k] = not crosses(occupancy, candidate)
-        else:
+    undecided = np.argwhere(states == OPEN)
+    if tables is None:
+        mask[tuple(undecided.T)] = ~crosses(occupancy, item, undecided)
+    else:
+        for i, j, k in undecided.tolist():
+            candidate = Placed(item, (i, j, k))
             mask[i, j, k] = not any(
                 table.conflict(placed, candidate)
                 for placed, table in zip(occupancy.placed, tables, strict=True)
@@ -96,7 +97,7 @@ def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
     while True:
         location, state, number = next_unblocked(occupancy, item, number)
         undecided += state == OPEN
-        if state != OPEN or not crosses(occupancy, Placed(item, location)):
+        if state != OPEN or not crosses(occupancy, item, np.array([location]))[0]:
             count("searches", number, undecided)
             return None if state == BLOCKED else location
 
@@ -107,15 +108,25 @@ def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
         return False
     state = screen_at(occupancy, candidate)
     count("checks", 1, state == OPEN)
-    return state == FREE or (state == OPEN and not crosses(occupancy, candidate))
-
-
-def crosses(occupancy: Occupancy, candidate: Placed) -> bool:
-    """Whether a placed item's mesh crosses the candidate's, at a location that is not blocked."""
-    return any(
-        screen_pair(placed, candidate) == OPEN and collides_memo(placed, candidate)
-        for placed in occupancy.near(candidate)
+    return state == FREE or (
+        state == OPEN and not crosses(occupancy, candidate.item, np.array([candidate.location]))[0]
     )
+
+
+def crosses(occupancy: Occupancy, item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
+    """Whether a placed item's mesh crosses the item's at each of some locations (n, 3), by FCL.
+
+    Asked only where the cells of the two leave it open; no location may be blocked by them.
+    """
+    crossing = np.zeros(len(locations), dtype=bool)
+    if len(locations) == 0:
+        return crossing
+    for placed in occupancy.near(item, locations):
+        undecided = (screen_pair(placed, item, locations) == OPEN) & ~crossing
+        for n in np.flatnonzero(undecided).tolist():
+            i, j, k = locations[n].tolist()
+            crossing[n] = collides_memo(placed, Placed(item, (i, j, k)))
+    return crossing
 
 
 @dataclass(frozen=True)
@@ -140,10 +151,11 @@ def blockers(occupancy: Occupancy, candidate: Placed) -> Blockers:
         for wall, stop, size in zip(WALLS, candidate.stop, occupancy.cells, strict=True)
         if stop > size
     )
+    location = np.array([candidate.location])
     items = tuple(
         n
         for n, placed in enumerate(occupancy.placed)
-        if (state := screen_pair(placed, candidate)) == BLOCKED
+        if (state := screen_pair(placed, candidate.item, location)[0]) == BLOCKED
         or (state == OPEN and collides_memo(placed, candidate))
     )
     return Blockers(walls, items)

@@ -22,6 +22,7 @@ FREE, OPEN, BLOCKED = 0, 1, 2
 """In this order: what several placed items tell of a location is the largest of what each does."""
 
 States = npt.NDArray[np.uint8]
+Locations = npt.NDArray[np.int64]
 
 _1 = np.uint64(1)
 
@@ -61,11 +62,10 @@ def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Tripl
     return (i, j, k), state, following
 
 
-def screen_pair(a: Placed, b: Placed) -> int:
-    """What the cells of two placed items tell of their being where they are."""
-    (i, j, k), (u, v, w) = a.location, b.location
-    offset = (u - i, v - j, w - k)
-    return int(_screen_pair_at(*_host(a.item.voxels), *_item(b.item.voxels), offset))
+def screen_pair(placed: Placed, item: Item, locations: Locations) -> States:
+    """What the cells of one placed item tell of another's locations: (n,) states for (n, 3)."""
+    offsets = locations - np.array(placed.location)
+    return _screen_pair(*_host(placed.item.voxels), *_item(item.voxels), offsets)
 
 
 def screen_offsets(a: Item, b: Item) -> States:
@@ -215,22 +215,35 @@ def _pair_state(
 
 
 @kernel
-def _screen_pair_at(
-    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, offset
+def _screen_pair(
+    number,
+    host_outer,
+    host_inner,
+    host_first,
+    host_fine,
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    offsets,
 ):
-    return _pair_state(
-        number,
-        host_outer,
-        host_inner,
-        host_first,
-        host_fine,
-        bricks,
-        outer,
-        inner,
-        first,
-        fine,
-        offset,
-    )
+    states = np.empty(len(offsets), np.uint8)
+    for n in range(len(offsets)):
+        states[n] = _pair_state(
+            number,
+            host_outer,
+            host_inner,
+            host_first,
+            host_fine,
+            bricks,
+            outer,
+            inner,
+            first,
+            fine,
+            offsets[n],
+        )
+    return states
 
 
 @kernel

@@ -70,11 +70,15 @@ def _touched(triangles, cells, cell, grow):
     columns = np.empty((8, 5))  # what keeps w: the normal, 6 products with u and v, and w itself
     low = np.empty(3)
     high = np.empty(3)
+    place = np.empty(3, np.int64)
     for t in range(len(triangles)):
         for d in range(3):
-            low[d] = triangles[t, :, d].min()
-            high[d] = triangles[t, :, d].max()
-        w = np.argmax(high - low)
+            a, b, c = triangles[t, 0, d], triangles[t, 1, d], triangles[t, 2, d]
+            low[d], high[d] = min(a, b, c), max(a, b, c)
+        w = 0
+        for d in range(1, 3):
+            if high[d] - low[d] > high[w] - low[w]:
+                w = d
         u, v = (w + 1) % 3, (w + 2) % 3
         for c in range(3):
             corners[c, 0] = triangles[t, c, u]
@@ -100,21 +104,27 @@ def _touched(triangles, cells, cell, grow):
                     )
                 start_w, stop_w = _places(first, last, cells[w], fine)
                 if start_w < stop_w:
-                    _mark(words, u, v, w, at_u, at_v, start_w, stop_w)
+                    _mark(words, u, v, w, at_u, at_v, start_w, stop_w, place)
     return words
 
 
 @kernel
 def _separating_axes(corners, half, rows, columns):
     """The axes as their components along u, v and w, and between what bounds a center must be."""
-    n = 0
     for e in range(3):
-        edge = corners[(e + 1) % 3] - corners[e]
-        rows[e, 0], rows[e, 1] = edge[1], -edge[0]
-        columns[n, 0], columns[n, 1], columns[n, 2] = 0.0, edge[2], -edge[1]
-        columns[n + 1, 0], columns[n + 1, 1], columns[n + 1, 2] = -edge[2], 0.0, edge[0]
-        n += 2
-    columns[6, :3] = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+        f = (e + 1) % 3
+        u = corners[f, 0] - corners[e, 0]
+        v = corners[f, 1] - corners[e, 1]
+        w = corners[f, 2] - corners[e, 2]
+        rows[e, 0], rows[e, 1] = v, -u
+        columns[e, 0], columns[e, 1], columns[e, 2] = 0.0, w, -v
+        columns[3 + e, 0], columns[3 + e, 1], columns[3 + e, 2] = -w, 0.0, u
+        if e == 0:
+            first_u, first_v, first_w = u, v, w
+        elif e == 1:
+            columns[6, 0] = first_v * w - first_w * v
+            columns[6, 1] = first_w * u - first_u * w
+            columns[6, 2] = first_u * v - first_v * u
     rows[3, 0], rows[3, 1] = 0.0, 1.0
     columns[7, 0], columns[7, 1], columns[7, 2] = 0.0, 0.0, 1.0
     for a in range(4):
@@ -159,9 +169,8 @@ def _places(first, last, cells, fine):
 
 
 @kernel
-def _mark(words, u, v, w, at_u, at_v, start_w, stop_w):
-    """Sets the bits of a column's fine cells from start to stop."""
-    place = np.empty(3, np.int64)
+def _mark(words, u, v, w, at_u, at_v, start_w, stop_w, place):
+    """Sets the bits of a column's fine cells from start to stop; place: (3,) to work in."""
     place[u], place[v] = at_u >> 2, at_v >> 2
     across = np.uint64((at_u & 3) * STRIDES[u] + (at_v & 3) * STRIDES[v])
     for cell in range(start_w >> 2, (stop_w + 3) >> 2):

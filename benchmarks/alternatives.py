@@ -1,0 +1,58 @@
+"""Other ways to a mask, none of them exact: what a user might try first."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+import torch
+import trimesh
+
+from packit_sim import Box, Item
+from packit_sim.lattice import CELL, STEP
+from packit_sim.placement import Mask
+from packit_sim.screening import last_location
+
+
+def scipy_mask(box: Box, item: Item) -> Mask:
+    """Where outer cells do not overlap, by correlation: not exact, and no containment."""
+    own = np.zeros(box.cells, np.float32)
+    x, y, z = item.cells
+    own[:x, :y, :z] = item.outer
+    shared = scipy.fft.irfftn(
+        scipy.fft.rfftn(box.outer.astype(np.float32)) * np.conj(scipy.fft.rfftn(own)), s=box.cells
+    )
+    return _mask(shared < 0.5, box, item)
+
+
+def torch_mask(box: Box, item: Item) -> Mask:
+    """As `scipy_mask`."""
+    own = torch.zeros(box.cells)
+    x, y, z = item.cells
+    own[:x, :y, :z] = torch.from_numpy(item.outer.copy())
+    taken = torch.from_numpy(box.outer.astype(np.float32))
+    shared = torch.fft.irfftn(torch.fft.rfftn(taken) * torch.fft.rfftn(own).conj(), s=box.cells)
+    return _mask((shared < 0.5).numpy(), box, item)
+
+
+def _mask(free: Mask, box: Box, item: Item) -> Mask:
+    mask = np.zeros(box.nodes, dtype=bool)
+    window = tuple(slice(last + 1) for last in last_location(box.cells, item))
+    mask[window] = free[::STEP, ::STEP, ::STEP][window]
+    return mask
+
+
+def collision_manager_mask(box: Box, item: Item) -> Mask:
+    """By trimesh's CollisionManager, a location at a time: no containment, no tolerance."""
+    placed, moving = trimesh.collision.CollisionManager(), trimesh.collision.CollisionManager()
+    for n, other in enumerate(box.placed):
+        there = np.eye(4)
+        there[:3, 3] = other.center
+        placed.add_object(str(n), other.item.mesh, there)
+    moving.add_object("item", item.mesh)
+    mask = np.zeros(box.nodes, dtype=bool)
+    pose = np.eye(4)
+    for location in np.ndindex(*(last + 1 for last in last_location(box.cells, item))):
+        pose[:3, 3] = (np.array(location) * STEP + np.array(item.cells) / 2) * CELL
+        moving.set_transform("item", pose)
+        mask[location] = not placed.in_collision_other(moving)
+    return mask
