@@ -73,7 +73,7 @@ class Pool:
         """Items of the pack, where they stand: as many as there may be, or a little denser."""
         box = Box()
         for placed in sorted(self.pack.placed, key=lambda placed: placed.item.volume):
-            if box.density + placed.item.volume <= density + 0.02:
+            if box.density + placed.item.volume <= 1.05 * density:
                 box.place(placed.item, placed.location)
         return box
 

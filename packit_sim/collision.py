@@ -73,7 +73,7 @@ class CollisionMesh:
     def __init__(self, shape: Shape, scale: float) -> None:
         extents = Item(shape, scale).extents
         drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
-        vertices, faces = shape.mesh.vertices, shape.mesh.faces
+        vertices, faces = np.asarray(shape.mesh.vertices), np.asarray(shape.mesh.faces)
         self.triangles = len(faces)
         self.model = fcl.BVHModel()
         self.model.beginModel(len(vertices), len(faces))

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import nofit, rotations
+from packit_sim import nofit, rotations, screening
 from packit_sim.caches import bounded
 from packit_sim.collision import collides, collides_memo
 from packit_sim.errors import InfeasibleError
@@ -26,7 +26,6 @@ from packit_sim.screening import (
     OPEN,
     Locations,
     next_unblocked,
-    no_states,
     screen,
     screen_at,
     screen_pair,
@@ -61,7 +60,7 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     if tables is None:
         states = screen(occupancy, item)
     else:
-        states = no_states(occupancy.cells, item)
+        states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
         for placed, table in zip(occupancy.placed, tables, strict=True):
             table.merge_into(states, placed, item)
     x, y, z = states.shape

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from packit_sim.bits import count_bits, lowest_bit
 from packit_sim.compiled import kernel
-from packit_sim.lattice import Triple, grid_nodes
+from packit_sim.lattice import STEP, Triple, grid_nodes
 from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.shapes import Item
 from packit_sim.voxels import Voxels
@@ -27,28 +27,23 @@ Locations = npt.NDArray[np.int64]
 _1 = np.uint64(1)
 
 
-def last_location(cells: Triple, item: Item) -> Triple:
-    """The largest location at which the item is inside the box; negative where it is too large."""
-    x, y, z = ((c - own) // 4 for c, own in zip(cells, item.cells, strict=True))
+def locations(cells: Triple, item: Item) -> Triple:
+    """How many locations an axis the item has inside a box of so many cells; it must fit."""
+    x, y, z = ((c - own) // STEP + 1 for c, own in zip(cells, item.cells, strict=True))
     nodes = grid_nodes(cells)
-    return min(x, nodes[0] - 1), min(y, nodes[1] - 1), min(z, nodes[2] - 1)
-
-
-def no_states(cells: Triple, item: Item) -> States:
-    """FREE at every location at which the item is inside a box of so many cells."""
-    i, j, k = last_location(cells, item)
-    return np.full((i + 1, j + 1, k + 1), FREE, dtype=np.uint8)
+    return min(x, nodes[0]), min(y, nodes[1]), min(z, nodes[2])
 
 
 def screen(occupancy: Occupancy, item: Item) -> States:
     """The state of every location from (0, 0, 0) to the last at which the item is inside."""
-    i, j, k = last_location(occupancy.cells, item)
-    return _screen(*_box(occupancy), *_item(item.voxels), occupancy.spans, (i + 1, j + 1, k + 1))
+    size = locations(occupancy.cells, item)
+    return _screen(_box(occupancy), _item(item.voxels), occupancy.spans, size)
 
 
 def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
     """The state of one location, at which the item is inside the box."""
-    return int(_screen_at(*_box(occupancy), *_item(candidate.item.voxels), candidate.location))
+    voxels = candidate.item.voxels
+    return int(_screen_at(_box(occupancy), _item(voxels), candidate.location))
 
 
 def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Triple, int, int]:
@@ -56,16 +51,15 @@ def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Tripl
 
     Returns it, its state (BLOCKED: there is none), and the number of the location after it.
     """
-    i, j, k = last_location(occupancy.cells, item)
-    size = (i + 1, j + 1, k + 1)
-    i, j, k, state, following = _next_unblocked(*_box(occupancy), *_item(item.voxels), size, number)
+    size = locations(occupancy.cells, item)
+    i, j, k, state, following = _next_unblocked(_box(occupancy), _item(item.voxels), size, number)
     return (i, j, k), state, following
 
 
-def screen_pair(placed: Placed, item: Item, locations: Locations) -> States:
+def screen_pair(placed: Placed, item: Item, at: Locations) -> States:
     """What the cells of one placed item tell of another's locations: (n,) states for (n, 3)."""
-    offsets = locations - np.array(placed.location)
-    return _screen_pair(*_host(placed.item.voxels), *_item(item.voxels), offsets)
+    offsets = at - np.array(placed.location)
+    return _screen_pair(_host(placed.item.voxels), _item(item.voxels), offsets)
 
 
 def screen_offsets(a: Item, b: Item) -> States:
@@ -73,19 +67,22 @@ def screen_offsets(a: Item, b: Item) -> States:
 
     [x, y, z] for b at x - (bricks of b along x) + 1 and so on, in grid steps from a.
     """
-    return _screen_offsets(*_host(a.voxels), *_item(b.voxels), b.voxels.number.shape)
+    return _screen_offsets(_host(a.voxels), _item(b.voxels), b.voxels.number.shape)
 
 
 def _box(occupancy: Occupancy) -> tuple[Any, ...]:
+    """What kernels read of a box."""
     nx, ny, _ = grid_nodes(occupancy.cells)
     return occupancy.bricks, occupancy.page, occupancy.fine, nx, ny
 
 
 def _item(voxels: Voxels) -> tuple[Any, ...]:
+    """What kernels read of an item that is asked about."""
     return voxels.bricks, voxels.outer, voxels.inner, voxels.first, voxels.fine
 
 
 def _host(voxels: Voxels) -> tuple[Any, ...]:
+    """What kernels read of an item that another one is held against."""
     return voxels.number, voxels.outer, voxels.inner, voxels.first, voxels.fine
 
 
@@ -99,24 +96,25 @@ def _offsets(bricks, nx, ny):
 
 
 @kernel
-def _state(box, page, box_fine, start, offsets, outer, inner, first, fine, hot):
+def _state(box, item, offsets, start, hot):
     """The state of the location whose brick has number `start`, and the brick that blocks it.
 
     hot: the item's brick to look at first, that which blocked the location before.
     """
+    theirs, page, their_fine, _, _ = box
+    _, outer, inner, first, fine = item
     at = start + offsets[hot]
-    if box[at, 0] & inner[hot] | box[at, 1] & outer[hot]:
+    if theirs[at, 0] & inner[hot] | theirs[at, 1] & outer[hot]:
         return BLOCKED, hot
     state = FREE
     for n in range(len(offsets)):
         at = start + offsets[n]
-        theirs = box[at, 0]
-        shared = theirs & outer[n]
+        shared = theirs[at, 0] & outer[n]
         if not shared:
             continue
-        if theirs & inner[n] | box[at, 1] & outer[n]:
+        if theirs[at, 0] & inner[n] | theirs[at, 1] & outer[n]:
             return BLOCKED, n
-        page_fine = box_fine[page[at]]
+        page_fine = their_fine[page[at]]
         surface = outer[n] & ~inner[n]
         while shared:
             bit = lowest_bit(shared)
@@ -130,8 +128,10 @@ def _state(box, page, box_fine, start, offsets, outer, inner, first, fine, hot):
 
 
 @kernel
-def _screen(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, spans, size):
+def _screen(box, item, spans, size):
     """The states of locations; spans: (n, 6) first and last brick of each placed item."""
+    _, _, _, nx, ny = box
+    bricks = item[0]
     states = np.full(size, np.uint8(FREE))
     near = np.zeros(size, np.bool_)
     extent = np.zeros(3, np.int64)
@@ -150,30 +150,27 @@ def _screen(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, span
             for j in range(size[1]):
                 if near[i, j, k]:
                     start = (k * nx + i) * ny + j
-                    states[i, j, k], hot = _state(
-                        box, page, box_fine, start, offsets, outer, inner, first, fine, hot
-                    )
+                    states[i, j, k], hot = _state(box, item, offsets, start, hot)
     return states
 
 
 @kernel
-def _screen_at(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, location):
+def _screen_at(box, item, location):
+    _, _, _, nx, ny = box
     i, j, k = location
-    start = (k * nx + i) * ny + j
-    offsets = _offsets(bricks, nx, ny)
-    return _state(box, page, box_fine, start, offsets, outer, inner, first, fine, 0)[0]
+    return _state(box, item, _offsets(item[0], nx, ny), (k * nx + i) * ny + j, 0)[0]
 
 
 @kernel
-def _next_unblocked(box, page, box_fine, nx, ny, bricks, outer, inner, first, fine, size, number):
+def _next_unblocked(box, item, size, number):
+    _, _, _, nx, ny = box
     row, layer = size[1], size[0] * size[1]
-    offsets = _offsets(bricks, nx, ny)
+    offsets = _offsets(item[0], nx, ny)
     hot = 0
     while number < layer * size[2]:
         k, rest = divmod(number, layer)
         i, j = divmod(rest, row)
-        start = (k * nx + i) * ny + j
-        state, hot = _state(box, page, box_fine, start, offsets, outer, inner, first, fine, hot)
+        state, hot = _state(box, item, offsets, (k * nx + i) * ny + j, hot)
         number += 1
         if state != BLOCKED:
             return i, j, k, state, number
@@ -181,10 +178,10 @@ def _next_unblocked(box, page, box_fine, nx, ny, bricks, outer, inner, first, fi
 
 
 @kernel
-def _pair_state(
-    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, offset
-):
+def _pair_state(host, item, offset):
     """As `_state`, for an item `offset` bricks from another, the host."""
+    number, host_outer, host_inner, host_first, host_fine = host
+    bricks, outer, inner, first, fine = item
     nx, ny, nz = number.shape
     state = FREE
     for n in range(len(bricks)):
@@ -215,58 +212,20 @@ def _pair_state(
 
 
 @kernel
-def _screen_pair(
-    number,
-    host_outer,
-    host_inner,
-    host_first,
-    host_fine,
-    bricks,
-    outer,
-    inner,
-    first,
-    fine,
-    offsets,
-):
+def _screen_pair(host, item, offsets):
     states = np.empty(len(offsets), np.uint8)
     for n in range(len(offsets)):
-        states[n] = _pair_state(
-            number,
-            host_outer,
-            host_inner,
-            host_first,
-            host_fine,
-            bricks,
-            outer,
-            inner,
-            first,
-            fine,
-            offsets[n],
-        )
+        states[n] = _pair_state(host, item, offsets[n])
     return states
 
 
 @kernel
-def _screen_offsets(
-    number, host_outer, host_inner, host_first, host_fine, bricks, outer, inner, first, fine, own
-):
-    nx, ny, nz = number.shape
+def _screen_offsets(host, item, own):
+    nx, ny, nz = host[0].shape
     states = np.empty((nx + own[0] - 1, ny + own[1] - 1, nz + own[2] - 1), np.uint8)
     for x in range(states.shape[0]):
         for y in range(states.shape[1]):
             for z in range(states.shape[2]):
                 offset = (x - own[0] + 1, y - own[1] + 1, z - own[2] + 1)
-                states[x, y, z] = _pair_state(
-                    number,
-                    host_outer,
-                    host_inner,
-                    host_first,
-                    host_fine,
-                    bricks,
-                    outer,
-                    inner,
-                    first,
-                    fine,
-                    offset,
-                )
+                states[x, y, z] = _pair_state(host, item, offset)
     return states

@@ -233,8 +233,8 @@ def _signed_volume(mesh: trimesh.Trimesh) -> float:
     key=lambda shape, scale: (shape.digest, scale),
 )
 def _upright_voxels(shape: Shape, scale: float) -> Voxels:
-    upright = Item(shape, scale)
-    return Voxels.of(upright.mesh.triangles, upright.cells)
+    vertices = np.asarray(shape.mesh.vertices) * np.cbrt(scale)
+    return Voxels.of(vertices[shape.mesh.faces], Item(shape, scale).cells)
 
 
 @bounded(

@@ -21,12 +21,13 @@ VOLUME_RESOLUTION = 256
 
 
 def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words, Words]:
-    """The outer and the inner fine cells of a surface, as words [x, y, z] over its cell box.
+    """The touched fine cells of a surface, and the reached ones: words [x, y, z] over its cell box.
 
     triangles: (n, 3, 3) corners in box units; the cell box is centred on the origin. A fine cell,
-    grown by half the contact tolerance, is touched where a triangle meets it; the enclosed ones are
-    those that no path over faces of untouched fine cells reaches from outside. Raises ValueError
-    where the cell box has more than `MAX_CELLS` along an axis.
+    grown by half the contact tolerance, is touched where a triangle meets it; reached are those to
+    which a path over faces of untouched ones leads from outside, so that all others are outer, and
+    those that are neither are inner (DESIGN: Shapes). Raises ValueError where the cell box has more
+    than `MAX_CELLS` along an axis.
     """
     if max(cells) > MAX_CELLS:
         raise ValueError(
@@ -34,8 +35,7 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
             f"at most {MAX_CELLS} an axis"
         )
     touched = _touched(triangles, np.array(cells), CELL, CONTACT_TOLERANCE / 2)
-    outer = ~_reached(touched)
-    return outer, outer & ~touched
+    return touched, _reached(touched)
 
 
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:

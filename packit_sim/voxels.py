@@ -57,8 +57,7 @@ class Voxels:
         triangles: (n, 3, 3) corners in box units. Raises ValueError where the cell box is too
         large (see `voxelization.fine_cells`).
         """
-        outer, inner = fine_cells(triangles, cells)
-        return cls(cells, *_bricks(outer, inner, *_brick_words(outer, inner)))
+        return cls(cells, *_bricks(*fine_cells(triangles, cells)))
 
     @property
     def nbytes(self) -> int:
@@ -76,7 +75,6 @@ class Voxels:
                 self.bricks,
                 self.outer,
                 self.inner,
-                self.first,
                 self.fine,
                 np.array((x, y, z)),
                 axes,
@@ -113,7 +111,7 @@ class Voxels:
 
     def _words(self, which: int) -> Words:
         dense = np.zeros(self.cells, dtype=np.uint64)
-        _spread(dense, self.bricks, self.outer, self.inner, self.first, self.fine[:, which])
+        _spread(dense, self.bricks, self.outer, self.inner, self.fine[:, which])
         return dense
 
 
@@ -150,19 +148,19 @@ def _brick_box(cells: Triple) -> Triple:
 
 
 @kernel
-def _brick_words(outer, inner):
+def _brick_words(touched, reached):
     """Outer and inner cells as words over the bricks [x, y, z], from words of fine cells."""
-    nx, ny, nz = outer.shape
+    nx, ny, nz = touched.shape
     bricks = ((nx + 3) // 4, (ny + 3) // 4, (nz + 3) // 4)
     outer_cells = np.zeros(bricks, np.uint64)
     inner_cells = np.zeros(bricks, np.uint64)
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
-                if outer[x, y, z]:
+                if reached[x, y, z] != FULL:
                     bit = _1 << np.uint64(16 * (x & 3) + 4 * (y & 3) + (z & 3))
                     outer_cells[x >> 2, y >> 2, z >> 2] |= bit
-                    if inner[x, y, z] == FULL:
+                    if not touched[x, y, z] | reached[x, y, z]:
                         inner_cells[x >> 2, y >> 2, z >> 2] |= bit
     return outer_cells, inner_cells
 
@@ -201,26 +199,31 @@ def _shuffled(outer_cells, inner_cells):
 
 
 @kernel
-def _bricks(outer_fine, inner_fine, outer_cells, inner_cells):
+def _place(brick, bit):
+    """Where the cell of a bit in a brick is, in cells."""
+    return 4 * brick[0] + (bit >> 4), 4 * brick[1] + (bit >> 2 & 3), 4 * brick[2] + (bit & 3)
+
+
+@kernel
+def _bricks(touched, reached):
+    """All that `Voxels` holds, from words of fine cells."""
+    outer_cells, inner_cells = _brick_words(touched, reached)
     bricks, outer, inner, first, number = _shuffled(outer_cells, inner_cells)
     fine = np.empty((first[-1], 2), np.uint64)
+    at = 0
     for n in range(len(bricks)):
-        at = first[n]
         left = outer[n] & ~inner[n]
         while left:
-            bit = lowest_bit(left)
+            x, y, z = _place(bricks[n], lowest_bit(left))
             left &= left - _1
-            x = 4 * bricks[n, 0] + (bit >> 4)
-            y = 4 * bricks[n, 1] + (bit >> 2 & 3)
-            z = 4 * bricks[n, 2] + (bit & 3)
-            fine[at, 0] = outer_fine[x, y, z]
-            fine[at, 1] = inner_fine[x, y, z]
+            fine[at, 0] = ~reached[x, y, z]
+            fine[at, 1] = ~(reached[x, y, z] | touched[x, y, z])
             at += 1
     return bricks, outer, inner, first, fine, number
 
 
 @kernel
-def _turned(old_bricks, old_outer, old_inner, old_first, old_fine, cells, axes, signs, swaps):
+def _turned(old_bricks, old_outer, old_inner, old_fine, cells, axes, signs, swaps):
     """The bricks and words of an item after a turn; cells: of the turned cell box."""
     nx, ny, nz = (cells[0] + 3) // 4, (cells[1] + 3) // 4, (cells[2] + 3) // 4
     outer_cells = np.zeros((nx, ny, nz), np.uint64)
@@ -246,11 +249,8 @@ def _turned(old_bricks, old_outer, old_inner, old_first, old_fine, cells, axes, 
     for m in range(len(old_bricks)):
         left = old_outer[m] & ~old_inner[m]
         while left:
-            bit = lowest_bit(left)
+            old[0], old[1], old[2] = _place(old_bricks[m], lowest_bit(left))
             left &= left - _1
-            old[0] = 4 * old_bricks[m, 0] + (bit >> 4)
-            old[1] = 4 * old_bricks[m, 1] + (bit >> 2 & 3)
-            old[2] = 4 * old_bricks[m, 2] + (bit & 3)
             for d in range(3):
                 new[d] = old[axes[d]] if signs[d] > 0 else cells[d] - 1 - old[axes[d]]
             n = number[new[0] >> 2, new[1] >> 2, new[2] >> 2]
@@ -293,17 +293,15 @@ def _shift(dense, d, count):
 
 
 @kernel
-def _spread(dense, bricks, outer, inner, first, fine):
+def _spread(dense, bricks, outer, inner, fine):
     """Words [x, y, z] over the cell box, from bricks and the words of their outer cells."""
+    at = 0
     for n in range(len(bricks)):
-        at = first[n]
         left = outer[n]
         while left:
             bit = lowest_bit(left)
             left &= left - _1
-            x = 4 * bricks[n, 0] + (bit >> 4)
-            y = 4 * bricks[n, 1] + (bit >> 2 & 3)
-            z = 4 * bricks[n, 2] + (bit & 3)
+            x, y, z = _place(bricks[n], bit)
             if inner[n] >> np.uint64(bit) & _1:
                 dense[x, y, z] = FULL
             else:

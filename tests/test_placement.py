@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from packit_sim import placement
 from packit_sim.box import Box
+from packit_sim.errors import InfeasibleError
 from packit_sim.library import ShapeLibrary
 from packit_sim.occupancy import Placed
 from packit_sim.shapes import Item
@@ -47,6 +48,58 @@ def test_mask_equals_oracle_on_library_meshes(seed, cells) -> None:
     assert_exact(box, random_item(shapes, size, rng))
 
 
+@given(seeds, st.permutations((512, 12, 16)))
+@settings(max_examples=6)
+def test_mask_equals_oracle_in_the_longest_boxes(seed, cells) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box(cells)
+    fill(box, [random_item(ZOO, 0.2, rng) for _ in range(12)], rng)
+    assert box.placed
+    assert_exact(box, random_item(ZOO, 0.15, rng))
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_all_rotations_at_once_are_the_masks_one_by_one(seed) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box((40, 32, 36))
+    fill(box, [random_item(ZOO, 0.3, rng) for _ in range(3)], rng)
+    item = random_item(ZOO, 0.3, rng)
+    together = box.feasible_rotations(item)
+    assert together.shape == (24, 10, 8, 9)
+    for rotation in range(24):
+        assert (together[rotation] == placement.oracle(box, item.turned(rotation))).all()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_why_not_names_each_wall_and_each_item_that_is_in_the_way(seed) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box((40, 48, 32))
+    fill(box, [random_item(ZOO, 0.3, rng) for _ in range(4)], rng)
+    item = random_item(ZOO, 0.35, rng)
+    mask = box.feasible(item)
+    for location in np.ndindex(mask.shape):
+        candidate = Placed(item, location)
+        reason = box.why_not(item, location)
+        assert bool(reason) is not bool(mask[location])
+        assert reason.items == tuple(
+            n for n, other in enumerate(box.placed) if placement.conflicts(other, candidate)
+        )
+        assert reason.walls == tuple(
+            wall
+            for wall, stop, size in zip(
+                ("right", "front", "top"), candidate.stop, box.cells, strict=True
+            )
+            if stop > size
+        )
+
+
+def test_why_not_at_no_node_of_the_grid_is_refused() -> None:
+    with pytest.raises(InfeasibleError, match="outside the grid"):
+        Box().why_not(cube_of(4), (0, 25, 0))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_mask_equals_oracle_at_all_15625_locations(seed) -> None:
     """The benchmark's box, filled as agents fill it."""
@@ -60,12 +113,6 @@ def test_mask_equals_oracle_at_all_15625_locations(seed) -> None:
             box.place(item, location)
     assert len(box.placed) >= 6
     assert_exact(box, random_item(shapes, 0.4, rng))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 140))
-def test_mask_equals_oracle_in_many_full_boxes(seed) -> None:
-    test_mask_equals_oracle_at_all_15625_locations(seed)
 
 
 def feasible_at(box: Box, item: Item, location: tuple[int, int, int]) -> bool:

@@ -1,0 +1,181 @@
+"""How many instructions the placement engine's answers take, and in whose code: callgrind counts.
+
+    .venv/bin/python -m benchmarks.instructions    (needs valgrind; about ten minutes)
+
+Counts know no noise. Each kind of work is run some times and not at all, in processes that
+are otherwise the same, and the difference is shared out by library: kernels are the compiled ones.
+Prints a table, and writes `benchmarks/results/instructions.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from packit_sim import Box, Item, ShapeLibrary, caches
+from packit_sim.collision import collision_mesh
+from packit_sim.nofit import MEETINGS
+
+RESULTS = Path(__file__).parent / "results" / "instructions.json"
+
+TIMES = 20
+"""How often each kind of work is done."""
+
+CPU = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+bmi,+bmi2,+fma,+popcnt"}
+"""What kernels are compiled for: valgrind knows no AVX-512."""
+
+PAIR_MEMORY = ("collisions", "no-fit tables", "pairs that met")
+
+
+class Work:
+    """A box of everyday shapes, and an item to ask about, everything made that is made once."""
+
+    def __init__(self) -> None:
+        library = ShapeLibrary.open("everyday")
+        rng = np.random.default_rng(0)
+        self.box = Box()
+        while len(self.box.placed) < 12:
+            item = self._item(library, rng)
+            location = self.box.blbf(item)
+            if location is not None:
+                self.box.place(item, location)
+        self.items = [self._item(library, rng) for _ in range(4)]
+        for item in self.items:
+            collision_mesh(item)
+            for _ in range(MEETINGS + 2):
+                self.box.feasible(item)
+
+    def _item(self, library: ShapeLibrary, rng: np.random.Generator) -> Item:
+        shape = library[library.ids[rng.integers(len(library.ids))]]
+        return Item(shape, rng.uniform(0.4, 0.7) ** 3, int(rng.integers(24)))
+
+    def blbf(self, item: Item) -> None:
+        """A BLBF query that remembers nothing of the pairs."""
+        caches.clear("collisions")
+        self.box.blbf(item)
+
+    def cold_mask(self, item: Item) -> None:
+        """A mask that remembers nothing of the pairs."""
+        caches.clear(*PAIR_MEMORY)
+        self.box.feasible(item)
+
+    def warm_mask(self, item: Item) -> None:
+        """A mask of pairs that have tables."""
+        self.box.feasible(item)
+
+    def first(self, item: Item) -> None:
+        """The voxels of a shape at a scale."""
+        caches.clear("voxels", "turned voxels")
+        _ = item.turned(0).voxels
+
+    def turn(self, item: Item) -> None:
+        """The voxels of a further rotation."""
+        caches.clear("turned voxels")
+        _ = item.voxels
+
+    def place(self, item: Item) -> None:
+        """An item placed and taken out."""
+        location = self.box.blbf(item)
+        if location is not None:
+            self.box.place(item, location)
+            self.box.undo()
+
+
+KINDS = ("blbf", "cold_mask", "warm_mask", "first", "turn", "place")
+
+
+def work(kind: str, times: int) -> None:
+    """What a counted process does."""
+    prepared = Work()
+    do: Callable[[Item], None] = getattr(prepared, kind)
+    for n in range(times):
+        do(prepared.items[n % len(prepared.items)])
+
+
+def counted(kind: str, times: int, folder: Path) -> Counter[str]:
+    """Instructions by library of a process that does some work."""
+    out = folder / "callgrind.out"
+    command = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", sys.executable]
+    child = ["-m", "benchmarks.instructions", "--work", kind, "--times", str(times)]
+    environment = os.environ | CPU | {"NUMBA_CACHE_DIR": str(folder), "PYTHONHASHSEED": "0"}
+    subprocess.run([sys.executable, *child], env=environment, check=True)  # compiles
+    subprocess.run([*command, *child], env=environment, check=True, capture_output=True)
+    return by_library(out.read_text())
+
+
+def by_library(profile: str) -> Counter[str]:
+    """Self costs of callgrind's file, by the short name of the object that the code is in."""
+    names: dict[str, str] = {}
+    costs: Counter[str] = Counter()
+    library = ""
+    inclusive = False
+    for line in profile.splitlines():
+        if named := re.match(r"ob=(\(\d+\))(?: (.*))?", line):
+            number, path = named.groups()
+            if path:
+                names[number] = _short(path)
+            library = names[number]
+        elif named := re.match(r"cob=(\(\d+\)) (.*)", line):
+            names[named[1]] = _short(named[2])
+        elif line.startswith("calls="):
+            inclusive = True
+        elif line[:1].isdigit() or line[:1] in "+-*":
+            if not inclusive:
+                costs[library] += int(line.split()[1])
+            inclusive = False
+    return costs
+
+
+def _short(path: str) -> str:
+    name = Path(path).name
+    for short in ("python", "fcl", "numpy", "libc.", "libm.", "libstdc"):
+        if short in (path if short in ("fcl", "numpy") else name):
+            return short.rstrip(".").replace("libstdc", "libstdc++")
+    return "kernels" if name == "???" else "others"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--work", choices=KINDS, help=argparse.SUPPRESS)
+    parser.add_argument("--times", type=int, default=TIMES, help="how often each work is done")
+    arguments = parser.parse_args()
+    if arguments.work:
+        work(arguments.work, arguments.times)
+        return
+    if shutil.which("valgrind") is None:
+        sys.exit("valgrind is not installed: apt-get install valgrind")
+    result = {}
+    with tempfile.TemporaryDirectory() as folder, Console().status("counting"):
+        idle = counted(KINDS[0], 0, Path(folder))
+        for kind in KINDS:
+            spent = counted(kind, arguments.times, Path(folder))
+            spent.subtract(idle)
+            result[kind] = {name: n / arguments.times for name, n in spent.most_common() if n > 0}
+    table = Table("once", "million instructions", "of it, in percent", title="instructions")
+    for kind, shares in result.items():
+        total = sum(shares.values())
+        named = [f"{name} {n / total:.0%}" for name, n in shares.items() if n > 0.01 * total]
+        does = (getattr(Work, kind).__doc__ or "").rstrip(".")
+        table.add_row(does, f"{total / 1e6:.2f}", ", ".join(named))
+    Console(width=100).print(table)
+    RESULTS.parent.mkdir(parents=True, exist_ok=True)
+    RESULTS.write_text(json.dumps({"times": arguments.times, "instructions": result}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Kernels in installations that can't be written to, and what is said while they are compiled."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import packit_sim
+from packit_sim import rotations
+
+SCRIPT = """
+import numpy as np
+from packit_sim.bits import turn_words, turning_swaps
+words = np.array([1], dtype=np.uint64)
+turn_words(words, turning_swaps(1))
+print(int(words[0]))
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
+    """A folder with a copy of the package where nothing can be compiled to."""
+    source = Path(packit_sim.__file__).parent
+    copy = tmp_path / "site-packages" / "packit_sim"
+    shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    (copy / "__pycache__").write_text("a file, so that no folder can be made here")
+    return copy.parent
+
+
+def run(installed: Path, cache_home: Path) -> subprocess.CompletedProcess[str]:
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment |= {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(cache_home)}
+    return subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        env=environment,
+        cwd=installed,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+def test_the_users_cache_serves_where_the_installation_cannot(
+    installed: Path, tmp_path: Path
+) -> None:
+    first, second = (run(installed, tmp_path / "cache") for _ in range(2))
+    assert first.stdout == second.stdout
+    assert "compiling the placement engine" in first.stderr
+    assert second.stderr == "", "it came from the disk, and there is nothing to say"
+    assert list((tmp_path / "cache").rglob("*.nbc"))
+
+
+def test_where_nothing_can_be_kept_it_compiles_each_time_and_says_so(
+    installed: Path, tmp_path: Path
+) -> None:
+    corner = np.zeros((4, 4, 4), dtype=bool)
+    corner[0, 0, 0] = True
+    turned = int(rotations.turn_array(corner, 1).ravel().argmax())
+    no_folder = tmp_path / "cache"
+    no_folder.write_text("a file")
+    for _ in range(2):
+        done = run(installed, no_folder)
+        assert int(done.stdout) == 1 << turned
+        assert done.stderr.count("compiling the placement engine") == 1
