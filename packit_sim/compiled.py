@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
 _log = logging.getLogger("packit_sim")
 
@@ -42,3 +44,9 @@ class _Announcement(event.Listener):  # type: ignore[misc] # numba's own hints a
 
 
 event.register("numba:compile", _Announcement())
+
+os.register_at_fork(  # a child would wait for ever for a thread that was compiling
+    before=global_compiler_lock.acquire,
+    after_in_parent=global_compiler_lock.release,
+    after_in_child=global_compiler_lock.release,
+)

@@ -6,13 +6,13 @@ Three sub-tasks in a cycle: choose a shape that is outside, a rotation for it, a
 from __future__ import annotations
 
 import enum
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim import rotations
 from packit_sim.box import Box
+from packit_sim.caches import cached_property
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import Triple
 from packit_sim.packs import Task

@@ -18,7 +18,6 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
-from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -26,6 +25,7 @@ from zipfile import BadZipFile
 
 import trimesh
 
+from packit_sim.caches import cached_property
 from packit_sim.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.quantized import QuantizedMesh
 from packit_sim.shapes import Shape

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim.bits import Words, lowest_bit
+from packit_sim.caches import cached_property
 from packit_sim.compiled import kernel
 from packit_sim.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.shapes import Item

@@ -10,14 +10,13 @@ import hashlib
 import math
 import operator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from packit_sim import rotations
-from packit_sim.caches import bounded
+from packit_sim.caches import bounded, cached_property
 from packit_sim.errors import MeshError
 from packit_sim.lattice import Triple, cell_box
 from packit_sim.voxelization import solid_volume
