@@ -37,13 +37,13 @@ def locations(cells: Triple, item: Item) -> Triple:
 def screen(occupancy: Occupancy, item: Item) -> States:
     """The state of every location from (0, 0, 0) to the last at which the item is inside."""
     size = locations(occupancy.cells, item)
-    return _screen(_box(occupancy), _item(item.voxels), occupancy.spans, size)
+    return _screen(*_box(occupancy), *_item(item.voxels), occupancy.spans, size)
 
 
 def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
     """The state of one location, at which the item is inside the box."""
     voxels = candidate.item.voxels
-    return int(_screen_at(_box(occupancy), _item(voxels), candidate.location))
+    return int(_screen_at(*_box(occupancy), *_item(voxels), candidate.location))
 
 
 def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Triple, int, int]:
@@ -52,14 +52,14 @@ def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Tripl
     Returns it, its state (BLOCKED: there is none), and the number of the location after it.
     """
     size = locations(occupancy.cells, item)
-    i, j, k, state, following = _next_unblocked(_box(occupancy), _item(item.voxels), size, number)
+    i, j, k, state, following = _next_unblocked(*_box(occupancy), *_item(item.voxels), size, number)
     return (i, j, k), state, following
 
 
 def screen_pair(placed: Placed, item: Item, at: Locations) -> States:
     """What the cells of one placed item tell of another's locations: (n,) states for (n, 3)."""
     offsets = at - np.array(placed.location)
-    return _screen_pair(_host(placed.item.voxels), _item(item.voxels), offsets)
+    return _screen_pair(*_host(placed.item.voxels), *_item(item.voxels), offsets)
 
 
 def screen_offsets(a: Item, b: Item) -> States:
@@ -67,7 +67,7 @@ def screen_offsets(a: Item, b: Item) -> States:
 
     [x, y, z] for b at x - (bricks of b along x) + 1 and so on, in grid steps from a.
     """
-    return _screen_offsets(_host(a.voxels), _item(b.voxels), b.voxels.number.shape)
+    return _screen_offsets(*_host(a.voxels), *_item(b.voxels), b.voxels.number.shape)
 
 
 def _box(occupancy: Occupancy) -> tuple[Any, ...]:
@@ -82,7 +82,7 @@ def _item(voxels: Voxels) -> tuple[Any, ...]:
 
 
 def _host(voxels: Voxels) -> tuple[Any, ...]:
-    """What kernels read of an item that another one is held against."""
+    """What kernels read of an item that another one is held against: "their" arrays."""
     return voxels.number, voxels.outer, voxels.inner, voxels.first, voxels.fine
 
 
@@ -96,42 +96,39 @@ def _offsets(bricks, nx, ny):
 
 
 @kernel
-def _state(box, item, offsets, start, hot):
+def _state(theirs, page, their_fine, offsets, outer, inner, first, fine, start, hot):
     """The state of the location whose brick has number `start`, and the brick that blocks it.
 
     hot: the item's brick to look at first, that which blocked the location before.
     """
-    theirs, page, their_fine, _, _ = box
-    _, outer, inner, first, fine = item
     at = start + offsets[hot]
     if theirs[at, 0] & inner[hot] | theirs[at, 1] & outer[hot]:
         return BLOCKED, hot
     state = FREE
     for n in range(len(offsets)):
         at = start + offsets[n]
-        shared = theirs[at, 0] & outer[n]
+        taken = theirs[at, 0]
+        shared = taken & outer[n]
         if not shared:
             continue
-        if theirs[at, 0] & inner[n] | theirs[at, 1] & outer[n]:
+        if taken & inner[n] | theirs[at, 1] & outer[n]:
             return BLOCKED, n
-        page_fine = their_fine[page[at]]
+        kept = page[at]  # a view of the page would be counted, twice for each brick
         surface = outer[n] & ~inner[n]
         while shared:
             bit = lowest_bit(shared)
             shared &= shared - _1
             own = first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
-            if page_fine[bit, 0] & fine[own, 1] | page_fine[bit, 1] & fine[own, 0]:
+            if their_fine[kept, bit, 0] & fine[own, 1] | their_fine[kept, bit, 1] & fine[own, 0]:
                 return BLOCKED, n
-            if page_fine[bit, 0] & fine[own, 0]:
+            if their_fine[kept, bit, 0] & fine[own, 0]:
                 state = OPEN
     return state, hot
 
 
 @kernel
-def _screen(box, item, spans, size):
+def _screen(theirs, page, their_fine, nx, ny, bricks, outer, inner, first, fine, spans, size):
     """The states of locations; spans: (n, 6) first and last brick of each placed item."""
-    _, _, _, nx, ny = box
-    bricks = item[0]
     states = np.full(size, np.uint8(FREE))
     near = np.zeros(size, np.bool_)
     extent = np.zeros(3, np.int64)
@@ -150,27 +147,34 @@ def _screen(box, item, spans, size):
             for j in range(size[1]):
                 if near[i, j, k]:
                     start = (k * nx + i) * ny + j
-                    states[i, j, k], hot = _state(box, item, offsets, start, hot)
+                    states[i, j, k], hot = _state(
+                        theirs, page, their_fine, offsets, outer, inner, first, fine, start, hot
+                    )
     return states
 
 
 @kernel
-def _screen_at(box, item, location):
-    _, _, _, nx, ny = box
+def _screen_at(theirs, page, their_fine, nx, ny, bricks, outer, inner, first, fine, location):
     i, j, k = location
-    return _state(box, item, _offsets(item[0], nx, ny), (k * nx + i) * ny + j, 0)[0]
+    start = (k * nx + i) * ny + j
+    offsets = _offsets(bricks, nx, ny)
+    return _state(theirs, page, their_fine, offsets, outer, inner, first, fine, start, 0)[0]
 
 
 @kernel
-def _next_unblocked(box, item, size, number):
-    _, _, _, nx, ny = box
+def _next_unblocked(
+    theirs, page, their_fine, nx, ny, bricks, outer, inner, first, fine, size, number
+):
     row, layer = size[1], size[0] * size[1]
-    offsets = _offsets(item[0], nx, ny)
+    offsets = _offsets(bricks, nx, ny)
     hot = 0
     while number < layer * size[2]:
         k, rest = divmod(number, layer)
         i, j = divmod(rest, row)
-        state, hot = _state(box, item, offsets, (k * nx + i) * ny + j, hot)
+        start = (k * nx + i) * ny + j
+        state, hot = _state(
+            theirs, page, their_fine, offsets, outer, inner, first, fine, start, hot
+        )
         number += 1
         if state != BLOCKED:
             return i, j, k, state, number
@@ -178,10 +182,20 @@ def _next_unblocked(box, item, size, number):
 
 
 @kernel
-def _pair_state(host, item, offset):
+def _pair_state(
+    number,
+    their_outer,
+    their_inner,
+    their_first,
+    their_fine,
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    offset,
+):
     """As `_state`, for an item `offset` bricks from another, the host."""
-    number, host_outer, host_inner, host_first, host_fine = host
-    bricks, outer, inner, first, fine = item
     nx, ny, nz = number.shape
     state = FREE
     for n in range(len(bricks)):
@@ -191,41 +205,89 @@ def _pair_state(host, item, offset):
         m = number[x, y, z]
         if m < 0:
             continue
-        shared = host_outer[m] & outer[n]
+        shared = their_outer[m] & outer[n]
         if not shared:
             continue
-        if host_outer[m] & inner[n] | host_inner[m] & outer[n]:
+        if their_outer[m] & inner[n] | their_inner[m] & outer[n]:
             return BLOCKED
         surface = outer[n] & ~inner[n]
-        host_surface = host_outer[m] & ~host_inner[m]
+        their_surface = their_outer[m] & ~their_inner[m]
         while shared:
             bit = lowest_bit(shared)
             shared &= shared - _1
             below = (_1 << np.uint64(bit)) - _1
             own = first[n] + count_bits(surface & below)
-            theirs = host_first[m] + count_bits(host_surface & below)
-            if host_fine[theirs, 0] & fine[own, 1] | host_fine[theirs, 1] & fine[own, 0]:
+            their = their_first[m] + count_bits(their_surface & below)
+            if their_fine[their, 0] & fine[own, 1] | their_fine[their, 1] & fine[own, 0]:
                 return BLOCKED
-            if host_fine[theirs, 0] & fine[own, 0]:
+            if their_fine[their, 0] & fine[own, 0]:
                 state = OPEN
     return state
 
 
 @kernel
-def _screen_pair(host, item, offsets):
+def _screen_pair(
+    number,
+    their_outer,
+    their_inner,
+    their_first,
+    their_fine,
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    offsets,
+):
     states = np.empty(len(offsets), np.uint8)
     for n in range(len(offsets)):
-        states[n] = _pair_state(host, item, offsets[n])
+        states[n] = _pair_state(
+            number,
+            their_outer,
+            their_inner,
+            their_first,
+            their_fine,
+            bricks,
+            outer,
+            inner,
+            first,
+            fine,
+            offsets[n],
+        )
     return states
 
 
 @kernel
-def _screen_offsets(host, item, own):
-    nx, ny, nz = host[0].shape
+def _screen_offsets(
+    number,
+    their_outer,
+    their_inner,
+    their_first,
+    their_fine,
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    own,
+):
+    nx, ny, nz = number.shape
     states = np.empty((nx + own[0] - 1, ny + own[1] - 1, nz + own[2] - 1), np.uint8)
     for x in range(states.shape[0]):
         for y in range(states.shape[1]):
             for z in range(states.shape[2]):
                 offset = (x - own[0] + 1, y - own[1] + 1, z - own[2] + 1)
-                states[x, y, z] = _pair_state(host, item, offset)
+                states[x, y, z] = _pair_state(
+                    number,
+                    their_outer,
+                    their_inner,
+                    their_first,
+                    their_fine,
+                    bricks,
+                    outer,
+                    inner,
+                    first,
+                    fine,
+                    offset,
+                )
     return states
