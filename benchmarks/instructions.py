@@ -1,9 +1,9 @@
 """How many instructions the placement engine's answers take, and in whose code: callgrind counts.
 
-    .venv/bin/python -m benchmarks.instructions    (needs valgrind; about ten minutes)
+    .venv/bin/python -m benchmarks.instructions    (needs valgrind; some minutes)
 
-Counts know no noise. Each kind of work is run some times and not at all, in processes that
-are otherwise the same, and the difference is shared out by library: kernels are the compiled ones.
+Counts know no noise. Each kind of work is done some times in one process, and its instructions are
+shared out by the library that they are in; "kernels" are the engine's own compiled functions.
 Prints a table, and writes `benchmarks/results/instructions.json`.
 """
 
@@ -62,6 +62,9 @@ class Work:
         shape = library[library.ids[rng.integers(len(library.ids))]]
         return Item(shape, rng.uniform(0.4, 0.7) ** 3, int(rng.integers(24)))
 
+    def nothing(self, item: Item) -> None:
+        """Nothing."""
+
     def blbf(self, item: Item) -> None:
         """A BLBF query that remembers nothing of the pairs."""
         caches.clear("collisions")
@@ -94,26 +97,40 @@ class Work:
             self.box.undo()
 
 
-KINDS = ("blbf", "cold_mask", "warm_mask", "first", "turn", "place")
+KINDS = ("nothing", "blbf", "cold_mask", "warm_mask", "first", "turn", "place")
+"""What is counted, one after the other; what counting nothing takes is taken off the others."""
 
 
-def work(kind: str, times: int) -> None:
-    """What a counted process does."""
+def work(times: int) -> None:
+    """What the counted process does; it has its counts written, and set to 0, after each kind."""
     prepared = Work()
-    do: Callable[[Item], None] = getattr(prepared, kind)
-    for n in range(times):
-        do(prepared.items[n % len(prepared.items)])
+    _write_counts()
+    for kind in KINDS:
+        do: Callable[[Item], None] = getattr(prepared, kind)
+        for n in range(times):
+            do(prepared.items[n % len(prepared.items)])
+        _write_counts()
 
 
-def counted(kind: str, times: int, folder: Path) -> Counter[str]:
-    """Instructions by library of a process that does some work."""
-    out = folder / "callgrind.out"
-    command = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", sys.executable]
-    child = ["-m", "benchmarks.instructions", "--work", kind, "--times", str(times)]
-    environment = os.environ | CPU | {"NUMBA_CACHE_DIR": str(folder), "PYTHONHASHSEED": "0"}
-    subprocess.run([sys.executable, *child], env=environment, check=True)  # compiles
-    subprocess.run([*command, *child], env=environment, check=True, capture_output=True)
-    return by_library(out.read_text())
+def _write_counts() -> None:
+    command = ["callgrind_control", "--dump", str(os.getpid())]
+    os.waitpid(os.posix_spawnp(command[0], command, os.environ, file_actions=_QUIET), 0)
+
+
+_QUIET = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_WRONLY, 0) for fd in (1, 2)]
+
+
+def counted(times: int) -> dict[str, Counter[str]]:
+    """Instructions by library, for each kind of work."""
+    child = [sys.executable, "-m", "benchmarks.instructions", "--work", "--times", str(times)]
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | CPU | {"NUMBA_CACHE_DIR": folder, "PYTHONHASHSEED": "0"}
+        subprocess.run(child, env=environment, check=True)  # compiles
+        out = Path(folder) / "callgrind.out"
+        valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}"]
+        subprocess.run([*valgrind, *child], env=environment, check=True, capture_output=True)
+        dumps = [out.with_name(f"{out.name}.{n + 2}") for n in range(len(KINDS))]
+        return {kind: by_library(dump.read_text()) for kind, dump in zip(KINDS, dumps, strict=True)}
 
 
 def by_library(profile: str) -> Counter[str]:
@@ -134,7 +151,7 @@ def by_library(profile: str) -> Counter[str]:
             inclusive = True
         elif line[:1].isdigit() or line[:1] in "+-*":
             if not inclusive:
-                costs[library] += int(line.split()[1])
+                costs[library] += int([*line.split(), "0"][1])  # a cost of 0 is left out
             inclusive = False
     return costs
 
@@ -151,20 +168,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--work", choices=KINDS, help=argparse.SUPPRESS)
+    parser.add_argument("--work", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--times", type=int, default=TIMES, help="how often each work is done")
     arguments = parser.parse_args()
     if arguments.work:
-        work(arguments.work, arguments.times)
+        work(arguments.times)
         return
     if shutil.which("valgrind") is None:
         sys.exit("valgrind is not installed: apt-get install valgrind")
     result = {}
-    with tempfile.TemporaryDirectory() as folder, Console().status("counting"):
-        idle = counted(KINDS[0], 0, Path(folder))
-        for kind in KINDS:
-            spent = counted(kind, arguments.times, Path(folder))
-            spent.subtract(idle)
+    with Console().status("counting"):
+        kinds = counted(arguments.times)
+        nothing = kinds.pop("nothing")
+        for kind, spent in kinds.items():
+            spent.subtract(nothing)
             result[kind] = {name: n / arguments.times for name, n in spent.most_common() if n > 0}
     table = Table("once", "million instructions", "of it, in percent", title="instructions")
     for kind, shares in result.items():

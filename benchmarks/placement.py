@@ -105,7 +105,7 @@ def preparing(pools: list[Pool], rng: np.random.Generator) -> Times:
     """Items made anew: the first of a shape and scale, its two parts, and further turns."""
     times: Times = defaultdict(list)
     for pool in pools:
-        for item in pool.items(12, rng):
+        for item in pool.items(30, rng):
             caches.clear("voxels", "turned voxels", "collision meshes")
             upright = item.turned(0)
             voxels = timed(lambda item=upright: item.voxels)
