@@ -46,7 +46,7 @@ class cached_property(functools.cached_property[_T]):  # as in the standard libr
 
 @dataclass(frozen=True)
 class CacheUse:
-    """How a cache was used since the process began, or since it was cleared.
+    """How a cache was used since the process began.
 
     hits, misses: questions answered from it, and those that were not. size: what it holds now, and
     budget: what it may hold, both in `unit`; beyond that the least recently used goes first.
@@ -74,6 +74,7 @@ class Bounded(Generic[_P, _T]):
         self._unit = unit
         self._size = size
         self._key = key
+        self._hits = self._misses = 0
         self.limit(budget)
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -103,7 +104,6 @@ class Bounded(Generic[_P, _T]):
         """Sets the budget, and empties."""
         with lock:
             self._kept: LRUCache[Hashable, _T] = LRUCache(budget, getsizeof=self._size)
-            self._hits = self._misses = 0
 
     def clear(self) -> None:
         self.limit(int(self._kept.maxsize))
@@ -145,7 +145,7 @@ def limit(name: str, budget: int) -> None:
 
 
 def clear(*names: str) -> None:
-    """Empties the caches of these names, or all of them, and starts their counts anew."""
+    """Empties the caches of these names, or all of them; what was counted stays."""
     for name in names or _caches:
         _named(name).clear()
 
