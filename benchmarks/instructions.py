@@ -149,7 +149,7 @@ def by_library(profile: str) -> Counter[str]:
             names[named[1]] = _short(named[2])
         elif line.startswith("calls="):
             inclusive = True
-        elif line[:1].isdigit() or line[:1] in "+-*":
+        elif re.match(r"[\d+*-]", line):
             if not inclusive:
                 costs[library] += int([*line.split(), "0"][1])  # a cost of 0 is left out
             inclusive = False
