@@ -36,7 +36,6 @@ class NoFit:
     """
 
     def __init__(self, first: Item, second: Item) -> None:
-        self._first = first
         self.states = screen_offsets(first, second)
         x, y, z = second.voxels.number.shape
         self.reach: Triple = (x - 1, y - 1, z - 1)
