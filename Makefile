@@ -41,6 +41,7 @@ test-all: $(STAMP) ## the slow tests too; MASKS=2000 SEED=1: so many full masks 
 bench: ## every benchmark, one after the other
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
 	@$(BIN)/python -m benchmarks.placement
+	@$(BIN)/python -m benchmarks.library
 
 lint: $(STAMP) ## ruff: rules and format
 	@$(BIN)/ruff check

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -14,15 +13,10 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-)
 from rich.table import Table
 
+from packit_sim import shapes_cli
+from packit_sim.console import LibraryOption, SeedOption, console, make_room, progress_bars
 from packit_sim.errors import PackItError
 from packit_sim.evaluation import SUCCESS_LEVELS, Estimate, Rollout, Score, evaluate
 from packit_sim.evolution import Evolution, EvolutionSettings, Generation, evolve
@@ -40,20 +34,17 @@ HEURISTICS = tuple(
 )
 """Every combination of the paper's heuristics."""
 
+DEMO_SEED = 4
+"""Of a pool with few slender things in it, so that the demo's box gets full."""
+
 DEMO_SIZE = (0.65, 0.65)
 """The demo's size factor: about 25 items fill a box, and a short evolution gets somewhere."""
 
 app = typer.Typer(
     help="Pack real 3D shapes into a box, exactly.", no_args_is_help=True, add_completion=False
 )
-shapes_app = typer.Typer(help="Look at shape libraries.", no_args_is_help=True)
-app.add_typer(shapes_app, name="shapes")
-console = Console()
+app.add_typer(shapes_cli.app, name="shapes")
 
-LibraryOption = Annotated[
-    str, typer.Option("--library", help="Shape library: a name, or a folder of meshes.")
-]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Repeats a run exactly.")]
 PacksArgument = Annotated[Path, typer.Argument(help="A dataset of packs: a JSON Lines file.")]
 
 
@@ -70,12 +61,12 @@ def main() -> None:
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for what the demo makes.")] = Path("demo"),
-    seed: SeedOption = 0,
+    seed: SeedOption = DEMO_SEED,
     generations: Annotated[int, typer.Option(min=0, help="Of the short evolution.")] = 20,
 ) -> None:
     """Evolves a pack, takes it apart, lets the heuristic agents pack it again, and draws it."""
     started = time.perf_counter()
-    _make_room(out / "pack.jsonl")
+    make_room(out / "pack.jsonl")
     library = ShapeLibrary.open("everyday")
     console.print(
         f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
@@ -105,34 +96,6 @@ def demo(
     )
     if any(problems):
         raise typer.Exit(1)
-
-
-@shapes_app.command("list")
-def shapes_list(
-    library: LibraryOption = "everyday",
-    category: Annotated[str | None, typer.Option(help="Only this category.")] = None,
-) -> None:
-    """Lists the shapes of a library."""
-    opened = ShapeLibrary.open(library)
-    if category is not None and category not in opened.categories:
-        raise PackItError(
-            f"library {opened.name!r} has no category {category!r}: "
-            f"choose from {', '.join(opened.categories)}"
-        )
-    table = Table("id", "category", "triangles", "solid", "volume", "licence")
-    chosen = opened.ids if category is None else opened.categories[category]
-    for shape_id in chosen:
-        info = opened.info(shape_id)
-        table.add_row(
-            info.id,
-            info.category,
-            str(info.triangles),
-            "yes" if info.solid else "no",
-            f"{info.volume:.4f}",
-            info.licence,
-        )
-    console.print(table)
-    console.print(f"{len(chosen)} shapes")
 
 
 @app.command()
@@ -169,7 +132,7 @@ def generate(
         )
     except ValueError as error:
         raise PackItError(str(error)) from None
-    _make_room(out)
+    make_room(out)
     made: list[Pack] = []
     for number in range(packs):
         label = f"pack {number + 1} of {packs}"
@@ -209,7 +172,7 @@ def evaluate_command(
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     tasks = load_tasks(packs, opened)
     if out is not None:
-        _make_room(out)
+        make_room(out)
     rollouts = _evaluate(agents, tasks, seed)
     levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
     table = Table("agent", "reward", *levels, box=SIMPLE_HEAD, show_edge=False, padding=(0, 1))
@@ -240,20 +203,13 @@ def render(
     read = read_packs(packs)
     if pack >= len(read):
         raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
-    _make_room(out)
+    make_room(out)
     renderer = _render(read[pack], opened, out, size)
     console.print(f"wrote {out} by the {renderer} renderer")
 
 
-def _make_room(path: Path) -> None:
-    """Makes the folder that a file goes to, before there is work that could be lost."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not os.access(path.parent, os.W_OK):
-        raise PackItError(f"{path} can't be written: no permission for {path.parent}")
-
-
 def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label: str) -> Evolution:
-    with _progress() as progress:
+    with progress_bars() as progress:
         bar = progress.add_task(label, total=settings.generations + 1, note="first generation")
 
         def show(generation: Generation) -> None:
@@ -266,7 +222,7 @@ def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label
 
 
 def _evaluate(agents: Sequence[Agent], tasks: Sequence[Task], seed: int) -> list[Rollout]:
-    with _progress() as progress:
+    with progress_bars() as progress:
         bar = progress.add_task("playing", total=len(agents) * len(tasks), note="")
         return evaluate(
             agents, tasks, seed, lambda rollout: progress.update(bar, advance=1, note=rollout.agent)
@@ -275,7 +231,7 @@ def _evaluate(agents: Sequence[Agent], tasks: Sequence[Task], seed: int) -> list
 
 def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:
     """The problems of each pack."""
-    with _progress() as progress:
+    with progress_bars() as progress:
         bar = progress.add_task("verifying", total=len(packs), note="")
         problems = []
         for pack in packs:
@@ -290,17 +246,6 @@ def _render(pack: Pack, library: ShapeLibrary, path: Path, size: int) -> str:
         snapshot = scene.snapshot(size, size)
     snapshot.save(path)
     return snapshot.renderer
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description:<14}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[note]}"),
-        console=console,
-    )
 
 
 def _rollout_table(

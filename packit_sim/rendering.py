@@ -37,9 +37,14 @@ PROBE_TIMEOUT = 20.0
 MAX_SIDE = 2048
 """The most pixels along a side of a picture."""
 
+Points = npt.NDArray[np.float64]
+
 UNIT = 100.0
 """Metres of PyBullet's world to a box unit: its tolerances are absolute, so a large world is an
 exact one."""
+
+BACKGROUND = (246, 247, 249)
+"""Red, green and blue, of 255, where a picture shows nothing."""
 
 _PROBE = """
 import sys, pybullet as p
@@ -48,7 +53,6 @@ assert p.loadPlugin(sys.argv[1], "_eglRendererPlugin", physicsClientId=c) >= 0
 p.getCameraImage(16, 16, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)
 """
 _SUPERSAMPLING = {"egl": 2, "tiny": 1}
-_BACKGROUND = np.array((246, 247, 249), dtype=np.float32)
 _LIGHT = (0.35, 0.6, 1.0)
 _OUTLINE = 0.55
 """What an outline leaves of a pixel's brightness."""
@@ -97,7 +101,7 @@ with quiet():
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a picture is taken from: it looks at the box's centre, as near as the box fits whole.
+    """Where a picture is taken from: as near as fits whole what it shows, a box or items.
 
     azimuth: degrees about z from +x, the default looks at the origin's corner from across the box.
     elevation: degrees above the floor. fov: vertical opening angle in degrees. margin: share of
@@ -120,22 +124,35 @@ class Camera:
             if not low < value < high:
                 raise ValueError(f"camera {name} {value!r} must be between {low} and {high}")
 
-    def eye(self, size: npt.NDArray[np.float64], aspect: float) -> npt.NDArray[np.float64]:
-        """(3,) where the camera stands, in box units from the centre of a box of size (3,)."""
+    @property
+    def toward(self) -> Points:
+        """(3,) unit vector from what the camera looks at to the camera."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
-        toward = np.array(
+        return np.array(
             (
                 math.cos(elevation) * math.cos(azimuth),
                 math.cos(elevation) * math.sin(azimuth),
                 math.sin(elevation),
             )
         )
+
+    def eye(self, points: Points, aspect: float, center: Points | None = None) -> Points:
+        """(3,) where the camera stands, in box units, to have points (n, 3) in the picture.
+
+        It looks at the centre (3,), or by default past whatever brings it nearest to the points.
+        """
+        azimuth = math.radians(self.azimuth)
         right = np.array((-math.sin(azimuth), math.cos(azimuth), 0.0))
-        corners = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * size
         reach = math.tan(math.radians(self.fov) / 2) * (1 - self.margin)
-        across = np.abs(corners @ right) / aspect
-        upward = np.abs(corners @ np.cross(toward, right))
-        return toward * float((corners @ toward + np.maximum(across, upward) / reach).max())
+        depth = points @ self.toward
+        eye, distance = np.zeros(3), -math.inf
+        for axis, slope in ((right, reach * aspect), (np.cross(self.toward, right), reach)):
+            high = float((points @ axis + slope * depth).max())
+            low = float((points @ axis - slope * depth).min())
+            middle = (low + high) / 2 if center is None else float(center @ axis)
+            eye += middle * axis
+            distance = max(distance, (high - middle) / slope, (middle - low) / slope)
+        return eye + distance * self.toward
 
 
 ISO = Camera()
@@ -160,21 +177,27 @@ class Snapshot:
 
         Raises RenderError where the path can't be written.
         """
-        path = Path(path)
-        partial = path.parent / f".{path.name}.{uuid.uuid4().hex}"
-        info = PngInfo()
-        info.add_text("Software", "PackIt-Sim")
-        info.add_text("Renderer", self.renderer)
+        save_png(self.image, path, self.renderer)
+
+
+def save_png(image: npt.NDArray[np.uint8], path: str | os.PathLike[str], renderer: str) -> None:
+    """Writes an image (H, W, 3) as PNG, whole or not at all, with the renderer's name inside.
+
+    Raises RenderError where the path can't be written.
+    """
+    path = Path(path)
+    partial = path.parent / f".{path.name}.{uuid.uuid4().hex}"
+    info = PngInfo()
+    info.add_text("Software", "PackIt-Sim")
+    info.add_text("Renderer", renderer)
+    try:
         try:
-            try:
-                Image.fromarray(self.image).save(partial, format="PNG", pnginfo=info)
-                os.replace(partial, path)
-            finally:
-                partial.unlink(missing_ok=True)
-        except OSError as error:
-            raise RenderError(
-                f"the picture can't be written to {path}: {error.strerror}"
-            ) from error
+            Image.fromarray(image).save(partial, format="PNG", pnginfo=info)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise RenderError(f"the picture can't be written to {path}: {error.strerror}") from error
 
 
 def load_renderer(client: int) -> str:
@@ -221,24 +244,30 @@ def take(
     client: int,
     renderer: str,
     indices: dict[int, int],
-    size: npt.NDArray[np.float64],
+    points: Points,
+    center: Points | None,
     camera: Camera,
     width: int,
     height: int,
 ) -> Snapshot:
-    """Draws a world; `indices` gives the item's index for a body's number."""
+    """Draws a world; `indices` gives the item's index for a body's number.
+
+    points, center: what the picture frames, see `Camera.eye`.
+    """
     for name, side in (("width", width), ("height", height)):
         if not 1 <= side <= MAX_SIDE:
             raise ValueError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
     samples = _SUPERSAMPLING[renderer]
-    eye, center = camera.eye(size, width / height), size / 2
-    distance, radius = float(np.linalg.norm(eye)), float(np.linalg.norm(size))
+    eye = camera.eye(points, width / height, center)
+    low, high = points.min(axis=0), points.max(axis=0)
+    distance = float((eye - (low + high) / 2) @ camera.toward)
+    radius = float(np.linalg.norm(high - low))
     near, far = max(distance - radius, radius / 100) * UNIT, (distance + radius) * UNIT
     _, _, rgba, buffer, bodies = pybullet.getCameraImage(
         width * samples,
         height * samples,
         viewMatrix=pybullet.computeViewMatrix(
-            ((center + eye) * UNIT).tolist(), (center * UNIT).tolist(), (0, 0, 1)
+            (eye * UNIT).tolist(), ((eye - camera.toward) * UNIT).tolist(), (0, 0, 1)
         ),
         projectionMatrix=pybullet.computeProjectionMatrixFOV(camera.fov, width / height, near, far),
         lightDirection=_LIGHT,
@@ -254,7 +283,7 @@ def take(
     bodies = np.reshape(bodies, shape)
     depth = far * near / (far - (far - near) * np.reshape(buffer, shape).astype(np.float64)) / UNIT
     depth[bodies < 0] = np.inf
-    color[bodies < 0] = _BACKGROUND
+    color[bodies < 0] = BACKGROUND
     color[_outlines(bodies)] *= _OUTLINE
     pixels = color.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     items = np.full(max(int(bodies.max()), *indices, 0) + 2, -1, dtype=np.int32)

@@ -23,12 +23,15 @@ from trimesh import creation, transformations
 
 from packit_sim.errors import RenderError
 from packit_sim.lattice import CELL, Triple
+from packit_sim.obj_text import convex_pieces, drawn, objects
 from packit_sim.occupancy import Placed
 from packit_sim.placement import Contents
 from packit_sim.rendering import (
     ISO,
+    RENDERER_VARIABLE,
     UNIT,
     Camera,
+    Points,
     Snapshot,
     load_renderer,
     quiet,
@@ -41,7 +44,6 @@ from packit_sim.shapes import Item, Shape
 with quiet():
     import pybullet
 
-Rows = npt.NDArray[Any]
 Color = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -58,35 +60,43 @@ _FRAME_COLOR = (0.30, 0.32, 0.36)
 _FLOOR_COLOR = (0.90, 0.91, 0.93)
 _FRAME_RADIUS = 0.004
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-_CREASE = np.radians(35)
-"""Edges sharper than this are drawn as edges."""
-
 _MARGIN = 0.001
 """Metres by which PyBullet grows every convex piece that it loads; meshes it leaves alone."""
 
 _MAX_MADE = 512
-"""Collision shapes that a world may have made: PyBullet never frees one before it disconnects."""
+"""Shapes that a world may have made: PyBullet never frees one before it disconnects."""
+
+_MAX_TRIANGLES = 2**19
+"""Triangles that a world may have made, for the same reason."""
+
+_EGL_TRIANGLES = 2**27 // 216
+"""Triangles that EGL's buffer holds: PyBullet leaves more out of the picture without a word."""
 
 
 @dataclass
 class _Shapes:
-    """PyBullet's numbers for an item: as drawn, as a collision mesh, as convex pieces."""
+    """PyBullet's numbers for an item: as drawn, as a collision mesh, as convex pieces.
+
+    The last two are made when they are asked for.
+    """
 
     drawn: int
-    mesh: int
+    mesh: int | None = None
     pieces: int | None = None
 
 
 class Scene:
     """A box and its items as static bodies in a PyBullet world of its own.
 
-    renderer: "egl" or "tiny", see `rendering.load_renderer`. Close it, or use it in a `with`.
+    walls: whether pictures show the box with its edges and floor, or the items alone, as large as
+    fits. renderer: "egl" or "tiny", see `rendering.load_renderer`. Close it, or use it in a `with`.
     Only the thread that made it may use it, and no forked child (PyBullet would crash): its methods
-    raise RenderError there, and after `close`.
+    raise RenderError there, after `close`, and where a box has more triangles than EGL can draw.
     """
 
-    def __init__(self, box: Contents) -> None:
+    def __init__(self, box: Contents, *, walls: bool = True) -> None:
         self._owner = (os.getpid(), threading.get_ident())
+        self._walled = walls
         self._connect()
         try:
             self._build(box)
@@ -97,7 +107,9 @@ class Scene:
     def update(self, box: Contents) -> None:
         """Makes the world equal to the box again; bodies of items that stayed are kept."""
         self._check()
-        if self._made > _MAX_MADE:
+        items = {_key(placed.item): placed.item for placed in box.placed}
+        new = sum(len(items[key].shape.mesh.faces) for key in items.keys() - self._shapes.keys())
+        if len(self._shapes) > _MAX_MADE or self._triangles + new > _MAX_TRIANGLES:
             self._finalizer()
             self._connect()
         self._build(box)
@@ -106,9 +118,10 @@ class Scene:
         """A picture of so many pixels. Raises ValueError where a side is not 1 to 2048."""
         self._check()
         indices = {body: n for n, body in enumerate(self._bodies.values())}
-        size = np.array(self._cells) * CELL
         with quiet():
-            return take(self._client, self.renderer, indices, size, camera, width, height)
+            return take(
+                self._client, self.renderer, indices, *self._framed(), camera, width, height
+            )
 
     def penetrations(self) -> dict[tuple[int, int], float]:
         """How deep placed items interpenetrate, by PyBullet's closest-point query.
@@ -184,13 +197,13 @@ class Scene:
         self._walls: list[int] = []
         self._bodies: dict[Placed, int] = {}
         self._shapes: dict[tuple[str, float], _Shapes] = {}
-        self._made = 0
+        self._triangles = 0
 
     def _build(self, box: Contents) -> None:
         with quiet():
             if box.cells != self._cells:
                 self._remove(self._walls)
-                self._walls = self._build_walls(np.array(box.cells) * CELL)
+                self._walls = self._build_walls(np.array(box.cells) * CELL) if self._walled else []
                 self._cells = box.cells
             gone = self._bodies.keys() - set(box.placed)
             self._remove([self._bodies.pop(placed) for placed in gone])
@@ -199,36 +212,51 @@ class Scene:
                     self._bodies[placed] = self._add(placed)
             self._bodies = {placed: self._bodies[placed] for placed in box.placed}
 
+    def _framed(self) -> tuple[Points, Points | None]:
+        """What a picture frames: points (n, 3) in box units, and the centre that it looks at."""
+        if self._walled or not self._bodies:
+            size = np.array(self._cells) * CELL
+            return _corners(size), size / 2
+        meshes = [p.item.shape.mesh.vertices @ p.item.linear.T + p.center for p in self._bodies]
+        return np.concatenate(meshes), None
+
     def _add(self, placed: Placed) -> int:
-        shapes = self._shapes_of(placed.item)
-        return self._body(shapes.drawn, shapes.mesh, placed.center, _quaternion(placed.item))
+        drawn = self._shapes_of(placed.item).drawn
+        return self._body(drawn, placed.center, _quaternion(placed.item))
 
     def _shapes_of(self, item: Item) -> _Shapes:
         """What PyBullet holds of an item, made where it is new; the rotation is the body's."""
-        key = item.shape.digest, item.scale
+        key = _key(item)
         if key not in self._shapes:
-            mesh = trimesh.graph.smooth_shade(item.shape.mesh, angle=_CREASE)
-            path = self._write(_drawn(mesh, item.scale))
-            color = _color(item.shape)
-            self._shapes[key] = _Shapes(
-                self._visual(path, color),
-                self._collision(path, pybullet.GEOM_FORCE_CONCAVE_TRIMESH),
-            )
+            drawn = self._draw(item.shape.mesh, item.scale, _color(item.shape))
+            self._shapes[key] = _Shapes(drawn)
         return self._shapes[key]
+
+    def _mesh_of(self, item: Item) -> int:
+        shapes, mesh = self._shapes_of(item), item.shape.mesh
+        if shapes.mesh is None:
+            shapes.mesh = self._collision(
+                objects([(mesh.vertices, mesh.faces)], item.scale),
+                pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+            )
+        return shapes.mesh
+
+    def _pieces_of(self, item: Item) -> int:
+        shapes = self._shapes_of(item)
+        if shapes.pieces is None:
+            shapes.pieces = self._collision(objects(convex_pieces(item.shape.mesh), item.scale), 0)
+        return shapes.pieces
 
     def _depth(self, one: Placed, other: Placed) -> float:
         """How deep triangles of the other are in convex pieces of the one, in box units."""
-        shapes = self._shapes_of(one.item)
-        if shapes.pieces is None:
-            with quiet():
-                path = self._write(_convex(_pieces(one.item.shape.mesh), one.item.scale))
-                shapes.pieces = self._collision(path, 0)
+        with quiet():
+            pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
         points = pybullet.getClosestPoints(
             bodyA=-1,
             bodyB=-1,
             distance=0.0,
-            collisionShapeA=shapes.pieces,
-            collisionShapeB=self._shapes_of(other.item).mesh,
+            collisionShapeA=pieces,
+            collisionShapeB=mesh,
             collisionShapePositionA=(0, 0, 0),
             collisionShapePositionB=((other.center - one.center) * UNIT).tolist(),
             collisionShapeOrientationA=_quaternion(one.item),
@@ -241,7 +269,7 @@ class Scene:
     def _build_walls(self, size: npt.NDArray[np.float64]) -> list[int]:
         """The box's edges, and a floor under it: to be seen only."""
         radius = _FRAME_RADIUS * float(size.max())
-        corners = np.indices((2, 2, 2)).reshape(3, 8).T * size
+        corners = _corners(size)
         joints = [creation.icosphere(2, radius).apply_translation(corner) for corner in corners]
         edges = [
             creation.cylinder(radius, sections=12, segment=(a, b))
@@ -255,8 +283,29 @@ class Scene:
         return [self._wall(frame, _FRAME_COLOR), self._wall(floor, _FLOOR_COLOR)]
 
     def _wall(self, mesh: Any, color: Color) -> int:
-        return self._body(
-            self._visual(self._write(_drawn(mesh, 1.0)), color), -1, np.zeros(3), _UPRIGHT
+        return self._body(self._draw(mesh, 1.0, color), np.zeros(3), _UPRIGHT)
+
+    def _draw(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
+        self._triangles += len(mesh.faces)
+        if self.renderer == "egl" and self._triangles > _EGL_TRIANGLES:
+            raise RenderError(
+                f"the box holds more than the {_EGL_TRIANGLES:,} triangles that EGL can draw: "
+                f"choose {RENDERER_VARIABLE}=tiny"
+            )
+        return pybullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            fileName=self._write(drawn(mesh, scale)),
+            rgbaColor=(*color, 1.0),  # else PyBullet takes the OBJ's material, which is white
+            specularColor=(0.05, 0.05, 0.05),
+            physicsClientId=self._client,
+        )
+
+    def _collision(self, text: str, flags: int) -> int:
+        return pybullet.createCollisionShape(
+            pybullet.GEOM_MESH,
+            fileName=self._write(text),
+            flags=flags,
+            physicsClientId=self._client,
         )
 
     def _write(self, text: str) -> str:
@@ -264,28 +313,9 @@ class Scene:
         path.write_text(text)
         return str(path)
 
-    def _visual(self, path: str, color: Color) -> int:
-        return pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            fileName=path,
-            rgbaColor=(*color, 1.0),  # else PyBullet takes the OBJ's material, which is white
-            specularColor=(0.05, 0.05, 0.05),
-            flags=pybullet.VISUAL_SHAPE_DOUBLE_SIDED,
-            physicsClientId=self._client,
-        )
-
-    def _collision(self, path: str, flags: int) -> int:
-        self._made += 1
-        return pybullet.createCollisionShape(
-            pybullet.GEOM_MESH, fileName=path, flags=flags, physicsClientId=self._client
-        )
-
-    def _body(
-        self, visual: int, collision: int, center: npt.NDArray[np.float64], quaternion: Quaternion
-    ) -> int:
+    def _body(self, visual: int, center: npt.NDArray[np.float64], quaternion: Quaternion) -> int:
         return pybullet.createMultiBody(
             baseMass=0,
-            baseCollisionShapeIndex=collision,
             baseVisualShapeIndex=visual,
             basePosition=(center * UNIT).tolist(),
             baseOrientation=quaternion,
@@ -313,6 +343,11 @@ def _disconnect(client: int) -> None:
         pybullet.disconnect(physicsClientId=client)
 
 
+def _corners(size: Points) -> Points:
+    """(8, 3) corners of a box that has one at the origin."""
+    return np.indices((2, 2, 2)).reshape(3, 8).T * size
+
+
 def _meet(one: Placed, other: Placed) -> bool:
     """Whether two items' cell boxes overlap or touch."""
     apart = np.less(one.stop, other.start) | np.less(other.stop, one.start)
@@ -326,47 +361,12 @@ def _color(shape: Shape) -> Color:
     return red, green, blue
 
 
+def _key(item: Item) -> tuple[str, float]:
+    """What a world knows an item's shape by, in whichever rotation."""
+    return item.shape.digest, item.scale
+
+
 def _quaternion(item: Item) -> Quaternion:
     """The item's rotation as PyBullet's (x, y, z, w)."""
     w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
     return x, y, z, w
-
-
-def _pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
-    """Vertices (n, 3) and faces (m, 3) of convex pieces that make up a mesh's surface."""
-    pieces: list[tuple[Rows, Rows]] = []
-    for part in mesh.split(only_watertight=False):
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a part that holds no volume
-            convex = part.is_volume and part.is_convex
-        if convex:
-            pieces.append((part.vertices, part.faces))
-        else:
-            pieces += [(corners, np.arange(3)[None]) for corners in part.triangles]
-    return pieces
-
-
-def _drawn(mesh: trimesh.Trimesh, scale: float) -> str:
-    """An OBJ in metres, each vertex with its normal."""
-    return (
-        _rows("v {:.9g} {:.9g} {:.9g}", mesh.vertices * (np.cbrt(scale) * UNIT))
-        + _rows("vn {:.4f} {:.4f} {:.4f}", mesh.vertex_normals)
-        + _rows("f {0}//{0} {1}//{1} {2}//{2}", mesh.faces + 1)
-    )
-
-
-def _convex(pieces: list[tuple[Rows, Rows]], scale: float) -> str:
-    """An OBJ in metres with one object a piece, of which PyBullet makes a convex hull each.
-
-    Faces are triangles: it reads polygons of many corners wrongly.
-    """
-    text, first = [], 1
-    for vertices, faces in pieces:
-        text.append("o piece\n")
-        text.append(_rows("v {:.9g} {:.9g} {:.9g}", vertices * (np.cbrt(scale) * UNIT)))
-        text.append(_rows("f {} {} {}", faces + first))
-        first += len(vertices)
-    return "".join(text)
-
-
-def _rows(pattern: str, rows: Rows) -> str:
-    return "".join([pattern.format(*row) + "\n" for row in rows.tolist()])

@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import math
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +20,17 @@ from packit_sim import rotations
 from packit_sim.caches import bounded, cached_property
 from packit_sim.errors import MeshError
 from packit_sim.lattice import Triple, cell_box
+from packit_sim.repair import Repairs, cleaned, mended
 from packit_sim.voxelization import solid_volume
 from packit_sim.voxels import Voxels
 
 VOXELS_BUDGET = 512 * 2**20
 """Bytes in each of the process's two caches of voxels: upright ones, and turned ones."""
+
+Axis = Literal["x", "y", "z"]
+
+UP_AXES: tuple[Axis, ...] = get_args(Axis)
+"""The axes that may point up in a mesh file."""
 
 _MIN_EXTENT = 1e-9
 """Extents below this share of the bounding box's diagonal are none: rounding of a flat mesh."""
@@ -49,59 +56,29 @@ class Shape:
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z") -> Shape:
-        """The shape of any triangle mesh; `up` is the mesh's own up axis, "y" or "z".
+        """The shape of any triangle mesh; `up` is the mesh's own up axis, "x", "y" or "z".
 
         Doubled vertices are merged and triangles without area dropped. Raises MeshError where the
         mesh is empty, not finite, or has no extent along an axis.
         """
-        if up not in ("y", "z"):
-            raise ValueError(f"up axis {up!r} is not known: choose 'y' or 'z'")
-        if not isinstance(mesh, trimesh.Trimesh):
-            raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
-        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-        used = np.unique(faces)
-        if len(used) == 0:
-            raise MeshError(
-                f"shape {id!r}: the mesh is empty: {len(vertices)} vertices, {len(faces)} triangles"
-            )
-        if used[0] < 0 or used[-1] >= len(vertices):
-            raise MeshError(
-                f"shape {id!r}: triangles refer to vertices {used[0]} to {used[-1]}, "
-                f"the mesh has 0 to {len(vertices) - 1}"
-            )
-        bad = used[~np.isfinite(vertices[used]).all(axis=1)]
-        if len(bad):
-            raise MeshError(
-                f"shape {id!r}: {len(bad)} of {len(used)} vertices are not finite, "
-                f"the first is number {bad[0]}: {vertices[bad[0]].tolist()}"
-            )
-        if up == "y":
-            vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)
-        vertices = vertices / (np.abs(vertices[used]).max() or 1.0)
-        vertices = vertices - (vertices[used].min(axis=0) + vertices[used].max(axis=0)) / 2
-        clean = trimesh.Trimesh(vertices, faces, process=False)
-        clean.remove_unreferenced_vertices()
-        clean.merge_vertices(merge_tex=True, merge_norm=True)
-        clean.update_faces(clean.unique_faces())
-        clean.update_faces(clean.area_faces > 0)
-        clean.remove_unreferenced_vertices()
-        extents = clean.extents if len(clean.faces) else np.ptp(vertices[used], axis=0)
-        flat = np.flatnonzero(extents <= _MIN_EXTENT * np.linalg.norm(extents))
-        if len(flat):
-            raise MeshError(
-                f"shape {id!r}: the mesh has no extent along "
-                f"{' and '.join('xyz'[axis] for axis in flat)}: a shape needs all three"
-            )
-        if len(clean.faces) == 0:
-            raise MeshError(f"shape {id!r}: none of its {len(faces)} triangles has an area")
-        vertices = clean.vertices - clean.bounds.mean(axis=0)
-        vertices = vertices / np.linalg.norm(clean.extents)
-        canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
-        closed = canonical.is_watertight and canonical.is_winding_consistent
-        if closed and _signed_volume(canonical) < 0:
-            canonical.invert()
-        return cls(canonical, id, category)
+        return cls(_canonical(mesh, id, up)[0], id, category)
+
+    @classmethod
+    def repaired(
+        cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z"
+    ) -> tuple[Shape, Repairs]:
+        """The shape of a mesh whose winding and small holes are repaired, and what was done.
+
+        See `repair.mended`; else as `from_mesh`.
+        """
+        clean, cleaning = _canonical(mesh, id, up)
+        whole, mending = mended(clean)
+        shape = cls(_canonical(whole, id, "z")[0] if mending else clean, id, category)
+        return shape, replace(
+            cleaning,
+            flipped_triangles=mending.flipped_triangles,
+            filled_holes=mending.filled_holes,
+        )
 
     @cached_property
     def extents(self) -> npt.NDArray[np.float64]:
@@ -217,6 +194,55 @@ class Item:
     def inner(self) -> npt.NDArray[np.bool_]:
         """Bool over `cells`: cells that are enclosed and that the surface does not touch."""
         return self.voxels.inner_cells
+
+
+def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh, Repairs]:
+    """A mesh cleaned and in its canonical frame, and what was cleaned away."""
+    if up not in UP_AXES:
+        raise ValueError(f"up axis {up!r} is not known: choose from {', '.join(UP_AXES)}")
+    if not isinstance(mesh, trimesh.Trimesh):
+        raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
+    vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    used = np.unique(faces)
+    if len(used) == 0:
+        raise MeshError(
+            f"shape {id!r}: the mesh is empty: {len(vertices)} vertices, {len(faces)} triangles"
+        )
+    if used[0] < 0 or used[-1] >= len(vertices):
+        raise MeshError(
+            f"shape {id!r}: triangles refer to vertices {used[0]} to {used[-1]}, "
+            f"the mesh has 0 to {len(vertices) - 1}"
+        )
+    bad = used[~np.isfinite(vertices[used]).all(axis=1)]
+    if len(bad):
+        raise MeshError(
+            f"shape {id!r}: {len(bad)} of {len(used)} vertices are not finite, "
+            f"the first is number {bad[0]}: {vertices[bad[0]].tolist()}"
+        )
+    if up == "y":
+        vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)
+    elif up == "x":
+        vertices = vertices[:, [1, 2, 0]]
+    vertices = vertices / (np.abs(vertices[used]).max() or 1.0)
+    vertices = vertices - (vertices[used].min(axis=0) + vertices[used].max(axis=0)) / 2
+    clean, repairs = cleaned(trimesh.Trimesh(vertices, faces, process=False))
+    extents = clean.extents if len(clean.faces) else np.ptp(vertices[used], axis=0)
+    flat = np.flatnonzero(extents <= _MIN_EXTENT * np.linalg.norm(extents))
+    if len(flat):
+        raise MeshError(
+            f"shape {id!r}: the mesh has no extent along "
+            f"{' and '.join('xyz'[axis] for axis in flat)}: a shape needs all three"
+        )
+    if len(clean.faces) == 0:
+        raise MeshError(f"shape {id!r}: none of its {len(faces)} triangles has an area")
+    vertices = clean.vertices - clean.bounds.mean(axis=0)
+    vertices = vertices / np.linalg.norm(clean.extents)
+    canonical = trimesh.Trimesh(vertices, clean.faces, process=False)
+    closed = canonical.is_watertight and canonical.is_winding_consistent
+    if closed and _signed_volume(canonical) < 0:
+        canonical.invert()
+    return canonical, repairs
 
 
 def _signed_volume(mesh: trimesh.Trimesh) -> float:

@@ -41,7 +41,16 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
     """Volume of what a surface encloses, for surfaces that are no closed body (DESIGN: Shapes).
 
-    Voxels of 1/256 of the longest side; enclosed ones count whole and touched ones half.
+    Voxels of 1/256 of the longest side; enclosed ones count whole and touched ones half, which is
+    the middle of `solid_volume_bounds`.
+    """
+    low, high = solid_volume_bounds(triangles)
+    return (low + high) / 2
+
+
+def solid_volume_bounds(triangles: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Least and largest volume that a closed surface with these voxels can have: that of the
+    enclosed ones, and with it that of the touched ones.
     """
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     voxel = float((high - low).max()) / VOLUME_RESOLUTION
@@ -50,8 +59,8 @@ def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
     cells = np.ceil((high - low) / cell).astype(np.int64) + room_outside
     touched = _touched(triangles - (low + high) / 2, cells, cell, voxel * 1e-9)
     enclosed = ~(touched | _reached(touched))
-    counts = int(np.bitwise_count(enclosed).sum()) + int(np.bitwise_count(touched).sum()) / 2
-    return counts * voxel**3
+    least = int(np.bitwise_count(enclosed).sum())
+    return least * voxel**3, (least + int(np.bitwise_count(touched).sum())) * voxel**3
 
 
 @kernel

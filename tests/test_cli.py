@@ -90,11 +90,6 @@ def test_verify_is_red_on_a_pack_that_does_not_hold(dataset, tmp_path) -> None:
     assert "1 of 2 packs hold" in verified.stdout
 
 
-def test_shapes_are_listed() -> None:
-    listed = packit("shapes", "list", "--category", "mug")
-    assert listed.returncode == 0 and "mug" in listed.stdout and "CC" in listed.stdout
-
-
 def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
     (tmp_path / "blocks").mkdir()
     creation.box((1, 2, 3)).export(tmp_path / "blocks" / "brick.stl")

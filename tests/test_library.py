@@ -12,11 +12,19 @@ import numpy as np
 import pytest
 import trimesh
 
+from packit_sim import stored
+from packit_sim.box import Box
 from packit_sim.errors import LibraryError, MeshError, UnknownShapeError
-from packit_sim.library import Entry, ShapeLibrary, assets_folder
-from packit_sim.shapes import Shape
+from packit_sim.library import ShapeLibrary, assets_folder
+from packit_sim.quantized import QuantizedMesh
+from packit_sim.shapes import Item, Shape
+from packit_sim.sources import ShapeInfo
+from packit_sim.splits import SPLITS
+from packit_sim.stored import entry
 
-LICENCES = {"CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US"}
+Entry = tuple[QuantizedMesh, ShapeInfo]
+
+LICENCES = {"Apache-2.0", "CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US"}
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +36,12 @@ def everyday() -> ShapeLibrary:
 def entries() -> list[Entry]:
     bowl = Shape.from_mesh(trimesh.creation.annulus(0.8, 1, 0.5), "sets/bowl", "bowl")
     block = Shape.from_mesh(trimesh.creation.box((1, 2, 3)), "block", "box")
-    return [Entry(bowl, "Bowl", "Ann", "CC0-1.0", "a kiln", (8.0, 8.0, 4.5), 0.001), Entry(block)]
+    return [entry(bowl, "Bowl", "Ann", "CC0-1.0", "a kiln", (8.0, 8.0, 4.5), 0.001), entry(block)]
 
 
 @pytest.fixture
-def stored(tmp_path: Path, entries: list[Entry]) -> Path:
-    ShapeLibrary.write(tmp_path / "lib", "mine", "3", entries)
+def written(tmp_path: Path, entries: list[Entry]) -> Path:
+    stored.write(tmp_path / "lib", "mine", "3", entries)
     return tmp_path / "lib"
 
 
@@ -56,10 +64,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_everyday_holds_many_shapes_of_many_kinds(everyday: ShapeLibrary) -> None:
-    assert len(everyday) >= 60
-    assert len(everyday.categories) >= 20
+    assert len(everyday) >= 550
+    assert len(everyday.categories) >= 40
     assert list(everyday) == sorted(everyday.ids) == sorted(sum(everyday.categories.values(), ()))
     assert everyday.name == "everyday"
+    files = [file for file in everyday.path.rglob("*") if file.is_file()]
+    assert len(files) == len(everyday) + 2
+    assert sum(file.stat().st_size for file in files) <= 40e6
 
 
 def test_every_everyday_shape_is_canonical_and_as_described(everyday: ShapeLibrary) -> None:
@@ -72,14 +83,36 @@ def test_every_everyday_shape_is_canonical_and_as_described(everyday: ShapeLibra
         assert shape.category == info.category
         assert id in everyday.categories[info.category]
         assert len(shape.mesh.faces) == info.triangles <= 4000
-        assert shape.is_solid == info.solid
-        assert shape.volume == info.volume
+        assert (shape.mesh.is_watertight, shape.is_solid) == (info.watertight, info.solid)
+        assert (shape.volume, shape.digest) == (info.volume, info.digest)
         assert 0 < shape.volume <= np.prod(shape.extents) * 1.001, id
-        assert info.error_bound <= 0.01
+        assert 0 <= info.error_bound <= 0.01
         assert info.size_cm is not None
         assert shape.extents / shape.extents.max() == pytest.approx(
             np.array(info.size_cm) / max(info.size_cm), abs=0.02
         ), id
+
+
+def test_every_everyday_shape_voxelises_and_packs(everyday: ShapeLibrary) -> None:
+    for id in everyday:
+        item = Item(everyday[id], 0.25)
+        assert item.outer.any(), id
+        box = Box()
+        location = box.blbf(item)
+        assert location == (0, 0, 0), id
+        box.place(item, location)
+
+
+def test_no_object_is_in_two_splits(everyday: ShapeLibrary) -> None:
+    splits = [everyday.split(name) for name in SPLITS]
+    assert sorted(id for split in splits for id in split) == sorted(everyday)
+    groups = [{everyday.info(id).group for id in split} for split in splits]
+    assert sum(map(len, groups)) == len(set.union(*groups))
+    assert max(map(len, splits)) - min(map(len, splits)) <= 6
+    for category in everyday.categories:
+        sizes = [len(split.categories.get(category, ())) for split in splits]
+        objects = {everyday.info(id).group for id in everyday.categories[category]}
+        assert min(sizes) > 0 or len(objects) < 3, category
 
 
 def test_everyday_tells_where_each_shape_is_from(everyday: ShapeLibrary) -> None:
@@ -90,6 +123,40 @@ def test_everyday_tells_where_each_shape_is_from(everyday: ShapeLibrary) -> None
         assert info.author and info.title and info.source
         assert all(text in listed[info.id] for text in (info.author, info.licence, info.source))
     assert len(listed) == len(everyday) + 1
+    assert "Apache License" in (assets_folder() / "Apache-2.0.txt").read_text()
+
+
+def test_a_split_is_the_library_with_fewer_shapes(everyday: ShapeLibrary) -> None:
+    train = everyday.split("train")
+    assert (train.name, train.version, train.digest) == (
+        everyday.name,
+        everyday.version,
+        everyday.digest,
+    )
+    assert set(train) < set(everyday) and train[train.ids[0]] is everyday[train.ids[0]]
+    other = everyday.split("test").ids[0]
+    assert other not in train
+    with pytest.raises(UnknownShapeError, match=f"{other!r} in train of library 'everyday'"):
+        train[other]
+    again = pickle.loads(pickle.dumps(train))
+    assert again.ids == train.ids and "train" in repr(again)
+    with pytest.raises(LibraryError, match="no split 'dev': choose from train, test, validation"):
+        everyday.split("dev")
+
+
+def test_damaged_splits_are_named(written: Path) -> None:
+    file = written / "splits.json"
+    splits = json.loads(file.read_text())
+    one, other = (id for ids in splits.values() if isinstance(ids, list) for id in ids)
+    for change in (
+        {"train": [one], "test": [one, other]},
+        {"train": ["nobody"]},
+        {"train": 5},
+        {"format": 7},
+    ):
+        file.write_text(json.dumps(splits | change))
+        with pytest.raises(LibraryError, match=r"lib/splits\.json"):
+            ShapeLibrary.open(written).split("train")
 
 
 def test_shapes_are_loaded_once_by_any_thread() -> None:
@@ -100,8 +167,8 @@ def test_shapes_are_loaded_once_by_any_thread() -> None:
     assert all(shape is shapes[0] for shape in shapes)
 
 
-def test_library_travels_to_another_process(stored: Path) -> None:
-    library = ShapeLibrary.open(stored)
+def test_library_travels_to_another_process(written: Path) -> None:
+    library = ShapeLibrary.open(written)
     copy = pickle.loads(pickle.dumps(library))
     assert copy.digest == library.digest
     assert copy["block"] == library["block"]
@@ -116,64 +183,65 @@ def test_unknown_id_names_the_closest_ones(everyday: ShapeLibrary) -> None:
 
 
 def test_writing_and_reopening_is_the_identity(
-    stored: Path, entries: list[Entry], tmp_path: Path
+    written: Path, entries: list[Entry], tmp_path: Path
 ) -> None:
-    library = ShapeLibrary.open(stored)
+    library = ShapeLibrary.open(written)
     assert (library.name, library.version) == ("mine", "3")
     assert library.ids == ("block", "sets/bowl")
     assert dict(library.categories) == {"bowl": ("sets/bowl",), "box": ("block",)}
     info = library.info("sets/bowl")
     assert (info.title, info.author, info.licence) == ("Bowl", "Ann", "CC0-1.0")
     assert (info.source, info.size_cm, info.error_bound) == ("a kiln", (8.0, 8.0, 4.5), 0.001)
-    for entry in entries:
-        shape = library[entry.shape.id]
-        assert shape.mesh.is_volume
-        assert shape.volume == pytest.approx(entry.shape.volume, rel=1e-4)
-        assert shape.extents == pytest.approx(entry.shape.extents, abs=1e-12)
+    for mesh, info in entries:
+        shape = library[info.id]
+        assert shape.mesh.is_volume and info.watertight and info.solid
+        assert (shape.volume, shape.digest) == (info.volume, info.digest)
+        assert (shape.mesh.vertices == mesh.mesh().vertices).all()
+        assert library.info(info.id) == info
 
     again = [
-        Entry(library[i.id], i.title, i.author, i.licence, i.source, i.size_cm, i.error_bound)
+        entry(library[i.id], i.title, i.author, i.licence, i.source, i.size_cm, i.error_bound)
         for i in map(library.info, library)
     ]
-    ShapeLibrary.write(tmp_path / "again", "mine", "3", again)
-    files = [file.relative_to(stored) for file in stored.rglob("*") if file.is_file()]
-    assert len(files) == 3
+    stored.write(tmp_path / "again", "mine", "3", again)
+    files = [file.relative_to(written) for file in written.rglob("*") if file.is_file()]
+    assert len(files) == 4
     for file in files:
-        assert (stored / file).read_bytes() == (tmp_path / "again" / file).read_bytes()
+        assert (written / file).read_bytes() == (tmp_path / "again" / file).read_bytes()
 
 
 def test_triangles_that_vanish_on_the_lattice_are_dropped(tmp_path: Path) -> None:
     block, speck = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((1e-7, 1e-7, 1e-7))
     speck.apply_translation((0.5 + 1e-6, 0.1, 0.1))
     shape = Shape.from_mesh(block + speck, "block", "box")
-    ShapeLibrary.write(tmp_path / "lib", "mine", "1", [Entry(shape)])
+    stored.write(tmp_path / "lib", "mine", "1", [entry(shape)])
     mesh = ShapeLibrary.open(tmp_path / "lib")["block"].mesh
     assert len(mesh.faces) == 12
     assert mesh.is_volume
     assert np.linalg.norm(mesh.extents) == pytest.approx(1, abs=1e-12)
 
 
-def test_writing_replaces_an_older_library_only(stored: Path, entries: list[Entry]) -> None:
-    ShapeLibrary.write(stored, "mine", "4", entries[1:])
-    assert ShapeLibrary.open(stored).ids == ("block",)
-    (stored / "diary.txt").write_text("dear diary")
+def test_writing_replaces_an_older_library_only(written: Path, entries: list[Entry]) -> None:
+    stored.write(written, "mine", "4", entries[1:])
+    assert ShapeLibrary.open(written).ids == ("block",)
+    (written / "diary.txt").write_text("dear diary")
     with pytest.raises(LibraryError, match=r"diary\.txt"):
-        ShapeLibrary.write(stored, "mine", "5", entries)
+        stored.write(written, "mine", "5", entries)
     with pytest.raises(LibraryError, match="it is a file"):
-        ShapeLibrary.write(stored / "diary.txt", "mine", "5", entries)
-    assert ShapeLibrary.open(stored).version == "4"
+        stored.write(written / "diary.txt", "mine", "5", entries)
+    assert ShapeLibrary.open(written).version == "4"
 
 
-def test_failed_write_leaves_nothing_behind(stored: Path, entries: list[Entry]) -> None:
-    before = {file: file.stat().st_mtime_ns for file in stored.parent.rglob("*")}
-    block = entries[1].shape
+def test_failed_write_leaves_nothing_behind(written: Path, entries: list[Entry]) -> None:
+    before = {file: file.stat().st_mtime_ns for file in written.parent.rglob("*")}
+    block = entries[1][0].mesh()
     for id in ("../block", "", ".block", "a b", "block", "BLOCK"):
-        twin = Entry(Shape(block.mesh, id, "box"))
+        twin = entry(Shape(block, id, "box"))
         with pytest.raises(LibraryError, match=f"shape id {id!r}"):
-            ShapeLibrary.write(stored, "mine", "4", [*entries, twin])
+            stored.write(written, "mine", "4", [*entries, twin])
     with pytest.raises(LibraryError, match="at least one shape"):
-        ShapeLibrary.write(stored.parent / "none", "none", "1", [])
-    assert {file: file.stat().st_mtime_ns for file in stored.parent.rglob("*")} == before
+        stored.write(written.parent / "none", "none", "1", [])
+    assert {file: file.stat().st_mtime_ns for file in written.parent.rglob("*")} == before
 
 
 def test_folder_of_meshes(folder: Path) -> None:
@@ -192,6 +260,24 @@ def test_folder_of_meshes(folder: Path) -> None:
     assert info.source == str(folder / "block.stl")
 
 
+def test_folders_have_no_splits(folder: Path) -> None:
+    with pytest.raises(LibraryError, match="has no splits: `packit shapes import` it"):
+        ShapeLibrary.open(folder).split("train")
+
+
+def test_a_scheme_says_what_is_at_a_path(folder: Path, written: Path) -> None:
+    assert ShapeLibrary.open(f"folder:{folder}").ids == ShapeLibrary.open(folder).ids
+    with pytest.raises(LibraryError, match=r"neither library\.json nor a mesh file"):
+        ShapeLibrary.open(f"folder:{written}")
+    with pytest.raises(LibraryError, match="not laid out as ShapeNetCore is"):
+        ShapeLibrary.open(f"shapenet:{folder}")
+    (folder / "taxonomy.json").write_text("[]")
+    with pytest.raises(LibraryError, match=f"open it as 'shapenet:{folder}'"):
+        ShapeLibrary.open(folder)
+    copy = pickle.loads(pickle.dumps(ShapeLibrary.open(f"folder:{folder}")))
+    assert copy.digest == ShapeLibrary.open(f"folder:{folder}").digest
+
+
 def test_scene_is_flattened_with_its_transforms_and_turned_z_up(folder: Path) -> None:
     mesh = ShapeLibrary.open(folder)["pair"].mesh
     assert mesh.body_count == 2
@@ -207,10 +293,11 @@ def test_digest_of_a_folder_follows_its_files(folder: Path) -> None:
     assert len({digest, changed, ShapeLibrary.open(folder).digest}) == 3
 
 
-def test_two_files_with_one_id(folder: Path) -> None:
+def test_two_files_that_would_have_one_id_keep_their_suffixes(folder: Path) -> None:
     trimesh.creation.box().export(folder / "block.ply")
-    with pytest.raises(LibraryError, match=r"block\.ply and block\.stl.*'block'"):
-        ShapeLibrary.open(folder)
+    library = ShapeLibrary.open(folder)
+    assert {"block.ply", "block.stl"} < set(library.ids) and "block" not in library
+    assert library["block.ply"].extents == pytest.approx([3**-0.5] * 3)
 
 
 @pytest.mark.parametrize("suffix", ["glb", "obj", "off", "ply", "stl"])
@@ -265,7 +352,7 @@ def _edited(change: Callable[[dict], object]) -> Callable[[str], str]:
         lambda text: "[" * 100_000,
         lambda text: "[1, 2]",
         lambda text: '{"name": "another program\'s file"}',
-        _edited(lambda content: content.update(format=2)),
+        _edited(lambda content: content.update(format=1)),
         _edited(lambda content: content.pop("digest")),
         _edited(lambda content: content.update(version=3)),
         _edited(lambda content: content.update(shapes=7)),
@@ -283,15 +370,15 @@ def _edited(change: Callable[[dict], object]) -> Callable[[str], str]:
         _edited(lambda content: content["shapes"][0].update(digest=5)),
     ],
 )
-def test_damaged_catalogue_is_named(stored: Path, damage: Callable[[str], str]) -> None:
-    catalogue = stored / "library.json"
+def test_damaged_catalogue_is_named(written: Path, damage: Callable[[str], str]) -> None:
+    catalogue = written / "library.json"
     catalogue.write_text(damage(catalogue.read_text()))
     with pytest.raises(LibraryError, match=r"lib/library\.json"):
-        ShapeLibrary.open(stored)
+        ShapeLibrary.open(written)
 
 
-def test_damaged_meshes_are_detected(stored: Path) -> None:
-    file = stored / "meshes" / "block.npz"
+def test_damaged_meshes_are_detected(written: Path) -> None:
+    file = written / "meshes" / "block.npz"
     content = file.read_bytes()
     middle = len(content) // 2
     damaged = [b"", content[:middle], content[:100] + b"\xff\xff" + content[102:]]
@@ -312,7 +399,7 @@ def test_damaged_meshes_are_detected(stored: Path) -> None:
     for content in damaged:
         file.write_bytes(content)
         with pytest.raises(LibraryError, match=r"block\.npz: not the mesh of 'block'"):
-            ShapeLibrary.open(stored)["block"]
+            ShapeLibrary.open(written)["block"]
     file.unlink()
     with pytest.raises(LibraryError, match=r"block\.npz"):
-        ShapeLibrary.open(stored)["block"]
+        ShapeLibrary.open(written)["block"]

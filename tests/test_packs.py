@@ -4,9 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from packit_sim import stored
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError, PackFormatError
-from packit_sim.library import Entry, ShapeLibrary
+from packit_sim.library import ShapeLibrary
 from packit_sim.packs import (
     LibraryRef,
     Pack,
@@ -23,7 +24,7 @@ from tests.zoo import ZOO
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ShapeLibrary:
     path = tmp_path_factory.mktemp("library") / "zoo"
-    ShapeLibrary.write(path, "zoo", "1", [Entry(shape) for shape in ZOO])
+    stored.write(path, "zoo", "1", [stored.entry(shape) for shape in ZOO])
     return ShapeLibrary.open(path)
 
 

@@ -126,7 +126,8 @@ def test_depth_is_in_box_units() -> None:
     with Scene(three_items()) as scene:
         camera = Camera(0, 89.9)
         shot = scene.snapshot(101, 101, camera)
-        height = camera.eye(np.ones(3), 1.0)[2] + 0.5
+        corners = np.indices((2, 2, 2)).reshape(3, 8).T
+        height = camera.eye(corners, 1.0, np.full(3, 0.5))[2]
     assert shot.depth[shot.segmentation == 0].min() == pytest.approx(height - 0.3, abs=0.01)
 
 
@@ -171,6 +172,63 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
         scene.update(box)
         assert not folder.exists()
         assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
+
+
+def test_a_world_is_given_up_before_it_holds_too_many_triangles(
+    renderer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("packit_sim.scene._MAX_TRIANGLES", 6000)
+    with Scene(Box()) as scene:
+        for scale in (0.1, 0.11, 0.12, 0.13):
+            box = Box()
+            box.place(Item(BALL, scale), (5, 5, 0))
+            scene.update(box)
+            assert len(scene._shapes) <= 2 and scene._triangles <= 6000
+            assert len(list(scene._folder.iterdir())) == len(scene._shapes) + 2
+            assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0}
+
+
+def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("packit_sim.scene._EGL_TRIANGLES", 6000)
+    box = Box()
+    for n, scale in enumerate((0.01, 0.011, 0.012)):
+        box.place(Item(BALL, scale), (8 * n, 8 * n, 0))
+    with Scene(box) as scene:
+        assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
+    if rendering._egl_problem() is None:
+        monkeypatch.setenv(rendering.RENDERER_VARIABLE, "egl")
+        with pytest.raises(RenderError, match=r"more than the 6,000 triangles.*=tiny"):
+            Scene(box)
+
+
+def test_without_walls_the_items_fill_the_picture(renderer: str) -> None:
+    box = three_items()
+    with Scene(box, walls=False) as scene:
+        shot = scene.snapshot(160, 120)
+        assert set(np.unique(shot.segmentation)) == {-1, 0, 1, 2}
+        items = shot.segmentation >= 0
+        assert np.array_equal(np.isfinite(shot.depth), items)
+        assert not (items[[0, -1]].any() or items[:, [0, -1]].any())
+        across, upward = (np.ptp(np.flatnonzero(items.any(axis=axis))) + 1 for axis in (0, 1))
+        assert across > 0.9 * 160 or upward > 0.9 * 120
+        box.undo()
+        scene.update(box)
+        assert set(np.unique(scene.snapshot(160, 120).segmentation)) == {-1, 0, 1}
+        scene.update(Box())
+        assert not np.isfinite(scene.snapshot(160, 120).depth).any()
+
+
+def test_both_sides_of_a_surface_are_drawn(renderer: str) -> None:
+    turned = Shape(BOWL.mesh.copy(), "turned inside out", "")
+    turned.mesh.invert()
+    shown = []
+    for shape in (BOWL, turned):
+        box = Box()
+        box.place(Item(shape, 0.5), (0, 0, 0))
+        with Scene(box) as scene:
+            shown.append(scene.snapshot(120, 120, Camera(elevation=60)).segmentation == 0)
+    assert shown[0].sum() > 500
+    assert (shown[0] != shown[1]).mean() < 0.01
 
 
 def test_save_is_a_png_that_names_its_renderer(renderer: str, tmp_path: Path) -> None:

@@ -46,8 +46,10 @@ def test_y_up_meshes_are_turned() -> None:
     top = turned.mesh.vertices[turned.mesh.vertices[:, 2] > 0]
     assert np.ptp(top[:, 0]) == pytest.approx(np.ptp(turned.mesh.vertices[:, 0]) / 2)
     assert turned.mesh.volume > 0
-    with pytest.raises(ValueError, match="'x'"):
-        Shape.from_mesh(bottle, "bottle", up="x")
+    lying = trimesh.Trimesh(bottle.vertices[:, [1, 2, 0]], bottle.faces, process=False)
+    assert np.allclose(Shape.from_mesh(lying, "bottle", up="x").extents, turned.extents[[1, 0, 2]])
+    with pytest.raises(ValueError, match="up axis 'w' is not known: choose from x, y, z"):
+        Shape.from_mesh(bottle, "bottle", up="w")
 
 
 def test_solid_means_one_closed_body() -> None:

@@ -1,0 +1,173 @@
+"""What opening, importing and voxelising shapes costs, and how well volumes are known.
+
+    .venv/bin/python -m benchmarks.library
+
+One run of medians. Prints a table, and writes `benchmarks/results/library.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from rich.console import Console
+from rich.table import Table
+from trimesh import creation
+
+from benchmarks.placement import RESULTS, summaries
+from packit_sim import Item, Shape, ShapeLibrary, mesh_files
+from packit_sim.deviation import deviation
+from packit_sim.evolution import SCALES
+from packit_sim.importer import ImportSettings, import_library
+from packit_sim.quantized import QuantizedMesh
+from packit_sim.simplification import Simplification
+from packit_sim.sources import Candidate
+from packit_sim.voxelization import solid_volume
+from packit_sim.voxels import Voxels
+
+HUGE = 8
+"""Subdivisions of the icosphere that is imported: 1,310,720 triangles."""
+
+
+def timed(function: Callable[[], Any]) -> float:
+    """Milliseconds."""
+    started = time.perf_counter()
+    function()
+    return (time.perf_counter() - started) * 1000
+
+
+def everyday(library: ShapeLibrary) -> dict[str, list[float]]:
+    """Milliseconds to open the library, load each shape, and voxelise it at each scale."""
+    ShapeLibrary.open("everyday")
+    times = {
+        "open": [timed(lambda: ShapeLibrary.open("everyday")) for _ in range(21)],
+        "open, and a split": [
+            timed(lambda: ShapeLibrary.open("everyday").split("train")) for _ in range(21)
+        ],
+        "load a shape": [timed(partial(library.source.load, id)) for id in library],
+    }
+    for scale in SCALES:
+        items = [Item(library[id], scale) for id in library]
+        triangles = [item.mesh.triangles for item in items]
+        times[f"voxelise at scale {scale:g}"] = [
+            timed(partial(Voxels.of, corners, item.cells))
+            for corners, item in zip(triangles, items, strict=True)
+        ]
+    return times
+
+
+def bumpy(subdivisions: int) -> trimesh.Trimesh:
+    """A ball with waves on it: no two triangles alike."""
+    ball = creation.icosphere(subdivisions=subdivisions)
+    x, y, z = ball.vertices.T
+    waves = 1 + 0.05 * np.sin(9 * x) * np.sin(11 * y) * np.sin(7 * z)
+    return trimesh.Trimesh(ball.vertices * waves[:, None], ball.faces, process=False)
+
+
+def steps(mesh: trimesh.Trimesh, folder: Path) -> dict[str, list[float]]:
+    """Milliseconds of each step of an import."""
+    file = folder / "mesh.ply"
+    mesh.export(file)
+    shape, _ = Shape.repaired(mesh, "mesh")
+    kept, _ = Simplification(eager=True)(shape)
+    return {
+        "read": [timed(partial(mesh_files.read, file))],
+        "repair": [timed(partial(Shape.repaired, mesh, "mesh"))],
+        "reduce and bound": [timed(partial(Simplification(eager=True), shape))],
+        "bound alone": [timed(partial(deviation, shape.mesh, kept.mesh()))],
+    }
+
+
+def huge(folder: Path) -> dict[str, Any]:
+    """An import of a mesh of more than a million triangles, in a process of its own."""
+    result = {}
+    mesh = bumpy(HUGE)
+    for suffix in ("ply", "stl", "obj"):
+        file = folder / f"huge.{suffix}"
+        mesh.export(file)
+        candidate = Candidate("huge", "ball", partial(mesh_files.read, file))
+        settings = ImportSettings(workers=1, timeout=900)
+        started = time.perf_counter()
+        (outcome,) = import_library([candidate], folder / "lib", "huge", "", settings)
+        seconds = time.perf_counter() - started
+        assert outcome.info is not None, outcome.problem
+        result[suffix] = {
+            "triangles": outcome.triangles_read,
+            "kept": outcome.info.triangles,
+            "error bound": outcome.info.error_bound,
+            "file, MB": file.stat().st_size / 2**20,
+            "seconds": seconds,
+        }
+        file.unlink()
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    return result | {"peak memory, MB": peak}
+
+
+def volumes(library: ShapeLibrary) -> dict[str, Any]:
+    """Errors of volumes by voxels, of shapes whose volume is known exactly."""
+    ids = [id for id in library if library.info(id).solid]
+    errors = {id: solid_volume(library[id].mesh.triangles) / library[id].volume - 1 for id in ids}
+    worst = max(errors, key=lambda id: abs(errors[id]))
+    sizes = np.abs(list(errors.values()))
+    return {
+        "shapes": len(ids),
+        "median": float(np.median(sizes)),
+        "p90": float(np.quantile(sizes, 0.9)),
+        "worst": float(sizes.max()),
+        "worst of": worst,
+        "mean, signed": float(np.mean(list(errors.values()))),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    arguments = parser.parse_args()
+    console = Console(width=100)
+    library = ShapeLibrary.open("everyday")
+    with console.status("measuring"), tempfile.TemporaryDirectory() as folder:
+        Voxels.of(creation.box().triangles * 0.1, (12, 12, 12))  # compiles
+        QuantizedMesh.of(library[library.ids[0]])
+        times = summaries(everyday(library))
+        step_times = {
+            f"{20 * 4**subdivisions:,} triangles": summaries(
+                steps(bumpy(subdivisions), Path(folder))
+            )
+            for subdivisions in (4, 6, HUGE)
+        }
+        result = {
+            "command": "python -m benchmarks.library",
+            "library": {"name": library.name, "shapes": len(library), "digest": library.digest},
+            "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+            "everyday, ms": times,
+            "import steps, ms": step_times,
+            "huge": huge(Path(folder)),
+            "volume by voxels, relative error": volumes(library),
+        }
+    table = Table("what", "median, ms", "10% to 90%", "n")
+    for name, row in times.items():
+        table.add_row(
+            name, f"{row['median']:.2f}", f"{row['p10']:.2f} to {row['p90']:.2f}", str(row["n"])
+        )
+    console.print(table)
+    for part in ("import steps, ms", "huge", "volume by voxels, relative error"):
+        console.print(part, result[part])
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "library.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

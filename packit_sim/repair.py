@@ -1,0 +1,143 @@
+"""Repairs of meshes, each counted: doubled vertices and triangles, winding, small holes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+MAX_HOLE = 0.02
+"""Of the bounding box's diagonal: the longest diagonal of a hole that is filled. Larger ones may be
+meant: the mouth of a bag, an open box."""
+
+
+@dataclass(frozen=True)
+class Repairs:
+    """How much of a mesh was repaired.
+
+    merged_vertices: that stood where another stood. duplicate_triangles, flat_triangles: dropped,
+    since another has the same corners, or there is no area. flipped_triangles: turned over, so that
+    neighbours agree on what is outside. filled_holes: closed with triangles.
+    """
+
+    merged_vertices: int = 0
+    duplicate_triangles: int = 0
+    flat_triangles: int = 0
+    flipped_triangles: int = 0
+    filled_holes: int = 0
+
+    def __bool__(self) -> bool:
+        return any(asdict(self).values())
+
+
+def cleaned(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
+    """A mesh without doubled vertices, doubled triangles and those without area.
+
+    Its surface stays the same. The mesh should be about one unit in size: vertices nearer than
+    trimesh's `tol.merge` (1e-8) are the same.
+    """
+    clean = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    clean.remove_unreferenced_vertices()
+    vertices, triangles = len(clean.vertices), len(clean.faces)
+    clean.merge_vertices(merge_tex=True, merge_norm=True)
+    merged = vertices - len(clean.vertices)
+    corners = np.sort(clean.faces, axis=1)
+    clean.update_faces((np.diff(corners, axis=1) > 0).all(axis=1))
+    clean.update_faces(clean.area_faces > 0)
+    flat = triangles - len(clean.faces)
+    clean.update_faces(clean.unique_faces())
+    duplicate = triangles - flat - len(clean.faces)
+    clean.remove_unreferenced_vertices()
+    return clean, Repairs(merged, duplicate, flat)
+
+
+def mended(mesh: trimesh.Trimesh, max_hole: float = MAX_HOLE) -> tuple[trimesh.Trimesh, Repairs]:
+    """A clean mesh with neighbours that agree on what is outside, and without small holes.
+
+    Where they disagree as few triangles are turned as make a part consistent, or as make it face
+    outwards where it is closed; a part that has but one side (a Moebius strip) stays as it is.
+    Holes whose rim is one loop no longer than `max_hole` (see `MAX_HOLE`) get a fan of triangles.
+    """
+    faces = np.array(mesh.faces)
+    flip = _inconsistent(mesh)
+    faces[flip] = faces[flip, ::-1]
+    turned = trimesh.Trimesh(mesh.vertices, faces, process=False)
+    fans = [
+        np.column_stack([np.full(len(rim) - 2, rim[0]), rim[1:-1], rim[2:]])
+        for rim in _rims(turned)
+        if np.linalg.norm(np.ptp(turned.vertices[rim], axis=0)) <= max_hole * mesh.scale
+    ]
+    whole = trimesh.Trimesh(turned.vertices, np.concatenate([faces, *fans]), process=False)
+    return whole, Repairs(flipped_triangles=int(flip.sum()), filled_holes=len(fans))
+
+
+def _inconsistent(mesh: trimesh.Trimesh) -> npt.NDArray[np.bool_]:
+    """Bool (m,): the triangles to turn.
+
+    Each triangle is two nodes of a graph, as it is and turned; an edge that two triangles run
+    through in opposite directions joins like nodes, else unlike ones. The two components of a part
+    are its two ways to be consistent; where they are one there is none.
+    """
+    count = len(mesh.faces)
+    if mesh.is_winding_consistent:
+        return np.zeros(count, dtype=bool)
+    pairs, edges = mesh.face_adjacency, mesh.face_adjacency_edges
+    forward = np.stack([_runs_forward(mesh.faces[side], edges) for side in pairs.T])
+    same = np.equal(*forward).astype(int)
+    one, other = pairs.T
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([other + same * count, other + (1 - same) * count])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
+    labels = connected_components(graph, directed=False)[1]
+    kept, turned = labels[:count], labels[count:]
+    parts = np.minimum(kept, turned)
+    flip = kept > turned
+    flips, sizes = np.bincount(parts, flip), np.bincount(parts)
+    flip ^= (flips > sizes / 2)[parts]
+    flip &= kept != turned
+    order = np.argsort(parts, kind="stable")
+    sorted_parts = parts[order]
+    for part in np.unique(parts[flip]):
+        start, stop = np.searchsorted(sorted_parts, (part, part + 1))
+        of_part = order[start:stop]
+        faces = mesh.faces[of_part]
+        faces[flip[of_part]] = faces[flip[of_part], ::-1]
+        alone = trimesh.Trimesh(mesh.vertices, faces, process=False)
+        if alone.is_watertight and alone.volume < 0:
+            flip[of_part] ^= True
+    return flip
+
+
+def _runs_forward(
+    faces: npt.NDArray[np.int64], edges: npt.NDArray[np.int64]
+) -> npt.NDArray[np.bool_]:
+    """Bool (n,): whether each triangle goes through its edge from the first end to the second."""
+    starts = faces == edges[:, :1]
+    ends = np.roll(faces, -1, axis=1) == edges[:, 1:]
+    return (starts & ends).any(axis=1)
+
+
+def _rims(mesh: trimesh.Trimesh) -> list[npt.NDArray[np.int64]]:
+    """The vertices around each hole whose rim is a simple loop, so that a fan faces as they do."""
+    edges = mesh.edges
+    alone = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
+    after: dict[int, int] = {}
+    forked = set()
+    for start, end in edges[alone].tolist():
+        if end in after:
+            forked.add(end)
+        after[end] = start
+    rims = []
+    while after:
+        first, here = after.popitem()
+        rim = [first]
+        while here in after:
+            rim.append(here)
+            here = after.pop(here)
+        if here == first and len(rim) > 2 and not forked.intersection(rim):
+            rims.append(np.array(rim))
+    return rims

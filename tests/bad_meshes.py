@@ -1,0 +1,173 @@
+"""Mesh files that are broken or meant to do harm, and what should be said of each."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from trimesh import creation
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+MODEL = """<?xml version="1.0"?>
+<model unit="millimeter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
+<resources>{}</resources><build>{}</build></model>"""
+TETRAHEDRON = (
+    '<mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/>'
+    '<vertex x="0" y="1" z="0"/><vertex x="0" y="0" z="1"/></vertices><triangles>'
+    '<triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3"/>'
+    '<triangle v1="0" v2="3" v3="2"/><triangle v1="1" v2="2" v3="3"/></triangles></mesh>'
+)
+
+
+def archive(resources: str, build: str) -> Callable[[Path], None]:
+    def write(file: Path) -> None:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as made:
+            made.writestr("3D/3dmodel.model", MODEL.format(resources, build))
+
+    return write
+
+
+def zip_bomb(file: Path) -> None:
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as made,
+        made.open("3D/3dmodel.model", "w") as model,
+    ):
+        for _ in range(1200):
+            model.write(b" " * 2**20)
+
+
+def laughs(depth: int) -> Callable[[Path], None]:
+    """Objects of ten of the object before, so many deep."""
+    objects = [f'<object id="0">{TETRAHEDRON}</object>']
+    for n in range(1, depth + 1):
+        parts = f'<component objectid="{n - 1}"/>' * 10
+        objects.append(f'<object id="{n}"><components>{parts}</components></object>')
+    return archive("".join(objects), f'<item objectid="{depth}"/>')
+
+
+def stl(vertices: object) -> Callable[[Path], None]:
+    """A binary STL with these corners of triangles, three of them each."""
+    corners = np.asarray(vertices, dtype="<f4").reshape(-1, 3, 3)
+    rows = np.zeros(len(corners), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    rows["v"] = corners
+    content = b"\0" * 80 + struct.pack("<I", len(rows)) + rows.tobytes()
+    return lambda file: file.write_bytes(content) and None
+
+
+def gltf(accessors: list[dict[str, object]], uri: str) -> Callable[[Path], None]:
+    content = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "buffers": [{"byteLength": 36, "uri": uri}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": accessors,
+    }
+    return text(json.dumps(content))
+
+
+def text(content: str) -> Callable[[Path], None]:
+    return lambda file: file.write_text(content, encoding="utf-8") and None
+
+
+def data(content: bytes) -> Callable[[Path], None]:
+    return lambda file: file.write_bytes(content) and None
+
+
+BOX = creation.box((1, 2, 3)).triangles
+POSITIONS = {"componentType": 5126, "type": "VEC3"}
+PLY = (
+    "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\n"
+    "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+BAD: dict[str, tuple[Callable[[Path], None], str]] = {
+    **{f"empty{s}": (text(""), "the file is empty") for s in (".stl", ".obj", ".glb", ".3mf")},
+    "blank.off": (text(" \n\n"), "the file is empty"),
+    "noise.stl": (data(bytes(range(256)) * 9), "can't be read as STL"),
+    "noise.3mf": (data(bytes(range(256)) * 9), "no ZIP archive"),
+    "noise.glb": (data(bytes(range(256)) * 9), "does not begin as a GLB"),
+    "noise.dae": (data(bytes(range(256)) * 9), "can't be read as DAE"),
+    "words.ply": (text("once upon a time"), "no end_header"),
+    "words.off": (text("OFF\nonce upon a time"), "no line of counts"),
+    "words.gltf": (text("once upon a time"), "can't be read as GLTF"),
+    "list.gltf": (text("[]"), "its JSON is no object"),
+    "points.obj": (text("v 0 0 0\nv 1 2 3\n"), "no faces"),
+    "nan.stl": (stl(np.where(np.arange(108) == 50, np.nan, BOX.ravel())), "not finite"),
+    "infinite.obj": (text(OBJ.replace("v 1 0 0", "v inf 0 0")), "not finite"),
+    "degenerate.stl": (stl(np.repeat(BOX[:, :1], 3, axis=1)), "none of its 12 triangles|no extent"),
+    "point.stl": (stl(np.zeros((12, 9))), "no extent along x and y and z"),
+    "one-triangle.stl": (stl([0, 0, 0, 1, 0, 0, 0, 1, 0]), "no extent along z"),
+    "beyond.obj": (text(OBJ + "f 1 2 99\n"), "beyond.obj"),
+    "beyond.off": (text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"), "face index"),
+    "many.ply": (
+        text(PLY.format("ascii", 10_000_000, 4) + "0 0 0\n" * 50),
+        "declares 10,000,000 elements 'vertex'",
+    ),
+    "many-binary.ply": (
+        text(PLY.format("binary_little_endian", 10_000_000, 4) + " " * 700),
+        "declares 10,000,000 elements 'vertex'",
+    ),
+    "short.ply": (
+        text(PLY.format("ascii", 4, 4) + "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n"),
+        "only 5 lines",
+    ),
+    "many.off": (
+        text("OFF\n10000000 10000000 0\n" + "0 0 0\n" * 50),
+        "declares 10,000,000 vertices",
+    ),
+    "many.stl": (
+        data(b"\0" * 80 + struct.pack("<I", 10_000_000) + b"\0" * 900),
+        "can't be read as STL",
+    ),
+    "many.gltf": (
+        gltf([POSITIONS | {"count": 10_000_000}], "data:;base64," + "A" * 48),
+        "10,000,000 elements without data",
+    ),
+    "elsewhere.gltf": (
+        gltf([POSITIONS | {"count": 3, "bufferView": 0}], "../../../../etc/passwd"),
+        "escapes",
+    ),
+    "bomb.3mf": (zip_bomb, "unpacks to 1,258,2"),
+    "laughs.3mf": (laughs(9), "triangles are too many"),
+    "giggles.3mf": (laughs(2), "only 300 of its 400 triangles"),
+    "circle.3mf": (
+        archive(
+            '<object id="1"><components><component objectid="1"/></components></object>',
+            '<item objectid="1"/>',
+        ),
+        "a part of itself",
+    ),
+    "hollow.3mf": (archive("", ""), "can't be read as 3MF|no triangles"),
+    "entities.dae": (
+        text(
+            '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaaaaaaaaaaaaaaaa">'
+            + "".join(
+                f'<!ENTITY {b} "{f"&{a};" * 30}">'
+                for a, b in zip("abcdefg", "bcdefgh", strict=True)
+            )
+            + "]><COLLADA>&h;</COLLADA>"
+        ),
+        "can't be read as DAE",
+    ),
+}
+"""What writes each file, and a pattern that its error must match."""
+
+GOOD: dict[str, Callable[[Path], None]] = {
+    "flipped.stl": stl(np.where(np.arange(12)[:, None, None] % 3 == 0, BOX[:, ::-1], BOX)),
+    "path.obj": text("mtllib ../../../../../../etc/passwd\nmtllib /dev/zero\n" + OBJ),
+    "tasse-bol-杯.obj": text(OBJ),
+    "two words.3mf": laughs(1),
+}
+"""Files that look worse than they are."""
+
+
+def write(folder: Path, names: list[str]) -> None:
+    for name in names:
+        (BAD[name][0] if name in BAD else GOOD[name])(folder / name)
