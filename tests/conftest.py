@@ -8,6 +8,8 @@ import os
 import pytest
 from hypothesis import settings
 
+from packit_sim import rendering
+
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
@@ -23,3 +25,19 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "mask_seed" in metafunc.fixturenames:
         masks, seed = (metafunc.config.getoption(name) for name in ("--masks", "--seed"))
         metafunc.parametrize("mask_seed", [(seed, n) for n in range(masks)], ids=str)
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """TinyRenderer unless a test asks for more: it starts at once."""
+    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "tiny")
+
+
+@pytest.fixture(params=["tiny", "egl"])
+def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Each renderer that starts here, set for the test."""
+    name = str(request.param)
+    if name == "egl" and rendering._egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
+    return name

@@ -23,19 +23,7 @@ POLE = Shape.from_mesh(creation.box((0.04, 0.04, 1)), "pole")
 CONE = Shape.from_mesh(creation.cone(0.5, 1), "cone")
 
 
-@pytest.fixture(autouse=True)
-def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """TinyRenderer unless a test asks for more: it starts at once."""
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "tiny")
-
-
-@pytest.fixture(params=["tiny", "egl"])
-def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    name = str(request.param)
-    if name == "egl" and rendering._egl_problem() is not None:
-        pytest.skip("EGL does not start here")
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
-    return name
+pytestmark = pytest.mark.usefixtures("tiny")
 
 
 def inked(image: Picture) -> np.ndarray:

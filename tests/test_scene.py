@@ -26,20 +26,7 @@ from packit_sim.scene import Scene
 from packit_sim.shapes import Item, Shape
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
-
-@pytest.fixture(autouse=True)
-def fresh_probe(monkeypatch: pytest.MonkeyPatch) -> None:
-    """TinyRenderer unless a test asks for more: it starts at once."""
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "tiny")
-
-
-@pytest.fixture(params=["tiny", "egl"])
-def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    name = str(request.param)
-    if name == "egl" and rendering._egl_problem() is not None:
-        pytest.skip("EGL does not start here")
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
-    return name
+pytestmark = pytest.mark.usefixtures("tiny")
 
 
 @pytest.fixture
