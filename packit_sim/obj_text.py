@@ -19,7 +19,7 @@ _CREASE = np.radians(35)
 def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
     """Vertices (n, 3) and faces (m, 3) of convex pieces that make up a mesh's surface."""
     pieces: list[tuple[Rows, Rows]] = []
-    for part in mesh.split(only_watertight=False):
+    for part in mesh.split(only_watertight=False, repair=False):
         with np.errstate(divide="ignore", invalid="ignore"):  # of a part that holds no volume
             convex = part.is_volume and part.is_convex
         if convex:

@@ -71,6 +71,17 @@ def depth(one: Item, other: Item, offset: tuple[float, float, float]) -> float:
         return scene.penetrations()[0, 1]
 
 
+def test_an_open_box_is_not_taken_for_a_closed_one() -> None:
+    """What stands in it does not penetrate it, though its rim could be closed by one face."""
+    open_box = trimesh.creation.box((1, 1, 1))
+    open_box.update_faces(open_box.face_normals[:, 2] < 0.5)
+    box = Box()
+    box.place(Item(Shape.from_mesh(open_box, "open-box"), 1.0), (0, 0, 0))
+    box.place(cube_of(12), (5, 5, 1))
+    with Scene(box) as scene:
+        assert scene.penetrations() == {(0, 1): 0.0}
+
+
 def test_snapshot_shows_every_item(renderer: str) -> None:
     with Scene(three_items()) as scene:
         shot = scene.snapshot(200, 160)
