@@ -42,6 +42,7 @@ bench: ## every benchmark, one after the other
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
 	@$(BIN)/python -m benchmarks.placement
 	@$(BIN)/python -m benchmarks.library
+	@$(BIN)/python -m benchmarks.env
 
 lint: $(STAMP) ## ruff: rules and format
 	@$(BIN)/ruff check

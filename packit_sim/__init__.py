@@ -12,6 +12,7 @@ from packit_sim.policies import Agent
 from packit_sim.shapes import Item, Shape
 
 gymnasium.register("PackIt-v0", entry_point="packit_sim.env:PackItEnv")
+gymnasium.register("PackItEasy-v0", entry_point="packit_sim.env:PackItEnv", kwargs={"easy": True})
 
 __all__ = [
     "Agent",

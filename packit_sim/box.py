@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import placement
+from packit_sim import placement, rotations
+from packit_sim.bits import Words
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
 from packit_sim.occupancy import Occupancy, Placed
@@ -62,7 +63,12 @@ class Box:
     @property
     def outer(self) -> npt.NDArray[np.bool_]:
         """Bool over `cells`: those that hold an outer fine cell of a placed item."""
-        return unpack(self._occupancy.outer_words)
+        return unpack(self.outer_words)
+
+    @property
+    def outer_words(self) -> Words:
+        """The same as words [x, y, z], one for 4 x 4 x 4 cells (see `bits`)."""
+        return self._occupancy.outer_words
 
     def feasible(self, item: Item) -> Mask:
         """Bool [x, y, z] over the grid's nodes: where the item can stand, exactly."""
@@ -75,9 +81,24 @@ class Box:
     def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
         """Bool [rotation, x, y, z]: where the item can stand in each of the 24 rotations, exactly.
 
-        Whatever the item's own rotation; `.any(axis=0)` is PackIt-Easy's union.
+        Whatever the item's own rotation.
         """
         return placement.feasible_rotations(self._occupancy, item)
+
+    def feasible_in_any(self, item: Item) -> Mask:
+        """Bool [x, y, z]: where the item can stand in at least one of the 24 rotations, exactly."""
+        return placement.feasible_in_any(self._occupancy, item)
+
+    def rotations_at(self, item: Item, location: Sequence[int]) -> npt.NDArray[np.bool_]:
+        """Bool (24,): the rotations in which the item can stand at a location, exactly.
+
+        Raises InfeasibleError where the location is no node of the grid.
+        """
+        node = placement.checked_location(self.cells, location)
+        turned = (item.turned(n) for n in range(rotations.COUNT))
+        return np.array(
+            [placement.is_feasible(self._occupancy, Placed(item, node)) for item in turned]
+        )
 
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Which walls and which placed items, by number, keep an item from a location.

@@ -1,4 +1,4 @@
-"""The Gymnasium environment `PackIt-v0` (paper, section 4).
+"""The Gymnasium environments `PackIt-v0` and `PackItEasy-v0` (paper, section 4): one class.
 
 An action is a number of one Discrete space whatever the stage: the index of a shape, a rotation, or
 the C-order index of a location. `action_mask` in the observation marks the valid ones.
@@ -7,9 +7,10 @@ the C-order index of a location. `action_mask` in the observation marks the vali
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -17,28 +18,49 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim import rotations
-from packit_sim.episode import Episode
+from packit_sim.episode import Episode, Stage, State
 from packit_sim.lattice import Triple, grid_nodes
 from packit_sim.library import ShapeLibrary
-from packit_sim.observations import Observation, VoxelObserver
+from packit_sim.observations import OBSERVERS, Observation
 from packit_sim.packs import STARTER_PACKS, Task, load_tasks
+from packit_sim.policies import Policy, load_policy
 from packit_sim.scene import Scene
+from packit_sim.statistics import statistics
 
 MAX_SHAPES = 50
 """Room for the shapes of a task in actions and observations: the paper's pool."""
+
+TaskMaker = Callable[[np.random.Generator], Task]
+
+
+@dataclass(frozen=True)
+class EnvState:
+    """Where an environment stands: a value, which can be pickled.
+
+    task: its number, or the task itself where it was made on the fly. random: the state of the
+    environment's generator.
+    """
+
+    task: int | Task
+    episode: State
+    random: dict[str, Any]
 
 
 class PackItEnv(gym.Env[Observation, np.int64]):
     """Packs the shapes of a task into its box, one choice a step.
 
-    tasks: the name or path of a dataset (see `packs.load_tasks`), or tasks. library: name, path or
-    open library, of the dataset's shapes. max_shapes: the most items that a task may have.
-    render_mode: "rgb_array" or None.
+    tasks: the name or path of a dataset (see `packs.load_tasks`), tasks, or a function that makes
+    one with a random generator. library: name, path or open library, of the dataset's shapes.
+    order: "random" draws a task at each reset, "cycle" takes them in turn. easy: PackIt-Easy's
+    order of sub-tasks. shape, rotation, location: a policy or its name, where that sub-task is not
+    the agent's; then it is no step, and the action space holds what the others need. observation:
+    "voxels", "features" or "none" (see `observations`). max_shapes: the most items that a task may
+    have. render_mode: "rgb_array" or None.
 
-    Observations are `VoxelObserver`'s. The reward is the placed volume over the volume of the
-    task's items. info tells "task" (its number), "density" of the box, and, when the episode is
-    over, "end": why.
-    Raises ValueError where a setting is out of range or the tasks don't go together.
+    The reward is the placed volume over the volume of the task's items. info tells "task" (its
+    number, -1 for one made on the fly), "action_mask", "density" of the box, "placed_volume",
+    "fcl_calls" since the last reset, and, when the episode is over, "end": why. Raises ValueError
+    where a setting is out of range or the tasks don't go together.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # noqa: RUF012
@@ -46,8 +68,15 @@ class PackItEnv(gym.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        tasks: str | Path | Sequence[Task] = STARTER_PACKS,
+        tasks: str | Path | Sequence[Task] | TaskMaker = STARTER_PACKS,
         library: str | Path | ShapeLibrary = "everyday",
+        *,
+        order: Literal["random", "cycle"] = "random",
+        easy: bool = False,
+        shape: Policy | str | None = None,
+        rotation: Policy | str | None = None,
+        location: Policy | str | None = None,
+        observation: str = "voxels",
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
     ) -> None:
@@ -55,18 +84,40 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             raise ValueError(
                 f"render mode {render_mode!r} is not known: choose 'rgb_array' or None"
             )
+        if order not in ("random", "cycle"):
+            raise ValueError(f"order {order!r} is not known: choose 'random' or 'cycle'")
+        if observation not in OBSERVERS:
+            raise ValueError(
+                f"observation {observation!r} is not known: choose from {', '.join(OBSERVERS)}"
+            )
         if isinstance(tasks, str | Path):
             opened = library if isinstance(library, ShapeLibrary) else ShapeLibrary.open(library)
             tasks = load_tasks(tasks, opened)
-        self.tasks = tuple(tasks)
-        self.cells = _common_cells(self.tasks, max_shapes)
+        self._make: TaskMaker | None = tasks if callable(tasks) else None
+        first = (tasks(np.random.default_rng(0)),) if callable(tasks) else tuple(tasks)
+        self.tasks = () if callable(tasks) else first
+        self.cells = _common_cells(first)
+        self.easy = easy
         self.render_mode = render_mode
-        actions = max(max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
-        self._observer = VoxelObserver(self.cells, max_shapes, actions)
-        self.action_space = spaces.Discrete(actions)
+        self._max_shapes = max_shapes
+        self._fixed = {
+            stage: load_policy(stage, policy) if isinstance(policy, str) else policy
+            for stage, policy in zip(Stage, (shape, rotation, location), strict=True)
+        }
+        sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
+        free = [size for stage, size in zip(Stage, sizes, strict=True) if not self._fixed[stage]]
+        if not free:
+            raise ValueError("shape, rotation and location all have policies: no step is left")
+        for task in first:
+            self._check(task)
+        self._order = order
+        self._observer = OBSERVERS[observation](self.cells, max_shapes, max(free))
+        self.action_space = spaces.Discrete(max(free))
         self.observation_space = self._observer.space
         self._episode: Episode | None = None
-        self._task = 0
+        self._number = -1
+        self._over = False
+        self._fcl_calls = 0
         self._scene: Scene | None = None
 
     @property
@@ -79,19 +130,45 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts a task: a uniformly drawn one, or number `options["task"]`."""
+        """Starts the next task, or number `options["task"]`, or that task itself.
+
+        With a fixed shape policy the episode may be over before the first choice: then no action is
+        valid, and the first step says so.
+        """
         super().reset(seed=seed)
-        number = (options or {}).get("task", int(self.np_random.integers(len(self.tasks))))
-        if number not in range(len(self.tasks)):
-            raise ValueError(f"there is no task {number!r}: choose 0 to {len(self.tasks) - 1}")
-        self._task = int(number)
-        self._episode = Episode(self.tasks[self._task])
+        wanted = (options or {}).get("task")
+        if isinstance(wanted, Task):
+            task, self._number = wanted, -1
+        elif self._make is not None and wanted is None:
+            task, self._number = self._make(self.np_random), -1
+        else:
+            self._number = self._next() if wanted is None else wanted
+            if self._number not in range(len(self.tasks)):
+                raise ValueError(
+                    f"there is no task {self._number!r}: choose 0 to {len(self.tasks) - 1}"
+                )
+            self._number = int(self._number)
+            task = self.tasks[self._number]
+        self._check(task)
+        self._episode = Episode(task, easy=self.easy)
+        self._over = False
+        self._fcl_calls = statistics().fcl_calls
+        self._play_fixed()
         return self._observe(), self._info()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Plays one choice; an episode is terminated as DESIGN says, and never truncated."""
-        reward = self.episode.step(int(action))
-        return self._observe(), reward, self.episode.end is not None, False, self._info()
+        """Plays one choice, and what is fixed after it.
+
+        An episode is terminated as DESIGN says, and never truncated. Raises RuntimeError where that
+        was told already.
+        """
+        if self.episode.end is not None and self._over:
+            raise RuntimeError(f"the episode is over: {self.episode.end}: call reset()")
+        reward = 0.0
+        if self.episode.end is None:
+            reward = self.episode.step(int(action)) + self._play_fixed()
+        self._over = self.episode.end is not None
+        return self._observe(), reward, self._over, False, self._info()
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
         """Bool (actions,): the valid actions, none when the episode is over."""
@@ -100,6 +177,22 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             valid = self.episode.action_mask()
             mask[: len(valid)] = valid
         return mask
+
+    def get_state(self) -> EnvState:
+        """Where the environment stands, for `set_state`: cheap, exact, and it can be pickled."""
+        task = self._number if self._number >= 0 else self.episode.task
+        return EnvState(task, self.episode.state(), dict(self.np_random.bit_generator.state))
+
+    def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
+        """Goes back, or on, to a state of an environment with the same settings."""
+        task = self.tasks[state.task] if isinstance(state.task, int) else state.task
+        if self._episode is None or self._episode.task is not task:
+            self._episode = Episode(task, easy=self.easy)
+        self._episode.restore(state.episode)
+        self._number = state.task if isinstance(state.task, int) else -1
+        self._over = False
+        self.np_random.bit_generator.state = state.random
+        return self._observe(), self._info()
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The box as a picture (512, 512, 3), where the render mode is "rgb_array"."""
@@ -115,23 +208,51 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._scene.close()
             self._scene = None
 
+    def _next(self) -> int:
+        if self._order == "cycle":
+            return (self._number + 1) % len(self.tasks)
+        return int(self.np_random.integers(len(self.tasks)))
+
+    def _play_fixed(self) -> float:
+        """Plays the sub-tasks that have a policy, up to the next that has none."""
+        reward = 0.0
+        while self.episode.end is None:
+            policy = self._fixed[self.episode.stage]
+            if policy is None:
+                break
+            reward += self.episode.step(policy(self.episode, self.np_random))
+        return reward
+
     def _observe(self) -> Observation:
         return self._observer.observe(self.episode, self.action_masks())
 
     def _info(self) -> dict[str, Any]:
         episode = self.episode
-        info: dict[str, Any] = {"task": self._task, "density": episode.box.density}
+        density = episode.box.density
+        info: dict[str, Any] = {
+            "task": self._number,
+            "action_mask": self.action_masks(),
+            "density": density,
+            "placed_volume": density * float(episode.box.size.prod()),
+            "fcl_calls": statistics().fcl_calls - self._fcl_calls,
+        }
         if episode.end is not None:
             info["end"] = str(episode.end)
         return info
 
+    def _check(self, task: Task) -> None:
+        """Raises ValueError where a task does not go with this environment."""
+        if task.cells != self.cells:
+            raise ValueError(f"a task's box has {task.cells} cells, the others' {self.cells}")
+        if len(task.items) > self._max_shapes:
+            raise ValueError(
+                f"a task has {len(task.items)} items: max_shapes is only {self._max_shapes}"
+            )
 
-def _common_cells(tasks: Sequence[Task], max_shapes: int) -> Triple:
-    """The box of all tasks. Raises ValueError where they differ or one has too many items."""
+
+def _common_cells(tasks: Sequence[Task]) -> Triple:
+    """The box of all tasks. Raises ValueError where they differ."""
     boxes = {task.cells for task in tasks}
     if len(boxes) != 1:
         raise ValueError(f"the tasks of an environment must share one box, not {sorted(boxes)}")
-    most = max(len(task.items) for task in tasks)
-    if most > max_shapes:
-        raise ValueError(f"a task has {most} items: max_shapes is only {max_shapes}")
     return boxes.pop()

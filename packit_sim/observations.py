@@ -1,8 +1,9 @@
-"""What an agent sees of an episode, as arrays: voxels at cells of 1/100 (paper, section 4.1)."""
+"""What an agent sees of an episode, as arrays (paper, sections 4.1 and 4.2)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,76 +11,165 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim.episode import Episode, Stage
-from packit_sim.lattice import CELL, Triple
+from packit_sim.features import CubeMeans
+from packit_sim.lattice import CELL, Triple, grid_nodes
 from packit_sim.voxels import centred
 
 Observation = dict[str, Any]
 
+BOX_CUBES = 10
+"""Cubes along each axis of the box whose mean occupancy is a feature (the released settings)."""
 
-class VoxelObserver:
+SHAPE_CUBES = 8
+"""Cubes along each axis of a shape."""
+
+
+class Observer:
     """Observes the episodes of tasks of up to `max_shapes` items in boxes of so many cells an axis.
 
     An observation is a dict:
         stage: int, 0 shape, 1 rotation, 2 location.
-        box: bool (x, y, z) over the box's cells, the placed items' outer cells.
-        shapes: bool (max_shapes, m, m, m), m the box's most cells an axis: each shape's outer cells
-            in canonical orientation, centred; False where there is no shape.
+        chosen: int, the chosen shape, or max_shapes before one is.
         outside: bool (max_shapes,), which shapes are still outside.
         volumes: float64 (max_shapes,), each shape's volume in box units cubed, 0 for none.
-        chosen: int, the chosen shape, or max_shapes before one is.
-        item: bool (m, m, m), the chosen shape in the chosen rotation; False before.
         action_mask: int8 (actions,), 1 for a valid action.
-    Its arrays are the receiver's own: Gymnasium's checker demands that no two observations share
-    memory, though copying the shapes is most of what one costs.
+    Its arrays share no memory with those of the observation before it, as Gymnasium's checker
+    demands.
     """
 
     def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
-        m = max(cells)
-        self._item_shape = (m, m, m)
+        self._cells = cells
         self._max_shapes = max_shapes
+        self._volumes = np.zeros(max_shapes)
+        self._episode: Episode | None = None
         self.space = spaces.Dict(
             {
                 "stage": spaces.Discrete(len(Stage)),
-                "box": _bools(*cells),
-                "shapes": _bools(max_shapes, m, m, m),
+                "chosen": spaces.Discrete(max_shapes + 1),
                 "outside": _bools(max_shapes),
                 "volumes": spaces.Box(0.0, math.prod(cells) * CELL**3, (max_shapes,), np.float64),
-                "chosen": spaces.Discrete(max_shapes + 1),
-                "item": _bools(m, m, m),
                 "action_mask": spaces.MultiBinary(actions),
             }
         )
-        self._shapes = np.zeros((max_shapes, *self._item_shape), dtype=bool)
-        self._volumes = np.zeros(max_shapes)
-        self._episode: Episode | None = None
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         """The observation of an episode as it stands."""
         if episode is not self._episode:
             self._episode = episode
-            self._look_at_shapes(episode)
+            self._volumes = np.zeros(self._max_shapes)
+            self._volumes[: len(episode.task.items)] = [i.volume for i in episode.task.items]
+            self._begin(episode)
         outside = np.zeros(self._max_shapes, dtype=bool)
         outside[: len(episode.outside)] = episode.outside
-        turned = None if episode.choice is None else episode.choice.item.outer
         return {
             "stage": int(episode.stage),
-            "box": episode.box.outer,
-            "shapes": self._shapes.copy(),
+            "chosen": self._max_shapes if episode.shape is None else episode.shape,
             "outside": outside,
             "volumes": self._volumes.copy(),
-            "chosen": self._max_shapes if episode.shape is None else episode.shape,
-            "item": np.zeros(self._item_shape, dtype=bool)
-            if turned is None
-            else centred(turned, self._item_shape),
             "action_mask": action_mask.astype(np.int8),
         }
 
-    def _look_at_shapes(self, episode: Episode) -> None:
-        self._shapes[:] = False
-        self._volumes[:] = 0
+    def _begin(self, episode: Episode) -> None:
+        """Looks at the shapes of a new episode."""
+
+
+class VoxelObserver(Observer):
+    """Adds voxels, at cells of 1/100, to what `Observer` sees.
+
+        box: bool (x, y, z) over the box's cells, the placed items' outer cells.
+        shapes: bool (max_shapes, m, m, m), m the box's most cells an axis: each shape's outer cells
+            in canonical orientation, centred; False where there is no shape. Read-only, and the
+            same array in every other observation of an episode.
+        item: bool (m, m, m), the chosen shape in the chosen rotation; False before.
+    One step allocates box and item, 2 MB in the box of 100 cells, and the mask.
+    """
+
+    def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
+        super().__init__(cells, max_shapes, actions)
+        m = max(cells)
+        self._item_shape = (m, m, m)
+        self._shapes: list[npt.NDArray[np.bool_]] = []
+        self.space = spaces.Dict(
+            {
+                **self.space.spaces,
+                "box": _bools(*cells),
+                "shapes": _bools(max_shapes, m, m, m),
+                "item": _bools(m, m, m),
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        self._shapes.reverse()
+        item = np.zeros(self._item_shape, dtype=bool)
+        if episode.choice is not None and episode.rotation is not None:
+            item = centred(episode.choice.item.outer, self._item_shape)
+        return {**seen, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
+
+    def _begin(self, episode: Episode) -> None:
+        shapes = np.zeros((self._max_shapes, *self._item_shape), dtype=bool)
         for n, item in enumerate(episode.task.items):
-            self._shapes[n] = centred(item.outer, self._item_shape)
-            self._volumes[n] = item.volume
+            shapes[n] = centred(item.outer, self._item_shape)
+        self._shapes = [shapes, shapes.copy()]
+        for copy in self._shapes:
+            copy.setflags(write=False)
+
+
+class FeatureObserver(Observer):
+    """Adds PackNN's features, mean occupancies of small cubes, to what `Observer` sees.
+
+    box: float32 (10, 10, 10), of the box's outer cells.
+    shapes: float32 (max_shapes, 8, 8, 8), of each shape's, as in `VoxelObserver`.
+    extents: float32 (max_shapes, 3), each shape's in canonical orientation, in box units.
+    item: float32 (8, 8, 8), of the chosen shape in the chosen rotation; 0 before.
+    """
+
+    def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
+        super().__init__(cells, max_shapes, actions)
+        m = max(cells)
+        self._item_means = CubeMeans((m, m, m), SHAPE_CUBES)
+        self._box_means = CubeMeans(cells, BOX_CUBES)
+        self._words = np.zeros(grid_nodes(cells), dtype=np.uint64)
+        self._counts = np.zeros([BOX_CUBES] * 3, dtype=np.int32)
+        self._shapes = np.zeros((max_shapes, *[SHAPE_CUBES] * 3), dtype=np.float32)
+        self._extents = np.zeros((max_shapes, 3), dtype=np.float32)
+        self.space = spaces.Dict(
+            {
+                **self.space.spaces,
+                "box": spaces.Box(0, 1, self._counts.shape, np.float32),
+                "shapes": spaces.Box(0, 1, self._shapes.shape, np.float32),
+                "extents": spaces.Box(0, max(cells) * CELL, self._extents.shape, np.float32),
+                "item": spaces.Box(0, 1, self._shapes.shape[1:], np.float32),
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
+        if episode.choice is not None and episode.rotation is not None:
+            item = self._item_means.of_item(episode.choice.item.voxels)
+        return {
+            **seen,
+            "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
+            "shapes": self._shapes.copy(),
+            "extents": self._extents.copy(),
+            "item": item,
+        }
+
+    def _begin(self, episode: Episode) -> None:
+        self._shapes[:] = 0
+        self._extents[:] = 0
+        for n, item in enumerate(episode.task.items):
+            self._shapes[n] = self._item_means.of_item(item.voxels)
+            self._extents[n] = item.extents
+
+
+OBSERVERS: dict[str, Callable[[Triple, int, int], Observer]] = {
+    "voxels": VoxelObserver,
+    "features": FeatureObserver,
+    "none": Observer,
+}
+"""What the environment's setting `observation` can be."""
 
 
 def _bools(*shape: int) -> spaces.Box:

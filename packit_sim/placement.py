@@ -56,36 +56,74 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
         return mask
-    tables = nofit.tables(occupancy.placed, item)
-    if tables is None:
-        states = screen(occupancy, item)
-    else:
-        states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
-        for placed, table in zip(occupancy.placed, tables, strict=True):
-            table.merge_into(states, placed, item)
+    states, tables = _states(occupancy, item)
     x, y, z = states.shape
     mask[:x, :y, :z] = states == FREE
     undecided = np.argwhere(states == OPEN)
-    if tables is None:
-        mask[tuple(undecided.T)] = ~crosses(occupancy, item, undecided)
-    else:
-        for i, j, k in undecided.tolist():
-            candidate = Placed(item, (i, j, k))
-            mask[i, j, k] = not any(
-                table.conflict(placed, candidate)
-                for placed, table in zip(occupancy.placed, tables, strict=True)
-            )
+    mask[tuple(undecided.T)] = _decided(occupancy, item, tables, undecided)
     count("masks", states.size, len(undecided))
     return mask
 
 
 def feasible_rotations(occupancy: Occupancy, item: Item) -> npt.NDArray[np.bool_]:
-    """The exact masks of an item in each of the 24 rotations: bool [rotation, x, y, z].
-
-    PackIt-Easy's question (paper, section 4.3): `.any(axis=0)` are the locations feasible in any
-    rotation, and `[:, i, j, k]` the rotations feasible at one of them.
-    """
+    """The exact masks of an item in each of the 24 rotations: bool [rotation, x, y, z]."""
     return np.stack([feasible(occupancy, item.turned(n)) for n in range(rotations.COUNT)])
+
+
+def feasible_in_any(occupancy: Occupancy, item: Item) -> Mask:
+    """The exact union of `feasible_rotations`: PackIt-Easy's question (paper, section 4.3).
+
+    Meshes are asked only about locations that cells show free in no rotation.
+    """
+    mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
+    left_open = []
+    for turned in map(item.turned, range(rotations.COUNT)):
+        if not fits(occupancy.cells, turned):
+            continue
+        states, tables = _states(occupancy, turned)
+        x, y, z = states.shape
+        mask[:x, :y, :z] |= states == FREE
+        left_open.append((turned, tables, states.size, np.argwhere(states == OPEN)))
+    for turned, tables, size, locations in left_open:
+        undecided = locations[~mask[tuple(locations.T)]]
+        mask[tuple(undecided.T)] = _decided(occupancy, turned, tables, undecided)
+        count("masks", size, len(undecided))
+    return mask
+
+
+def _states(
+    occupancy: Occupancy, item: Item
+) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
+    """What is known of each location that is inside the box, and the tables that say the rest."""
+    tables = nofit.tables(occupancy.placed, item)
+    if tables is None:
+        return screen(occupancy, item), None
+    states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
+    for placed, table in zip(occupancy.placed, tables, strict=True):
+        table.merge_into(states, placed, item)
+    return states, tables
+
+
+def _decided(
+    occupancy: Occupancy,
+    item: Item,
+    tables: Sequence[nofit.NoFit] | None,
+    undecided: Locations,
+) -> npt.NDArray[np.bool_]:
+    """Whether the item is feasible at each of the locations (n, 3) that cells leave open."""
+    if tables is None:
+        return ~crosses(occupancy, item, undecided)
+    candidates = [Placed(item, (i, j, k)) for i, j, k in undecided.tolist()]
+    return np.array(
+        [
+            not any(
+                table.conflict(placed, candidate)
+                for placed, table in zip(occupancy.placed, tables, strict=True)
+            )
+            for candidate in candidates
+        ],
+        dtype=bool,
+    )
 
 
 def blbf(occupancy: Occupancy, item: Item) -> Triple | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Agent:
                 f"agent {name!r} is not of the form shape/rotation/location, "
                 "such as largest-first/aligned/blbf"
             )
-        policies = [_load(stage, part) for stage, part in zip(Stage, parts, strict=True)]
+        policies = [load_policy(stage, part) for stage, part in zip(Stage, parts, strict=True)]
         return cls(name, *policies)
 
     def act(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -70,11 +70,13 @@ def _group(stage: Stage) -> str:
     return f"packit_sim.{stage.name.lower()}_policies"
 
 
-def _load(stage: Stage, name: str) -> Any:
+def load_policy(stage: Stage, name: str) -> Policy:
+    """The policy of this name for a sub-task. Raises UnknownPolicyError that lists the names."""
     found = entry_points(group=_group(stage), name=name)
     if not found:
         raise UnknownPolicyError(
             f"there is no {stage.name.lower()} policy {name!r}: "
             f"choose from {', '.join(policy_names(stage))}"
         )
-    return next(iter(found)).load()()
+    policy: Policy = next(iter(found)).load()()
+    return policy

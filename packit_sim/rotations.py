@@ -69,3 +69,14 @@ def aligned(extents: npt.ArrayLike) -> int:
     """
     x, y, z = np.asarray(extents, dtype=float)[AXES].T
     return int(np.flatnonzero((z <= x + TIE) & (x <= y + TIE))[0])
+
+
+def by_alignment(extents: npt.ArrayLike) -> tuple[int, ...]:
+    """The 24 rotations, those first that put small extents along z, then along x.
+
+    The first is `aligned`; where extents (3,) tie within `TIE` the lower index is first.
+    """
+    x, _, z = np.round(np.asarray(extents, dtype=float) / TIE)[AXES].T
+    order = np.lexsort((np.arange(COUNT), x, z)).tolist()
+    first = aligned(extents)
+    return first, *(rotation for rotation in order if rotation != first)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from packit_sim import placement
+from packit_sim import caches, placement
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError
 from packit_sim.library import ShapeLibrary
@@ -69,6 +69,14 @@ def test_all_rotations_at_once_are_the_masks_one_by_one(seed) -> None:
     assert together.shape == (24, 10, 8, 9)
     for rotation in range(24):
         assert (together[rotation] == placement.oracle(box, item.turned(rotation))).all()
+    caches.clear()
+    union = box.feasible_in_any(item)
+    assert (union == together.any(axis=0)).all()
+    for at in np.argwhere(union)[::211].tolist():
+        i, j, k = at
+        assert (box.rotations_at(item, at) == together[:, i, j, k]).all()
+    with pytest.raises(InfeasibleError):
+        box.rotations_at(item, (25, 0, 0))
 
 
 @given(seeds)

@@ -29,19 +29,24 @@ class LargestFirst:
 
 @dataclass(frozen=True)
 class RandomRotation:
-    """Any of the 24 rotations, uniformly."""
+    """Any of the valid rotations, uniformly: all 24 unless the location is chosen first."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return int(rng.integers(rotations.COUNT))
+        return int(rng.choice(np.flatnonzero(episode.action_mask())))
 
 
 @dataclass(frozen=True)
 class Aligned:
-    """Smallest extent along z, second smallest along x, largest along y."""
+    """Smallest extent along z, second smallest along x, largest along y.
+
+    Where the location is chosen first and that doesn't fit there, the nearest to it that does.
+    """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         assert episode.shape is not None
-        return rotations.aligned(episode.task.items[episode.shape].extents)
+        valid = episode.action_mask()
+        extents = episode.task.items[episode.shape].extents
+        return next(n for n in rotations.by_alignment(extents) if valid[n])
 
 
 @dataclass(frozen=True)
