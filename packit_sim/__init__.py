@@ -11,8 +11,13 @@ from packit_sim.packs import Pack, Task, read_packs, verify, write_packs
 from packit_sim.policies import Agent
 from packit_sim.shapes import Item, Shape
 
-gymnasium.register("PackIt-v0", entry_point="packit_sim.env:PackItEnv")
-gymnasium.register("PackItEasy-v0", entry_point="packit_sim.env:PackItEnv", kwargs={"easy": True})
+for _id, _settings in (("PackIt-v0", {}), ("PackItEasy-v0", {"easy": True})):
+    gymnasium.register(
+        _id,
+        entry_point="packit_sim.env:PackItEnv",
+        vector_entry_point="packit_sim.vector:PackItVectorEnv",
+        kwargs=_settings,
+    )
 
 __all__ = [
     "Agent",

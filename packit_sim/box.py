@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import placement, rotations
+from packit_sim import lifting, placement, rotations
 from packit_sim.bits import Words
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
@@ -30,11 +30,13 @@ class Box:
     """A box to pack, by default the unit cube of 100 cells an axis.
 
     cells: cells an axis, whole grid steps; a cell is 1/100 of a unit, so 200 cells make 2 units.
-    Raises ValueError where that is not possible.
+    kinematic: whether an item can stand only where it comes straight down from the open top (see
+    `lifting`). Raises ValueError where the cells are not possible.
     """
 
-    def __init__(self, cells: Sequence[int] = BOX_CELLS) -> None:
+    def __init__(self, cells: Sequence[int] = BOX_CELLS, *, kinematic: bool = False) -> None:
         self._occupancy = Occupancy(box_cells(cells))
+        self.kinematic = kinematic
 
     @property
     def cells(self) -> Triple:
@@ -72,10 +74,13 @@ class Box:
 
     def feasible(self, item: Item) -> Mask:
         """Bool [x, y, z] over the grid's nodes: where the item can stand, exactly."""
-        return placement.feasible(self._occupancy, item)
+        mask = placement.feasible(self._occupancy, item)
+        return lifting.clear(self.placed, item, mask) if self.kinematic else mask
 
     def blbf(self, item: Item) -> Triple | None:
         """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere."""
+        if self.kinematic:
+            return placement.first(self.feasible(item))
         return placement.blbf(self._occupancy, item)
 
     def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
@@ -83,10 +88,12 @@ class Box:
 
         Whatever the item's own rotation.
         """
-        return placement.feasible_rotations(self._occupancy, item)
+        return np.stack([self.feasible(item.turned(n)) for n in range(rotations.COUNT)])
 
     def feasible_in_any(self, item: Item) -> Mask:
         """Bool [x, y, z]: where the item can stand in at least one of the 24 rotations, exactly."""
+        if self.kinematic:
+            return np.logical_or.reduce(self.feasible_rotations(item))
         return placement.feasible_in_any(self._occupancy, item)
 
     def rotations_at(self, item: Item, location: Sequence[int]) -> npt.NDArray[np.bool_]:
@@ -96,23 +103,20 @@ class Box:
         """
         node = placement.checked_location(self.cells, location)
         turned = (item.turned(n) for n in range(rotations.COUNT))
-        return np.array(
-            [placement.is_feasible(self._occupancy, Placed(item, node)) for item in turned]
-        )
+        return np.array([self._can_stand(Placed(item, node)) for item in turned])
 
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Which walls and which placed items, by number, keep an item from a location.
 
-        Nothing does, and the answer is false, where it is feasible. Raises InfeasibleError where
-        the location is no node of the grid.
+        In a kinematic box also which items above it do. Nothing does, and the answer is false,
+        where it is feasible. Raises InfeasibleError where the location is no node of the grid.
         """
-        candidate = Placed(item, placement.checked_location(self.cells, location))
-        return placement.blockers(self._occupancy, candidate)
+        return self._blockers(Placed(item, placement.checked_location(self.cells, location)))
 
     def place(self, item: Item, location: Sequence[int]) -> Placed:
         """Places an item. Raises InfeasibleError, and changes nothing, where it is not feasible."""
         placed = Placed(item, placement.checked_location(self.cells, location))
-        if not placement.is_feasible(self._occupancy, placed):
+        if not self._can_stand(placed):
             raise InfeasibleError(self._why_not(placed))
         self._occupancy.add(placed)
         return placed
@@ -152,6 +156,17 @@ class Box:
     def __repr__(self) -> str:
         return f"Box({self.cells}, {len(self.placed)} items, density {self.density:.3f})"
 
+    def _can_stand(self, candidate: Placed) -> bool:
+        return placement.is_feasible(self._occupancy, candidate) and (
+            not self.kinematic or lifting.is_clear(self.placed, candidate)
+        )
+
+    def _blockers(self, candidate: Placed) -> Blockers:
+        found = placement.blockers(self._occupancy, candidate)
+        if found or not self.kinematic:
+            return found
+        return Blockers((), (), lifting.above(self.placed, candidate))
+
     def _why_not(self, candidate: Placed) -> str:
         item = candidate.item
         what = f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation})"
@@ -161,8 +176,10 @@ class Box:
                 f"{what} {where} is not inside the box: it needs {item.cells} cells "
                 f"from cell {candidate.start} on, the box has {self.cells}"
             )
-        blocking = [
-            f"{n} ({self.placed[n].item.shape.id!r})"
-            for n in placement.blockers(self._occupancy, candidate).items
-        ]
-        return f"{what} {where} is in conflict with placed item {', '.join(blocking)}"
+        found = self._blockers(candidate)
+        blocking = ", ".join(
+            f"{n} ({self.placed[n].item.shape.id!r})" for n in found.items or found.above
+        )
+        if found.items:
+            return f"{what} {where} is in conflict with placed item {blocking}"
+        return f"{what} {where} can't come down from above: placed item {blocking} is in the way"

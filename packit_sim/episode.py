@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import rotations
+from packit_sim import placement, rotations
 from packit_sim.box import Box, Snapshot
 from packit_sim.caches import cached_property
 from packit_sim.errors import InfeasibleError
@@ -61,8 +61,7 @@ class Choice:
         """The bottom-left-back-fill location, or None where there is no room."""
         if not self._any_rotation:
             return self._box.blbf(self.item)
-        z, x, y = self.feasible.transpose(2, 0, 1).nonzero()
-        return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
+        return placement.first(self.feasible)
 
     @cached_property
     def feasible(self) -> Mask:
@@ -93,17 +92,25 @@ class State:
 class Episode:
     """A task being played.
 
-    easy: whether by PackIt-Easy's rules. outside: bool (n,), which of the task's items are still
-    outside. stage: the next sub-task. shape, rotation, location: what was chosen for the item that
-    is being placed, None before. choice: that item, and where there is room, once that is asked
-    for: when its rotation is chosen, in PackIt-Easy at once. total: the sum of the rewards so far.
-    end: why it is over, or None.
+    easy: whether by PackIt-Easy's rules. kinematic: whether the box is (see `Box`). cells: of the
+    box, if not the task's. outside: bool (n,), which of the task's items are still outside.
+    stage: the next sub-task. shape, rotation, location: what was chosen for the item that is being
+    placed, None before. choice: that item, and where there is room, once that is asked for: when
+    its rotation is chosen, in PackIt-Easy at once. total: the sum of the rewards so far. end: why
+    it is over, or None.
     """
 
-    def __init__(self, task: Task, *, easy: bool = False) -> None:
+    def __init__(
+        self,
+        task: Task,
+        *,
+        easy: bool = False,
+        kinematic: bool = False,
+        cells: Triple | None = None,
+    ) -> None:
         self.task = task
         self.easy = easy
-        self.box = Box(task.cells)
+        self.box = Box(cells or task.cells, kinematic=kinematic)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
         self.shape: int | None = None

@@ -5,13 +5,17 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.env import PackItEnv
 from packit_sim.episode import End, Episode
+from packit_sim.observations import Observation
 from packit_sim.packs import Pack, Task
 from packit_sim.policies import Agent
+from packit_sim.vector import PackItVectorEnv
 
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""
@@ -112,11 +116,68 @@ def evaluate(
     rollouts = []
     for agent in agents:
         for number, task in enumerate(tasks):
-            rng = np.random.default_rng((seed, zlib.crc32(agent.name.encode()), number))
-            episode = play(task, agent, rng)
-            assert episode.end is not None
-            made = {"by": agent.name, "seed": seed, "task": number, "return": episode.total}
-            pack = Pack.of(episode.box, task.pack.library, **made)
-            rollouts.append(Rollout(agent.name, number, episode.total, episode.end, pack))
+            rng = np.random.default_rng(_seeds(agent.name, seed, number))
+            rollouts.append(_rollout(agent.name, seed, number, play(task, agent, rng)))
             on_rollout(rollouts[-1])
     return rollouts
+
+
+def evaluate_batched(
+    name: str,
+    act: Callable[[Observation], npt.NDArray[np.integer[Any]]],
+    envs: PackItVectorEnv,
+    seed: int,
+    on_rollout: Callable[[Rollout], None] = lambda rollout: None,
+) -> list[Rollout]:
+    """One agent plays each task of environments once, in batches: for networks.
+
+    act: takes the observations of n environments, each field with n for its first axis, and returns
+    n actions. Each environment goes on to the next task when it is through with one; so n is at
+    most their number, and less at the end. The rollouts are in the order of tasks, and the same
+    however many environments there are, as far as `act` is.
+    """
+    waiting = iter(range(len(envs.tasks)))
+    playing: dict[PackItEnv, tuple[int, Observation]] = {}
+    rollouts: list[Rollout] = []
+
+    def go_on(env: PackItEnv) -> None:
+        """Lets an environment play the next task that leaves something to choose."""
+        playing.pop(env, None)
+        for number in waiting:
+            stream = np.random.SeedSequence(_seeds(name, seed, number))
+            seen, _ = env.reset(seed=int(stream.generate_state(1)[0]), options={"task": number})
+            if env.episode.end is None:
+                playing[env] = number, seen
+                return
+            finish(env, number)
+
+    def finish(env: PackItEnv, number: int) -> None:
+        rollouts.append(_rollout(name, seed, number, env.episode))
+        on_rollout(rollouts[-1])
+
+    for env in envs.members:
+        go_on(env)
+    while playing:
+        observed = [seen for _, seen in playing.values()]
+        batch = {key: np.stack([seen[key] for seen in observed]) for key in observed[0]}
+        actions = act(batch)
+        for (env, (number, _)), action in zip(list(playing.items()), actions, strict=True):
+            seen, _, over, _, _ = env.step(int(action))
+            playing[env] = number, seen
+            if over:
+                finish(env, number)
+                go_on(env)
+    return sorted(rollouts, key=lambda rollout: rollout.task)
+
+
+def _seeds(agent: str, seed: int, task: int) -> tuple[int, int, int]:
+    """What the random numbers of a rollout follow from."""
+    return seed, zlib.crc32(agent.encode()), task
+
+
+def _rollout(agent: str, seed: int, number: int, episode: Episode) -> Rollout:
+    """The record of an episode that is over."""
+    assert episode.end is not None
+    made = {"by": agent, "seed": seed, "task": number, "return": episode.total}
+    pack = Pack.of(episode.box, episode.task.pack.library, **made)
+    return Rollout(agent, number, episode.total, episode.end, pack)

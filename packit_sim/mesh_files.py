@@ -51,6 +51,12 @@ _MIN_BYTES = {"vertex": 3, "face": 4}
 _OFF_BYTES = 6
 """Least bytes of a vertex of an OFF file: three digits and what parts them."""
 
+_STL_HEADER = 84
+"""Bytes of a binary STL before its triangles: 80 of anything, and their number."""
+
+_STL_TRIANGLE = 50
+"""Bytes of a triangle of a binary STL."""
+
 _3MF_UNITS: Mapping[str, Unit] = {
     "micron": "micron",
     "millimeter": "mm",
@@ -153,6 +159,22 @@ def _check_ply(content: bytes) -> int:
                 f"it declares {sum(counts.values()):,} elements, but only {lines:,} lines follow"
             )
     return counts.get("face", 0)
+
+
+def _check_stl(content: bytes) -> int:
+    """Refuses what is neither ASCII nor as long as a binary file must be; returns the triangles.
+
+    What trimesh does with it depends on which guessers of encodings happen to be installed.
+    """
+    if len(content) >= _STL_HEADER:
+        (count,) = struct.unpack_from("<I", content, _STL_HEADER - 4)
+        if len(content) == _STL_HEADER + count * _STL_TRIANGLE:
+            return int(count)
+    if content.lstrip()[:5].lower() == b"solid":
+        return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
+    raise MeshError(
+        f"it is neither ASCII nor has {len(content):,} bytes the length of a binary STL"
+    )
 
 
 def _check_off(content: bytes) -> int:
@@ -266,5 +288,6 @@ _CHECKS: Mapping[str, Callable[[bytes], int]] = {
     ".obj": _check_obj,
     ".off": _check_off,
     ".ply": _check_ply,
+    ".stl": _check_stl,
 }
 """What looks at a file before trimesh does, and tells how many triangles must come of it."""

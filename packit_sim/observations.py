@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from packit_sim import rotations
 from packit_sim.episode import Episode, Stage
 from packit_sim.features import CubeMeans
 from packit_sim.lattice import CELL, Triple, grid_nodes
@@ -24,6 +24,9 @@ SHAPE_CUBES = 8
 """Cubes along each axis of a shape."""
 
 
+_FIELDS = {Stage.ROTATION: "rotations", Stage.LOCATION: "locations"}
+
+
 class Observer:
     """Observes the episodes of tasks of up to `max_shapes` items in boxes of so many cells an axis.
 
@@ -31,15 +34,22 @@ class Observer:
         stage: int, 0 shape, 1 rotation, 2 location.
         chosen: int, the chosen shape, or max_shapes before one is.
         outside: bool (max_shapes,), which shapes are still outside.
+        rotations: bool (24,), those that the chosen shape can be turned to, at that stage; then the
+            one that was chosen; none before.
+        locations: bool (x, y, z) over the grid's nodes, in the same way: the plausible ones.
         volumes: float64 (max_shapes,), each shape's volume in box units cubed, 0 for none.
         action_mask: int8 (actions,), 1 for a valid action.
-    Its arrays share no memory with those of the observation before it, as Gymnasium's checker
-    demands.
+    `rotations` and `locations` are there where their stages are among `stages`: those that an
+    agent plays, or needs to know the outcome of. An observation's arrays share no memory with those
+    of the one before it, as Gymnasium's checker demands.
     """
 
-    def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
         self._cells = cells
         self._max_shapes = max_shapes
+        self._stages = stages
         self._volumes = np.zeros(max_shapes)
         self._episode: Episode | None = None
         self.space = spaces.Dict(
@@ -47,8 +57,9 @@ class Observer:
                 "stage": spaces.Discrete(len(Stage)),
                 "chosen": spaces.Discrete(max_shapes + 1),
                 "outside": _bools(max_shapes),
-                "volumes": spaces.Box(0.0, math.prod(cells) * CELL**3, (max_shapes,), np.float64),
+                "volumes": spaces.Box(0.0, (max(cells) * CELL) ** 3, (max_shapes,), np.float64),
                 "action_mask": spaces.MultiBinary(actions),
+                **{_FIELDS[stage]: _bools(*self._choices(stage)) for stage in stages},
             }
         )
 
@@ -67,7 +78,22 @@ class Observer:
             "outside": outside,
             "volumes": self._volumes.copy(),
             "action_mask": action_mask.astype(np.int8),
+            **{_FIELDS[stage]: self._possible(episode, stage) for stage in self._stages},
         }
+
+    def _choices(self, stage: Stage) -> tuple[int, ...]:
+        return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self._cells)
+
+    def _possible(self, episode: Episode, stage: Stage) -> npt.NDArray[np.bool_]:
+        """What may be chosen at a stage, if that is the next; what was, if it is over."""
+        shape = self._choices(stage)
+        if episode.end is None and episode.stage is stage:
+            return episode.action_mask().reshape(shape)
+        possible = np.zeros(shape, dtype=bool)
+        chosen = episode.rotation if stage is Stage.ROTATION else episode.location
+        if chosen is not None:
+            possible[chosen] = True
+        return possible
 
     def _begin(self, episode: Episode) -> None:
         """Looks at the shapes of a new episode."""
@@ -84,8 +110,10 @@ class VoxelObserver(Observer):
     One step allocates box and item, 2 MB in the box of 100 cells, and the mask.
     """
 
-    def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
-        super().__init__(cells, max_shapes, actions)
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
         m = max(cells)
         self._item_shape = (m, m, m)
         self._shapes: list[npt.NDArray[np.bool_]] = []
@@ -124,8 +152,10 @@ class FeatureObserver(Observer):
     item: float32 (8, 8, 8), of the chosen shape in the chosen rotation; 0 before.
     """
 
-    def __init__(self, cells: Triple, max_shapes: int, actions: int) -> None:
-        super().__init__(cells, max_shapes, actions)
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
         m = max(cells)
         self._item_means = CubeMeans((m, m, m), SHAPE_CUBES)
         self._box_means = CubeMeans(cells, BOX_CUBES)
@@ -164,7 +194,7 @@ class FeatureObserver(Observer):
             self._extents[n] = item.extents
 
 
-OBSERVERS: dict[str, Callable[[Triple, int, int], Observer]] = {
+OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
     "voxels": VoxelObserver,
     "features": FeatureObserver,
     "none": Observer,

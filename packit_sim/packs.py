@@ -203,11 +203,33 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     return problems
 
 
-def load_tasks(source: Path | str, library: ShapeLibrary) -> tuple[Task, ...]:
-    """The tasks of a dataset: "starter", which comes with the package, or a JSON Lines file."""
-    built_in = source == STARTER_PACKS
-    path = assets_folder() / "packs" / f"{source}.jsonl" if built_in else Path(source)
-    return tuple(pack.task(library) for pack in read_packs(path))
+def load_tasks(
+    source: Path | str, library: ShapeLibrary, split: str | None = None
+) -> tuple[Task, ...]:
+    """The tasks of a dataset, or of one of its splits (see `dataset_file`)."""
+    return tuple(pack.task(library) for pack in read_packs(dataset_file(source, split)))
+
+
+def dataset_file(source: Path | str, split: str | None = None) -> Path:
+    """The JSON Lines file of a dataset.
+
+    source: "starter", which comes with the package, or a path, of the file itself or of a folder
+    that has one for each split. Raises PackFormatError where the split does not go with it.
+    """
+    path = (
+        assets_folder() / "packs" / f"{source}.jsonl" if source == STARTER_PACKS else Path(source)
+    )
+    if not path.is_dir():
+        if split:
+            raise PackFormatError(f"{path} has no splits: there is no {split!r} in it")
+        return path
+    splits = sorted(file.stem for file in path.glob("*.jsonl"))
+    if split not in splits:
+        raise PackFormatError(
+            f"{path} is a folder with the splits {', '.join(splits) or 'none'}: "
+            f"{'choose one' if split is None else f'there is no {split!r}'}"
+        )
+    return path / f"{split}.jsonl"
 
 
 def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:

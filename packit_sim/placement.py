@@ -65,13 +65,8 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     return mask
 
 
-def feasible_rotations(occupancy: Occupancy, item: Item) -> npt.NDArray[np.bool_]:
-    """The exact masks of an item in each of the 24 rotations: bool [rotation, x, y, z]."""
-    return np.stack([feasible(occupancy, item.turned(n)) for n in range(rotations.COUNT)])
-
-
 def feasible_in_any(occupancy: Occupancy, item: Item) -> Mask:
-    """The exact union of `feasible_rotations`: PackIt-Easy's question (paper, section 4.3).
+    """The exact union of the masks of all 24 rotations: PackIt-Easy's question (section 4.3).
 
     Meshes are asked only about locations that cells show free in no rotation.
     """
@@ -139,6 +134,12 @@ def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
             return None if state == BLOCKED else location
 
 
+def first(mask: Mask) -> Triple | None:
+    """The bottom-left-back-fill location of a mask, or None where it has none."""
+    z, x, y = mask.transpose(2, 0, 1).nonzero()
+    return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
+
+
 def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
     """Whether one item is feasible at one location: the mask's value there."""
     if not is_inside(occupancy.cells, candidate):
@@ -172,13 +173,15 @@ class Blockers:
 
     walls: those that its cell box sticks out of, of "right", "front" and "top" (x, y and z).
     items: numbers of the placed items that it is in conflict with, in the order of placing.
+    above: of those that bar its way down from the open top, where only that is wrong.
     """
 
     walls: tuple[str, ...]
     items: tuple[int, ...]
+    above: tuple[int, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.walls or self.items)
+        return bool(self.walls or self.items or self.above)
 
 
 def blockers(occupancy: Occupancy, candidate: Placed) -> Blockers:

@@ -80,3 +80,23 @@ def load_policy(stage: Stage, name: str) -> Policy:
         )
     policy: Policy = next(iter(found)).load()()
     return policy
+
+
+def _solution_shape(episode: Episode, rng: np.random.Generator) -> int:
+    for shape, _, _ in episode.task.solution:
+        if episode.outside[shape]:
+            return shape
+    raise PackItError("the task has no solution that could be played")
+
+
+def _solution_rotation(episode: Episode, rng: np.random.Generator) -> int:
+    return next(r for shape, r, _ in episode.task.solution if shape == episode.shape)
+
+
+def _solution_location(episode: Episode, rng: np.random.Generator) -> int:
+    location = next(at for shape, _, at in episode.task.solution if shape == episode.shape)
+    return int(np.ravel_multi_index(location, episode.box.nodes))
+
+
+GROUND_TRUTH = Agent("ground-truth", _solution_shape, _solution_rotation, _solution_location)
+"""Plays the pack that a task was made of, item by item, by the rules of PackIt or PackIt-Easy."""

@@ -228,7 +228,7 @@ class Scene:
         """What PyBullet holds of an item, made where it is new; the rotation is the body's."""
         key = _key(item)
         if key not in self._shapes:
-            drawn = self._draw(item.shape.mesh, item.scale, _color(item.shape))
+            drawn = self._draw(item.shape.mesh, item.scale, color_of(item.shape))
             self._shapes[key] = _Shapes(drawn)
         return self._shapes[key]
 
@@ -354,7 +354,7 @@ def _meet(one: Placed, other: Placed) -> bool:
     return not apart.any()
 
 
-def _color(shape: Shape) -> Color:
+def color_of(shape: Shape) -> Color:
     """The shape's own colour, whatever box it is in: one of the palette in one of three shades."""
     shade, hue = divmod(int(shape.digest[:8], 16) % (3 * len(PALETTE)), len(PALETTE))
     red, green, blue = (c + (1 - c) * (0.0, 0.25, 0.45)[shade] for c in PALETTE[hue])

@@ -96,12 +96,22 @@ class Voxels:
     @property
     def outer_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the outer ones."""
-        return unpack(self._words(0))
+        return unpack(self.outer_words)
 
     @property
     def inner_fine(self) -> npt.NDArray[np.bool_]:
         """Bool over the fine cells of the cell box: the inner ones."""
-        return unpack(self._words(1))
+        return unpack(self.inner_words)
+
+    @property
+    def outer_words(self) -> Words:
+        """Words [x, y, z] over the cell box: the outer fine cells of each cell."""
+        return self._words(0)
+
+    @property
+    def inner_words(self) -> Words:
+        """Words [x, y, z] over the cell box: the inner fine cells of each cell."""
+        return self._words(1)
 
     def _unpacked(self, words: Words) -> npt.NDArray[np.bool_]:
         dense = np.zeros(_brick_box(self.cells), dtype=np.uint64)

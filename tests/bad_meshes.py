@@ -87,10 +87,14 @@ PLY = (
     "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n"
 )
 
+FACET = (
+    "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+)
+
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     **{f"empty{s}": (text(""), "the file is empty") for s in (".stl", ".obj", ".glb", ".3mf")},
     "blank.off": (text(" \n\n"), "the file is empty"),
-    "noise.stl": (data(bytes(range(256)) * 9), "can't be read as STL"),
+    "noise.stl": (data(bytes(range(256)) * 9), "neither ASCII nor has 2,304 bytes"),
     "noise.3mf": (data(bytes(range(256)) * 9), "no ZIP archive"),
     "noise.glb": (data(bytes(range(256)) * 9), "does not begin as a GLB"),
     "noise.dae": (data(bytes(range(256)) * 9), "can't be read as DAE"),
@@ -122,9 +126,13 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
         text("OFF\n10000000 10000000 0\n" + "0 0 0\n" * 50),
         "declares 10,000,000 vertices",
     ),
+    "cut.stl": (
+        text("solid s\n" + FACET + FACET + FACET[: len(FACET) // 2]),
+        "holds no triangles",
+    ),
     "many.stl": (
         data(b"\0" * 80 + struct.pack("<I", 10_000_000) + b"\0" * 900),
-        "can't be read as STL",
+        "neither ASCII nor has 984 bytes",
     ),
     "many.gltf": (
         gltf([POSITIONS | {"count": 10_000_000}], "data:;base64," + "A" * 48),

@@ -163,3 +163,34 @@ def test_locations_may_be_numpy_integers() -> None:
     assert placed.location == (1, 2, 3)
     assert all(type(n) is int for n in placed.location)
     assert math.isclose(placed.center[0], 0.04 + placed.item.cells[0] / 200)
+
+
+def test_a_kinematic_box_wants_a_free_way_down_whatever_it_is_asked() -> None:
+    box = Box((40, 40, 40), kinematic=True)
+    box.place(cube_of(8), (4, 4, 5))
+    small = cube_of(4)
+    mask = box.feasible(small)
+    assert not mask[4, 4, 0] and mask[4, 4, 7] and mask[3, 4, 0]
+    assert box.blbf(small) == (0, 0, 0)
+    assert np.array_equal(box.feasible_in_any(small), mask)
+    assert np.array_equal(box.feasible_rotations(small)[7], mask)
+    assert not box.rotations_at(small, (4, 4, 0)).any() and box.rotations_at(small, (3, 4, 0)).all()
+    assert box.why_not(small, (4, 4, 0)) == placement.Blockers((), (), above=(0,))
+    assert box.why_not(small, (4, 4, 5)).items == (0,) and not box.why_not(small, (3, 4, 0))
+    with pytest.raises(InfeasibleError, match=r"come down from above: placed item 0 \('cube'\) is"):
+        box.place(small, (4, 4, 0))
+    assert len(box.placed) == 1
+
+
+def test_blbf_of_a_kinematic_box_is_the_first_of_its_mask() -> None:
+    rng = np.random.default_rng(2)
+    box = Box((32, 32, 32), kinematic=True)
+    for _ in range(6):
+        item = random_item(ZOO, 0.3, rng)
+        mask = box.feasible(item)
+        free = [(k, i, j) for i, j, k in np.argwhere(mask).tolist()]
+        location = box.blbf(item)
+        assert location == ((min(free)[1], min(free)[2], min(free)[0]) if free else None)
+        if location:
+            box.place(item, location)
+    assert len(box.placed) >= 2

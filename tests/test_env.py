@@ -1,15 +1,18 @@
 import dataclasses
 import itertools
 import pickle
+import re
+import urllib.request
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from packit_sim import lifting
 from packit_sim.env import PackItEnv
 from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Task, load_tasks
+from packit_sim.packs import Pack, Task, load_tasks, write_packs
 from packit_sim.policies import Agent
 from tests.zoo import cube_of
 
@@ -103,12 +106,12 @@ def test_two_seeded_rollouts_are_equal_step_by_step(tasks) -> None:
 
 
 def test_settings_that_cannot_be_are_refused(tasks) -> None:
-    with pytest.raises(ValueError, match="render mode 'human'"):
-        PackItEnv(tasks, render_mode="human")
+    with pytest.raises(ValueError, match="render mode 'ascii' is not known: choose from None, 'hu"):
+        PackItEnv(tasks, render_mode="ascii")
     most = max(len(task.items) for task in tasks)
     with pytest.raises(ValueError, match=f"a task has {most} items: max_shapes is only {most - 1}"):
         PackItEnv(tasks, max_shapes=most - 1)
-    with pytest.raises(ValueError, match="share one box"):
+    with pytest.raises(ValueError, match="needs a task"):
         PackItEnv([])
     env = PackItEnv(tasks, max_shapes=40)
     with pytest.raises(ValueError, match="there is no task 99"):
@@ -196,9 +199,9 @@ def test_fixed_policies_leave_the_other_sub_tasks_as_steps(tasks) -> None:
 
 
 def test_an_episode_that_is_over_at_once_is_told_by_the_first_step(tasks) -> None:
-    cube = cube_of(120)
-    task = dataclasses.replace(tasks[0], items=(cube,), solution=())
-    env = PackItEnv([task], observation="none", shape="random", rotation="aligned", max_shapes=2)
+    task = dataclasses.replace(tasks[0], items=(cube_of(60),), solution=())
+    settings = {"observation": "none", "shape": "random", "rotation": "aligned", "max_shapes": 2}
+    env = PackItEnv([task], cells=(100, 100, 40), **settings)
     seen, info = env.reset(seed=0)
     assert info["end"] == "no room" and not seen["action_mask"].any()
     _, reward, over, _, info = env.step(0)
@@ -288,25 +291,140 @@ def test_tasks_come_in_turn_by_chance_or_from_a_function(tasks) -> None:
     assert env.episode.task is tasks[4]
     with pytest.raises(ValueError, match="order 'sorted'"):
         PackItEnv(tasks, order="sorted")
-    with pytest.raises(ValueError, match="observation 'pixels' is not known: choose from voxels"):
+    with pytest.raises(ValueError, match="observation 'pixels' is not known: choose from 'voxels'"):
         PackItEnv(tasks, observation="pixels")
 
 
-@pytest.mark.parametrize("vectorization", ["sync", "async"])
-def test_vector_environments_play_alike(vectorization) -> None:
-    settings = {"observation": "features", "rotation": "aligned", "location": "blbf"}
-    envs = gym.make_vec("PackIt-v0", 2, vectorization, max_shapes=40, **settings)
-    single = PackItEnv(max_shapes=40, **settings)
-    try:
-        seen, _ = envs.reset(seed=[4, 5], options={"task": 3})
-        alone, _ = single.reset(seed=4, options={"task": 3})
-        for _ in range(4):
-            assert all(np.array_equal(seen[key][0], alone[key]) for key in alone)
-            action = int(np.flatnonzero(alone["action_mask"])[0])
-            seen, rewards, over, _, _ = envs.step(np.array([action, action]))
-            alone, reward, done, _, _ = single.step(action)
-            assert rewards[0] == reward and over[0] == done
-            if done:
-                break
-    finally:
-        envs.close()
+def test_what_is_possible_and_what_was_chosen(tasks) -> None:
+    rng = np.random.default_rng(0)
+    for easy in (False, True):
+        env = PackItEnv(tasks, easy=easy, observation="none", max_shapes=40)
+        seen, _ = env.reset(options={"task": 0})
+        assert not seen["rotations"].any() and not seen["locations"].any()
+        for _ in range(12):
+            mask = env.action_masks()
+            if seen["stage"] == 1:
+                assert np.array_equal(seen["rotations"], mask[:24])
+                assert seen["locations"].sum() == easy
+                assert not easy or seen["locations"][env.episode.location]
+            if seen["stage"] == 2:
+                assert np.array_equal(seen["locations"].ravel(), mask[:15625])
+                assert seen["rotations"].sum() == (not easy)
+                assert easy or seen["rotations"][env.episode.rotation]
+            seen, *_ = env.step(int(rng.choice(np.flatnonzero(mask))))
+            assert seen in env.observation_space
+
+
+@pytest.mark.parametrize(
+    ("settings", "fields"),
+    [
+        ({"rotation": "aligned", "location": "blbf"}, set()),
+        ({"location": "blbf"}, {"rotations"}),
+        ({"rotation": "aligned"}, {"rotations", "locations"}),
+        ({"rotation": "aligned", "easy": True}, {"locations"}),
+        ({"location": "blbf", "easy": True}, {"rotations", "locations"}),
+    ],
+)
+def test_only_what_matters_to_the_agent_is_observed(tasks, settings, fields) -> None:
+    env = PackItEnv(tasks, observation="none", max_shapes=40, **settings)
+    assert {"rotations", "locations"} & set(env.observation_space.keys()) == fields
+
+
+def test_kinematic_episodes_never_put_anything_under_another(tasks) -> None:
+    for easy in (False, True):
+        free = PackItEnv(tasks, easy=easy, observation="none", max_shapes=40)
+        bound = PackItEnv(tasks, easy=easy, observation="none", max_shapes=40, kinematic=True)
+        rng = np.random.default_rng(7)
+        for env in (free, bound):
+            env.reset(options={"task": 0})
+        narrowed = 0
+        while bound.episode.end is None and len(bound.episode.box.placed) < 6:
+            mask, wider = bound.action_masks(), free.action_masks()
+            assert not (mask & ~wider).any()
+            narrowed += int((wider & ~mask).sum())
+            action = int(rng.choice(np.flatnonzero(mask)))
+            bound.step(action)
+            free.step(action)
+        assert narrowed > 0
+        placed = bound.episode.box.placed
+        assert len(placed) > 3
+        for n, candidate in enumerate(placed[:3]):
+            assert lifting.oracle(placed[:n], candidate)
+
+
+def test_a_location_under_another_item_is_an_invalid_action_where_the_rule_holds(tasks) -> None:
+    task = dataclasses.replace(tasks[0], items=(cube_of(40), cube_of(8)), solution=())
+    node = (25, 25, 25)
+    for kinematic, end in ((False, "all placed"), (True, "invalid action")):
+        env = PackItEnv([task], kinematic=kinematic, observation="none", max_shapes=2)
+        env.reset()
+        for action in (0, 0, np.ravel_multi_index((5, 5, 5), node), 1, 0):
+            assert not env.step(int(action))[2]
+        below = int(np.ravel_multi_index((7, 7, 0), node))
+        assert env.action_masks()[below] == (not kinematic)
+        *_, over, _, info = env.step(below)
+        assert over and info["end"] == end
+
+
+def test_fresh_tasks_are_of_the_split_and_can_be_packed_whole() -> None:
+    env = PackItEnv("fresh", split="test", cells=(80, 80, 60), observation="none")
+    assert env.reset(seed=3)[1]["task"] == -1
+    task = env.episode.task
+    ids = set(ShapeLibrary.open("everyday").split("test").ids)
+    assert {item.shape.id for item in task.items} <= ids and task.cells == env.cells == (80, 80, 60)
+    for action in itertools.chain.from_iterable(
+        (shape, rotation, int(np.ravel_multi_index(location, (20, 20, 15))))
+        for shape, rotation, location in task.solution
+    ):
+        _, _, over, _, info = env.step(action)
+    assert over and info["end"] == "all placed" and env.episode.total == pytest.approx(1)
+    env.reset(seed=3)
+    assert env.episode.task.pack == task.pack
+    env.reset()
+    assert env.episode.task.pack != task.pack
+    with pytest.raises(ValueError, match="all are made"):
+        env.reset(options={"task": 0})
+
+
+def test_another_box_for_the_same_items(tasks) -> None:
+    env = PackItEnv(tasks, cells=(120, 100, 60), observation="features", max_shapes=40)
+    seen, _ = env.reset(options={"task": 0})
+    assert env.episode.box.cells == (120, 100, 60) and seen in env.observation_space
+    assert seen["locations"].shape == (30, 25, 15)
+    with pytest.raises(ValueError, match="goes into no box of"):
+        PackItEnv(tasks, cells=(16, 16, 16), max_shapes=40)
+    with pytest.raises(ValueError, match="give `cells` to say which"):
+        PackItEnv([tasks[0], dataclasses.replace(tasks[1], pack=other_box(tasks[1]))])
+
+
+def other_box(task: Task) -> Pack:
+    return dataclasses.replace(task.pack, cells=(200, 200, 200))
+
+
+def test_a_dataset_in_a_folder_is_opened_by_its_split(tasks, tmp_path) -> None:
+    write_packs(tmp_path / "train.jsonl", [tasks[0].pack])
+    write_packs(tmp_path / "test.jsonl", [tasks[1].pack, tasks[2].pack])
+    env = PackItEnv(tmp_path, split="test", observation="none")
+    assert [task.pack for task in env.tasks] == [tasks[1].pack, tasks[2].pack]
+    with pytest.raises(ValueError, match="the splits test, train: choose one"):
+        PackItEnv(tmp_path)
+    with pytest.raises(ValueError, match="there is no 'validation'"):
+        PackItEnv(tmp_path, split="validation")
+    with pytest.raises(ValueError, match="has no splits"):
+        PackItEnv("starter", split="train")
+    with pytest.raises(ValueError, match="tasks have none"):
+        PackItEnv(tasks, split="train")
+
+
+def test_a_page_shows_the_box_as_it_fills(tasks, caplog) -> None:
+    with gym.make("PackIt-v0", tasks=tasks, observation="none", render_mode="human") as env:
+        env.reset(options={"task": 0})
+        (address,) = re.findall(r"http://127\.0\.0\.1:\d+", caplog.text)
+        with urllib.request.urlopen(address, timeout=10) as answer:
+            assert answer.status == 200
+        for shape, rotation, location in tasks[0].solution[:2]:
+            for action in (shape, rotation, int(np.ravel_multi_index(location, (25, 25, 25)))):
+                env.step(action)
+        assert env.render() is None
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(address, timeout=10)

@@ -21,7 +21,8 @@ def test_the_loop_runs_and_is_short(tmp_path, monkeypatch, capsys) -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_the_examples_run(example) -> None:
+def test_the_examples_run(example, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
     exec(compile(example, "README.md", "exec"), {})
 
 

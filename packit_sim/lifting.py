@@ -1,0 +1,332 @@
+"""The kinematic rule: locations that an item can reach from above, moving straight down.
+
+PackIt's authors suggest it (paper, section 4). An item is *clear* at a location when it can be
+lifted from there out of the box's open top: nothing that is placed stands above any part of it. As
+for feasibility (DESIGN: Feasible) that is said by fine cells and by the collision meshes, of each
+placed item:
+    no inner fine cell of the one stands in or above an outer fine cell of the other, and
+    no point of the placed item's collision mesh is above a point of the item's.
+The second is exact for the whole of the motion, not for steps of it. Cheap filters first: columns
+of fine cells say yes, or no, to most locations; the meshes decide the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from packit_sim.bits import lowest_bit
+from packit_sim.caches import bounded
+from packit_sim.compiled import kernel
+from packit_sim.deviation import Surface
+from packit_sim.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, STEP
+from packit_sim.occupancy import Placed
+from packit_sim.placement import Mask
+from packit_sim.screening import Locations
+from packit_sim.shapes import Item
+
+COLUMNS_BUDGET = 256 * 2**20
+"""Bytes in the process's cache of items' columns."""
+
+SURFACES_BUDGET = 512 * 2**20
+"""Bytes in the process's cache of items' collision meshes as trees of boxes."""
+
+_FINE_PER_STEP = STEP * FINE_PER_CELL
+_NONE = np.int32(2**20)
+"""Farther than any fine cell: where a column has none."""
+
+Heights = npt.NDArray[np.int32]
+
+_COLUMN = np.uint64(15)
+"""The bits of a word that stand over one another, at its first column (see `bits`)."""
+
+_TOP_OF_BITS = np.array([int(bits).bit_length() for bits in range(16)])
+
+_STACK = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What an item has in each column of fine cells: int32 (x, y) over its cell box, in fine cells.
+
+    low, high: the bottom of the lowest outer one, and the top of the highest. inner_low,
+    inner_high: the same of inner ones. `_NONE` and `-_NONE` where there is none.
+    """
+
+    low: Heights
+    high: Heights
+    inner_low: Heights
+    inner_high: Heights
+
+
+@bounded(
+    "columns",
+    COLUMNS_BUDGET,
+    "bytes",
+    size=lambda columns: 4 * columns.low.nbytes,
+    key=lambda item: item.key,
+)
+def columns(item: Item) -> Columns:
+    """The columns of an item."""
+    voxels = item.voxels
+    return Columns(*_ends(voxels.outer_words), *_ends(voxels.inner_words))
+
+
+@bounded(
+    "surfaces",
+    SURFACES_BUDGET,
+    "bytes",
+    size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
+    key=lambda item: item.key,
+)
+def surface(item: Item) -> Surface:
+    """An item's collision mesh about its centre: drawn in by half the contact tolerance a side."""
+    drawn_in = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
+    mesh = item.mesh
+    return Surface.of(trimesh.Trimesh(mesh.vertices * drawn_in, mesh.faces, process=False))
+
+
+def clear(placed: Sequence[Placed], item: Item, mask: Mask) -> Mask:
+    """The locations of a mask (see `placement.feasible`) at which the item is clear."""
+    found = mask.copy()
+    if not placed or not mask.any():
+        return found
+    own = columns(item)
+    no, yes = _needs(own.low, own.inner_low, *_tops(placed), mask.any(axis=2))
+    levels = np.arange(mask.shape[2]) * _FINE_PER_STEP
+    found &= levels >= no[..., None]
+    undecided = np.argwhere(found & (levels < yes[..., None]))
+    for other in placed:
+        if len(undecided) == 0:
+            break
+        offsets = _offsets(item, undecided, other)
+        below = _pass_below(surface(item), surface(other.item), offsets)
+        found[tuple(undecided[below].T)] = False
+        undecided = undecided[~below]
+    return found
+
+
+def is_clear(placed: Sequence[Placed], candidate: Placed) -> bool:
+    """Whether a feasible item is clear at its location: as `clear`, for one location."""
+    mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
+    mask[candidate.location] = True
+    return bool(clear(placed, candidate.item, mask)[candidate.location])
+
+
+def above(placed: Sequence[Placed], candidate: Placed) -> tuple[int, ...]:
+    """The numbers of the placed items that an item, feasible at its location, is not clear of."""
+    return tuple(n for n, other in enumerate(placed) if not is_clear([other], candidate))
+
+
+def oracle(placed: Sequence[Placed], candidate: Placed) -> bool:
+    """Whether an item is clear: plainly, by all its fine cells and all pairs of triangles."""
+    ours = candidate.item.voxels
+    for other in placed:
+        theirs = other.item.voxels
+        apart = _FINE_PER_STEP * np.subtract(other.location, candidate.location)
+        for mine, its in (
+            (ours.outer_fine, theirs.inner_fine),
+            (ours.inner_fine, theirs.outer_fine),
+        ):
+            in_or_above = np.logical_or.accumulate(mine, axis=2)
+            cells = np.argwhere(its) + apart
+            cells = cells[(cells >= 0).all(axis=1) & (cells[:, :2] < mine.shape[:2]).all(axis=1)]
+            x, y, z = np.minimum(cells, np.array(mine.shape) - 1).T
+            if in_or_above[x, y, z].any():
+                return False
+        offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
+        if _any_below(surface(candidate.item).triangles, surface(other.item).triangles, offset):
+            return False
+    return True
+
+
+def _offsets(item: Item, locations: Locations, other: Placed) -> npt.NDArray[np.float64]:
+    """(n, 3) from the item's centre at each location to the other's, by whole half cells.
+
+    Thus the answer is a matter of the two items alone, wherever in the box they are.
+    """
+    twice_centers = 2 * STEP * locations + np.array(item.cells)
+    return (np.add(other.start, other.stop) - twice_centers) * (CELL / 2)
+
+
+def _tops(placed: Sequence[Placed]) -> tuple[Heights, Heights]:
+    """The top of the highest outer, and inner, fine cell of a box's columns, as far as it has."""
+    reach = np.max([other.stop for other in placed], axis=0) * FINE_PER_CELL
+    tops = np.full((2, *reach[:2]), -_NONE, dtype=np.int32)
+    for other in placed:
+        theirs = columns(other.item)
+        x, y, z = (n * FINE_PER_CELL for n in other.start)
+        width, depth = theirs.high.shape
+        here = tops[:, x : x + width, y : y + depth]
+        np.maximum(here, np.stack([theirs.high, theirs.inner_high]) + np.int32(z), out=here)
+    return tops[0], tops[1]
+
+
+@kernel
+def _ends(words):
+    """The bottom of the lowest bit in each column of words [x, y, z]; the top of the highest."""
+    low = np.full((4 * words.shape[0], 4 * words.shape[1]), _NONE, np.int32)
+    high = np.full(low.shape, -_NONE, np.int32)
+    for x, y, z in np.ndindex(words.shape):
+        word = words[x, y, z]
+        if not word:
+            continue
+        for column in range(16):
+            bits = word >> np.uint64(4 * column) & _COLUMN
+            if bits:
+                at = 4 * x + column // 4, 4 * y + column % 4
+                low[at] = min(low[at], 4 * z + lowest_bit(bits))
+                high[at] = 4 * z + _TOP_OF_BITS[bits]
+    return low, high
+
+
+@kernel
+def _needs(low, inner_low, tops, inner_tops, wanted):
+    """How high, in fine cells, the item's cell box must stand at each node (i, j) that is wanted.
+
+    Below the first cells say that it is not clear; from the second on they say that it is.
+    """
+    step = _FINE_PER_STEP
+    no = np.full(wanted.shape, -_NONE, np.int64)
+    yes = np.full(wanted.shape, -_NONE, np.int64)
+    for i, j in np.ndindex(wanted.shape):
+        if not wanted[i, j]:
+            continue
+        width = min(low.shape[0], tops.shape[0] - i * step)
+        depth = min(low.shape[1], tops.shape[1] - j * step)
+        refused = granted = -_NONE
+        for x in range(width):
+            for y in range(depth):
+                top, inner_top = (
+                    tops[i * step + x, j * step + y],
+                    inner_tops[i * step + x, j * step + y],
+                )
+                granted = max(granted, top - low[x, y])
+                refused = max(refused, top - inner_low[x, y], inner_top - low[x, y])
+        no[i, j], yes[i, j] = refused, granted
+    return no, yes
+
+
+@kernel
+def _pass_below(item, other, offsets):
+    """Whether a point of the other is above one of the item, for each of the offsets (n, 3)."""
+    below = np.empty(len(offsets), np.bool_)
+    for n in range(len(offsets)):
+        below[n] = _passes_below(item, other, offsets[n])
+    return below
+
+
+@kernel
+def _passes_below(item, other, offset):
+    """Whether a point of the other, moved by the offset, is above a point of the item."""
+    waiting = np.empty((_STACK, 2), np.int64)
+    waiting[0] = 1
+    top = 1
+    leaves, other_leaves = len(item.starts) - 1, len(other.starts) - 1
+    while top:
+        top -= 1
+        a, b = waiting[top]
+        if (
+            item.boxes[a, 1, 0] < other.boxes[b, 0, 0] + offset[0]
+            or item.boxes[a, 0, 0] > other.boxes[b, 1, 0] + offset[0]
+            or item.boxes[a, 1, 1] < other.boxes[b, 0, 1] + offset[1]
+            or item.boxes[a, 0, 1] > other.boxes[b, 1, 1] + offset[1]
+            or item.boxes[a, 0, 2] > other.boxes[b, 1, 2] + offset[2]
+        ):
+            continue
+        if a >= leaves and b >= other_leaves:
+            mine = item.triangles[item.starts[a - leaves] : item.starts[a - leaves + 1]]
+            start, stop = other.starts[b - other_leaves], other.starts[b - other_leaves + 1]
+            if _any_below(mine, other.triangles[start:stop], offset):
+                return True
+        elif b >= other_leaves or (a < leaves and a <= b):
+            waiting[top, 0], waiting[top, 1] = 2 * a, b
+            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
+            top += 2
+        else:
+            waiting[top, 0], waiting[top, 1] = a, 2 * b
+            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
+            top += 2
+    return False
+
+
+@kernel
+def _any_below(triangles, others, offset):
+    """Whether a point of one of the others, moved by offset, is above a point of a triangle.
+
+    Where two triangles overlap seen from above, the height of one over the other is linear, so that
+    it is largest at a corner of the overlap: a corner of either triangle, or where edges cross.
+    """
+    moved = np.empty((3, 3))
+    for m in range(len(others)):
+        for c in range(3):
+            for d in range(3):
+                moved[c, d] = others[m, c, d] + offset[d]
+        for n in range(len(triangles)):
+            for c in range(3):
+                if _above(moved, triangles[n, c], 1.0) or _above(triangles[n], moved[c], -1.0):
+                    return True
+            for c in range(3):
+                for e in range(3):
+                    if _crosses_above(triangles[n, c], triangles[n, c - 2], moved[e], moved[e - 2]):
+                        return True
+    return False
+
+
+@kernel
+def _above(triangle, point, sign):
+    """Whether a triangle is above a point that it covers seen from above; below it for sign -1."""
+    ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
+    vx, vy = triangle[2, 0] - triangle[0, 0], triangle[2, 1] - triangle[0, 1]
+    px, py = point[0] - triangle[0, 0], point[1] - triangle[0, 1]
+    area = ux * vy - uy * vx
+    if area == 0:
+        return False  # it stands upright: its edges say all
+    s, t = (px * vy - py * vx) / area, (ux * py - uy * px) / area
+    if s < 0 or t < 0 or s + t > 1:
+        return False
+    z = triangle[0, 2] + s * (triangle[1, 2] - triangle[0, 2])
+    z += t * (triangle[2, 2] - triangle[0, 2])
+    return sign * (z - point[2]) > 0
+
+
+@kernel
+def _crosses_above(a, b, c, d):
+    """Whether the edge from c to d crosses that from a to b, seen from above, and is above it."""
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    vx, vy = d[0] - c[0], d[1] - c[1]
+    px, py = c[0] - a[0], c[1] - a[1]
+    area = ux * vy - uy * vx
+    if area == 0:  # side by side, or one over the other
+        return (
+            _end_above(a, b, c, 1.0)
+            or _end_above(a, b, d, 1.0)
+            or _end_above(c, d, a, -1.0)
+            or _end_above(c, d, b, -1.0)
+        )
+    s, t = (px * vy - py * vx) / area, (px * uy - py * ux) / area
+    if s < 0 or s > 1 or t < 0 or t > 1:
+        return False
+    return c[2] + t * (d[2] - c[2]) > a[2] + s * (b[2] - a[2])
+
+
+@kernel
+def _end_above(a, b, point, sign):
+    """Whether a point is above the edge from a to b, where seen from above it is on it.
+
+    Below it for sign -1.
+    """
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    px, py = point[0] - a[0], point[1] - a[1]
+    if ux * py != uy * px:
+        return False
+    length = ux * ux + uy * uy
+    if length == 0:  # it stands upright
+        low, high = min(a[2], b[2]), max(a[2], b[2])
+        return px == 0 and py == 0 and (point[2] > low if sign > 0 else point[2] < high)
+    t = (px * ux + py * uy) / length
+    return 0 <= t <= 1 and sign * (point[2] - a[2] - t * (b[2] - a[2])) > 0

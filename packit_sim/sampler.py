@@ -1,0 +1,36 @@
+"""Tasks made on the fly: no dataset, no two alike, and yet each can be packed whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from packit_sim.evolution import Chromosome, EvolutionSettings, PackCreator, draw_pool
+from packit_sim.library import ShapeLibrary
+from packit_sim.packs import LibraryRef, Pack, Task
+
+
+@dataclass(frozen=True)
+class TaskSampler:
+    """Makes tasks: what the Pack Creator gets into a box by a random chromosome (paper, section 3).
+
+    Such packs are looser than evolved ones, and their tasks easier. settings: pool, scales,
+    size_range and cells count, the rest is about evolution. A task costs what its items do that the
+    process has not seen at their size yet, some 15 ms each.
+    """
+
+    library: ShapeLibrary
+    settings: EvolutionSettings = field(default_factory=EvolutionSettings)
+
+    def __call__(self, rng: np.random.Generator) -> Task:
+        """The next task that the generator's numbers lead to; never one without items."""
+        while True:
+            pool = draw_pool(self.library, self.settings.pool, rng)
+            size = float(rng.uniform(*self.settings.size_range))
+            scales = [s * size**3 for s in self.settings.scales]
+            creator = PackCreator(pool, scales, self.settings.cells)
+            box = creator.pack(Chromosome.random(self.settings, rng))
+            if box.placed:
+                pack = Pack.of(box, LibraryRef.of(self.library), by="random chromosome", size=size)
+                return pack.task(self.library)

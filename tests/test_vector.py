@@ -1,0 +1,72 @@
+"""Environments side by side: one after the other, in processes, and sharing all they know."""
+
+import contextlib
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from packit_sim.env import PackItEnv
+from packit_sim.evaluation import evaluate, evaluate_batched
+from packit_sim.policies import Agent
+from packit_sim.vector import PackItVectorEnv
+
+SHAPES_ONLY = {"observation": "features", "rotation": "aligned", "location": "blbf"}
+
+
+@pytest.mark.parametrize("vectorization", ["sync", "async", "vector_entry_point"])
+def test_vector_environments_play_alike(vectorization) -> None:
+    envs = gym.make_vec("PackIt-v0", 2, vectorization, max_shapes=40, **SHAPES_ONLY)
+    single = PackItEnv(max_shapes=40, **SHAPES_ONLY)
+    try:
+        seen, _ = envs.reset(seed=[4, 5], options={"task": 3})
+        alone, _ = single.reset(seed=4, options={"task": 3})
+        for _ in range(4):
+            assert all(np.array_equal(seen[key][0], alone[key]) for key in alone)
+            action = int(np.flatnonzero(alone["action_mask"])[0])
+            seen, rewards, over, _, _ = envs.step(np.array([action, action]))
+            alone, reward, done, _, _ = single.step(action)
+            assert rewards[0] == reward and over[0] == done
+            if done:
+                break
+    finally:
+        envs.close()
+
+
+def test_environments_of_a_process_share_their_tasks() -> None:
+    envs = gym.make_vec("PackItEasy-v0", 3, observation="none", max_shapes=40)
+    assert isinstance(envs, PackItVectorEnv)
+    first, *others = (env.unwrapped for env in envs.envs)
+    assert first.easy and all(other.tasks is first.tasks for other in others)
+    envs.close()
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_batch_plays_each_task_once_as_one_by_one(count) -> None:
+    settings = {"observation": "none", "rotation": "aligned", "location": "blbf", "max_shapes": 40}
+    batches = []
+
+    def largest(seen: dict[str, np.ndarray]) -> np.ndarray:
+        batches.append(len(seen["stage"]))
+        return np.where(seen["action_mask"] > 0, seen["volumes"], -1).argmax(axis=1)
+
+    with contextlib.closing(PackItVectorEnv(count, **settings)) as envs:
+        rollouts = evaluate_batched("mine", largest, envs, seed=5)
+        expected = evaluate([Agent.from_name("largest-first/aligned/blbf")], envs.tasks, seed=5)
+    assert [(r.task, r.total, r.end, r.pack.items) for r in rollouts] == [
+        (r.task, r.total, r.end, r.pack.items) for r in expected
+    ]
+    assert max(batches) == count
+
+
+def test_a_batch_gives_the_same_rollouts_whatever_its_size() -> None:
+    settings = {"observation": "none", "rotation": "random", "location": "blbf", "max_shapes": 40}
+
+    def first(seen: dict[str, np.ndarray]) -> np.ndarray:
+        return seen["action_mask"].argmax(axis=1)
+
+    played = []
+    for count in (1, 4):
+        with contextlib.closing(PackItVectorEnv(count, **settings)) as envs:
+            played.append(evaluate_batched("mine", first, envs, seed=1))
+    assert played[0] == played[1]
