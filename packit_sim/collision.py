@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 
 import fcl
@@ -19,6 +20,9 @@ COLLISION_MESHES_BUDGET = 2_000_000
 
 COLLISIONS_BUDGET = 250_000
 """Answers of FCL that the process remembers, roughly 0.4 kB each."""
+
+_moving = threading.Lock()
+"""Held while a mesh is somewhere for a question."""
 
 _REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
@@ -61,10 +65,11 @@ def _ask(a: Item, b: Item, offset: Triple) -> bool:
         2 * STEP * steps + own - theirs
         for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
     ]
-    there = fcl.Transform(_turn(b.rotation), np.array(half_cells) * (CELL / 2))
-    beside = fcl.CollisionObject(collision_mesh(b).model, there)
-    at_origin = collision_mesh(a).at_origin(a.rotation)
-    return bool(fcl.collide(at_origin, beside, _REQUEST, fcl.CollisionResult()))
+    fixed = collision_mesh(a).fixed(a.rotation)
+    moving = collision_mesh(b).moving(b.rotation)
+    with _moving:
+        moving.setTranslation(np.array(half_cells) * (CELL / 2))
+        return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
 
 
 class CollisionMesh:
@@ -79,14 +84,22 @@ class CollisionMesh:
         self.model.beginModel(len(vertices), len(faces))
         self.model.addSubModel(vertices * (np.cbrt(scale) * drawn_in), faces)
         self.model.endModel()
-        self._at_origin: dict[int, fcl.CollisionObject] = {}
+        self._fixed: dict[int, fcl.CollisionObject] = {}
+        self._moving: dict[int, fcl.CollisionObject] = {}
 
-    def at_origin(self, rotation: int) -> fcl.CollisionObject:
+    def fixed(self, rotation: int) -> fcl.CollisionObject:
         """Turned, and centred on the origin."""
-        if rotation not in self._at_origin:
+        return self._turned(self._fixed, rotation)
+
+    def moving(self, rotation: int) -> fcl.CollisionObject:
+        """Turned, and wherever it was put last."""
+        return self._turned(self._moving, rotation)
+
+    def _turned(self, made: dict[int, fcl.CollisionObject], rotation: int) -> fcl.CollisionObject:
+        if rotation not in made:  # python-fcl never frees all of one: so none is made twice
             there = fcl.Transform(_turn(rotation), np.zeros(3))
-            self._at_origin[rotation] = fcl.CollisionObject(self.model, there)
-        return self._at_origin[rotation]
+            made[rotation] = fcl.CollisionObject(self.model, there)
+        return made[rotation]
 
 
 @bounded(

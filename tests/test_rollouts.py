@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 import sys
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from packit_sim import placement
+from packit_sim import caches, placement
 from packit_sim.box import Box
 from packit_sim.env import PackItEnv
 from packit_sim.library import ShapeLibrary
@@ -21,6 +22,12 @@ from packit_sim.packs import Task, load_tasks
 
 RESETS = 10_000
 STEPS = 100_000
+SMALL_BUDGETS = {
+    "turned voxels": 2**26,
+    "no-fit tables": 2**25,
+    "collisions": 20_000,
+    "pairs that met": 20_000,
+}
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +127,13 @@ def held() -> tuple[int, int]:
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(("easy", "share"), [(False, 1.0), (True, 0.1)])
 def test_ten_thousand_resets_and_a_hundred_thousand_steps_leave_nothing_behind(
-    tasks, easy, share
+    tasks, easy, share, request
 ) -> None:
-    """Caches fill up to their budgets at first; then memory stands still."""
+    """Caches fill up to their budgets at first, here small ones; then memory stands still."""
+    before = {name: int(caches.usage()[name].budget) for name in SMALL_BUDGETS}
+    for name, budget in SMALL_BUDGETS.items():
+        caches.limit(name, budget)
+        request.addfinalizer(partial(caches.limit, name, before[name]))
     env = PackItEnv(tasks, easy=easy, observation="features", order="cycle", max_shapes=40)
     rng = np.random.default_rng(0)
     quarters = []
