@@ -27,8 +27,8 @@ from trimesh import creation
 
 from benchmarks.placement import RESULTS, summaries
 from packit_sim import Item, Shape, ShapeLibrary, mesh_files
+from packit_sim.chromosomes import SCALES
 from packit_sim.deviation import deviation
-from packit_sim.evolution import SCALES
 from packit_sim.importer import ImportSettings, import_library
 from packit_sim.quantized import QuantizedMesh
 from packit_sim.simplification import Simplification

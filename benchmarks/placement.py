@@ -30,18 +30,12 @@ from trimesh import creation
 
 from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_mask
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, caches, evolve, placement
+from packit_sim.chromosomes import SCALES, Chromosome, crossover, mutate
 from packit_sim.collision import collision_mesh
-from packit_sim.evolution import (
-    SCALES,
-    Chromosome,
-    PackCreator,
-    crossover,
-    draw_pool,
-    mutate,
-    select,
-)
 from packit_sim.lattice import BOX_CELLS
 from packit_sim.nofit import MEETINGS
+from packit_sim.pack_creator import PackCreator, draw_pool
+from packit_sim.searches import select
 from packit_sim.statistics import Statistics, statistics
 
 RESULTS = Path(__file__).parent / "results"
@@ -66,7 +60,8 @@ class Pool:
         """Without the largest two scales, so that no single item fills half the box."""
         settings = EvolutionSettings(generations=10, scales=SCALES[:3])
         pack = evolve(library, seed, settings).best
-        shapes = draw_pool(library, settings.pool, np.random.default_rng(seed))
+        ids = draw_pool(library, settings.pool, np.random.default_rng(seed))
+        shapes = tuple(library[id] for id in ids)
         return cls(seed, shapes, float(pack.made["size"]), pack.replay(library))
 
     def packed(self, density: float) -> Box:

@@ -4,8 +4,9 @@ import gymnasium
 
 from packit_sim._version import __version__
 from packit_sim.box import Box
+from packit_sim.chromosomes import EvolutionSettings
 from packit_sim.evaluation import evaluate, play
-from packit_sim.evolution import EvolutionSettings, evolve
+from packit_sim.evolution import evolve
 from packit_sim.library import ShapeLibrary
 from packit_sim.packs import Pack, Task, read_packs, verify, write_packs
 from packit_sim.policies import Agent

@@ -121,6 +121,15 @@ class Box:
         self._occupancy.add(placed)
         return placed
 
+    def fill(self, item: Item) -> Placed | None:
+        """Places an item at its bottom-left-back-fill location; None where it fits nowhere."""
+        location = self.blbf(item)
+        if location is None:
+            return None
+        placed = Placed(item, location)
+        self._occupancy.add(placed)
+        return placed
+
     def undo(self) -> Placed:
         """Takes the last item out again and returns it. Raises IndexError where there is none."""
         if not self.placed:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -13,18 +15,36 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import TaskID
 from rich.table import Table
 
 from packit_sim import shapes_cli
+from packit_sim.chromosomes import EvolutionSettings, SearchName
 from packit_sim.console import LibraryOption, SeedOption, console, make_room, progress_bars
 from packit_sim.errors import PackItError
 from packit_sim.evaluation import SUCCESS_LEVELS, Estimate, Rollout, Score, evaluate
-from packit_sim.evolution import Evolution, EvolutionSettings, Generation, evolve
+from packit_sim.evolution import Evolution, Generation, evolve
+from packit_sim.generation import Order, generate, under_way
 from packit_sim.library import ShapeLibrary
-from packit_sim.packs import STARTER_PACKS, Pack, Task, load_tasks, read_packs, verify, write_packs
+from packit_sim.packings import verify_packing
+from packit_sim.packs import (
+    STARTER_PACKS,
+    WHOLE,
+    Pack,
+    Task,
+    dataset_file,
+    dataset_path,
+    load_tasks,
+    read_packs,
+    verify,
+    write_packs,
+)
+from packit_sim.parallel import BackendName, Workers
 from packit_sim.policies import Agent
 from packit_sim.rendering import MAX_SIDE
 from packit_sim.scene import Scene
+from packit_sim.splits import Split
+from packit_sim.verification import verify_dataset
 
 HEURISTICS = tuple(
     "/".join(parts)
@@ -45,7 +65,10 @@ app = typer.Typer(
 )
 app.add_typer(shapes_cli.app, name="shapes")
 
-PacksArgument = Annotated[Path, typer.Argument(help="A dataset of packs: a JSON Lines file.")]
+PacksArgument = Annotated[
+    str, typer.Argument(help="Packs: a dataset's name, such as starter, its folder or its file.")
+]
+SplitOption = Annotated[Split | None, typer.Option(help="Which of the dataset's splits.")]
 
 
 def main() -> None:
@@ -98,10 +121,13 @@ def demo(
         raise typer.Exit(1)
 
 
-@app.command()
-def generate(
-    out: Annotated[Path, typer.Option("--out", help="The dataset to write.")],
-    packs: Annotated[int, typer.Option(min=1, help="How many.")] = 1,
+@app.command("generate")
+def generate_command(
+    out: Annotated[Path, typer.Option("--out", help="The dataset's folder.")],
+    packs: Annotated[int, typer.Option(min=1, help="How many, in all.")] = 1,
+    split: Annotated[
+        Split | None, typer.Option(help="Of the library; the dataset's file is named after it.")
+    ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
     pool: Annotated[int, typer.Option(min=1, help="Shapes drawn a pack.")] = 50,
@@ -113,14 +139,21 @@ def generate(
     size: Annotated[
         tuple[float, float], typer.Option(help="Range of a pack's linear size factor.")
     ] = (0.75, 1.0),
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the dataset.")] = False,
+    search: Annotated[SearchName, typer.Option(help="The paper's is generational.")] = (
+        "generational"
+    ),
+    history: Annotated[
+        bool,
+        typer.Option("--history", help="Also the best packs on the way, each 50 generations."),
+    ] = False,
+    workers: Annotated[int, typer.Option(min=0, help="Processes; 0 for one a core.")] = 0,
+    backend: Annotated[BackendName, typer.Option(help="Where the workers are.")] = "loky",
+    address: Annotated[str | None, typer.Option(help="Of the Ray cluster's head.")] = None,
 ) -> None:
     """Evolves packs. Pack n has the seed SEED + n, so that any one can be made again.
 
-    The dataset is written anew after each pack: what is finished is never lost.
+    Stop it at any moment: the same command goes on, and ends in the same packs.
     """
-    if out.exists() and not overwrite:
-        raise PackItError(f"{out} exists already: choose another file, or give --overwrite")
     opened = ShapeLibrary.open(library)
     try:
         settings = EvolutionSettings(
@@ -129,36 +162,88 @@ def generate(
             generations=generations,
             patience=patience,
             size_range=size,
+            search=search,
         )
     except ValueError as error:
         raise PackItError(str(error)) from None
-    make_room(out)
-    made: list[Pack] = []
-    for number in range(packs):
-        label = f"pack {number + 1} of {packs}"
-        made.append(_evolve(opened, seed + number, settings, label).best)
-        write_packs(out, made)
-    console.print(f"wrote {out}: {len(made)} packs")
+    order = Order(opened.split(split) if split else opened, packs, seed, split, history, settings)
+    file = out / f"{split or WHOLE}.jsonl"
+    with Workers(workers, backend, address) as hands, _generation_shown(order, file) as on_pack:
+        made = generate(order, file, hands, on_pack)
+    console.print(f"wrote {file}: {len(made)} packs")
+
+
+@contextmanager
+def _generation_shown(order: Order, file: Path) -> Iterator[Callable[[int, Pack], None]]:
+    """Bars of a generation, which follow its checkpoints, and a line for each finished pack."""
+    over = threading.Event()
+    with progress_bars() as progress:
+        whole = progress.add_task("packs", total=order.packs, note="")
+        bars: dict[int, TaskID] = {}
+
+        def follow() -> None:
+            while not over.wait(1.0):
+                for at in under_way(file):
+                    if at.number not in bars:
+                        bars[at.number] = progress.add_task(
+                            f"pack {at.number}", total=order.settings.generations + 1, note=""
+                        )
+                    note = f"density {at.density:.3f}"
+                    progress.update(bars[at.number], completed=at.generation + 1, note=note)
+
+        def on_pack(number: int, pack: Pack) -> None:
+            if number in bars:
+                progress.remove_task(bars.pop(number))
+            progress.console.print(
+                f"pack {number}: density {pack.density:.3f}, {len(pack.items)} items, "
+                f"generation {pack.made['generation']}",
+                highlight=False,
+            )
+            progress.update(whole, advance=1)
+
+        if file.exists():
+            done = {pack.made.get("seed") for pack in read_packs(file, manifest=False)}
+            progress.update(whole, completed=len(done))
+        thread = threading.Thread(target=follow, daemon=True)
+        thread.start()
+        try:
+            yield on_pack
+        finally:
+            over.set()
+            thread.join()
 
 
 @app.command("verify")
-def verify_command(packs: PacksArgument, library: LibraryOption = "everyday") -> None:
-    """Replays every pack against the oracle; exit code 1 where one does not hold."""
-    opened = ShapeLibrary.open(library)
-    problems = _verify(read_packs(packs), opened)
-    for number, found in enumerate(problems):
-        for problem in found:
-            line = f"{packs}, pack {number}: {problem}"
-            console.print(line, highlight=False, soft_wrap=True, markup=False)
-    wrong = sum(1 for found in problems if found)
-    console.print(f"{len(problems) - wrong} of {len(problems)} packs hold")
-    if wrong:
+def verify_command(
+    packs: PacksArgument, split: SplitOption = None, library: LibraryOption = "everyday"
+) -> None:
+    """Checks packs, all of a dataset or one split, against the oracle; exit code 1 if one is wrong.
+
+    Also a packing that another tool made: a .json file of meshes and poses (see the README).
+    """
+    if packs.endswith(".json"):
+        report = verify_packing(packs)
+        verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
+    else:
+        with progress_bars() as progress:
+            bar = progress.add_task("verifying", total=None, note="")
+            report = verify_dataset(
+                dataset_file(packs, split) if split else dataset_path(packs),
+                ShapeLibrary.open(library),
+                lambda done, total: progress.update(bar, completed=done, total=total),
+            )
+        verdict = f"{report.packs - report.broken} of {report.packs} packs hold"
+    for problem in report.problems:
+        console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
+    console.print(verdict)
+    if not report.holds:
         raise typer.Exit(1)
 
 
 @app.command("evaluate")
 def evaluate_command(
-    packs: Annotated[str, typer.Argument(help="A dataset of packs, or 'starter'.")] = STARTER_PACKS,
+    packs: PacksArgument = STARTER_PACKS,
+    split: SplitOption = None,
     agent: Annotated[
         list[str] | None,
         typer.Option(help="shape/rotation/location; may be given more than once."),
@@ -170,7 +255,7 @@ def evaluate_command(
     """Lets agents play the tasks of a dataset and prints the paper's table."""
     opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
-    tasks = load_tasks(packs, opened)
+    tasks = load_tasks(packs, opened, split)
     if out is not None:
         make_room(out)
     rollouts = _evaluate(agents, tasks, seed)
@@ -194,13 +279,14 @@ def evaluate_command(
 def render(
     packs: PacksArgument,
     out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
+    split: SplitOption = None,
     pack: Annotated[int, typer.Option(min=0, help="Which pack of the dataset.")] = 0,
     size: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
     library: LibraryOption = "everyday",
 ) -> None:
     """Draws a pack."""
     opened = ShapeLibrary.open(library)
-    read = read_packs(packs)
+    read = read_packs(dataset_file(packs, split))
     if pack >= len(read):
         raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
     make_room(out)

@@ -117,3 +117,21 @@ def collision_mesh(item: Item) -> CollisionMesh:
 @cache
 def _turn(rotation: int) -> npt.NDArray[np.float64]:
     return rotations.MATRICES[rotation].astype(float)
+
+
+class LooseMesh:
+    """A mesh somewhere, off the grid, as FCL sees it.
+
+    vertices: (n, 3) in box units, where they are. faces: (m, 3).
+    """
+
+    def __init__(self, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> None:
+        model = fcl.BVHModel()
+        model.beginModel(len(vertices), len(faces))
+        model.addSubModel(vertices, faces)
+        model.endModel()
+        self._object = fcl.CollisionObject(model, fcl.Transform())
+
+    def crosses(self, other: LooseMesh) -> bool:
+        """Whether FCL finds a triangle of one that crosses one of the other."""
+        return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))

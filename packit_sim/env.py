@@ -19,8 +19,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim import rotations
+from packit_sim.chromosomes import EvolutionSettings
 from packit_sim.episode import EASY_ORDER, ORDER, Episode, Stage, State
-from packit_sim.evolution import EvolutionSettings
 from packit_sim.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.library import ShapeLibrary
 from packit_sim.observations import OBSERVERS, Observation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from packit_sim.shapes import Item
 
 _1 = np.uint64(1)
 _NO_PAGE = -1
+_INDICES = np.empty(0, dtype=np.int32)
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,23 @@ class Placed:
         return pose
 
 
+class Stack:
+    """Rows one after the other, with room for more. array: its first `count` rows are in use."""
+
+    def __init__(self, like: npt.NDArray[Any]) -> None:
+        self.array = np.empty((64, *like.shape[1:]), dtype=like.dtype)
+        self.count = 0
+
+    def push(self, rows: npt.NDArray[Any]) -> None:
+        count = self.count + len(rows)
+        if count > len(self.array):
+            grown = np.empty((2 * count, *self.array.shape[1:]), dtype=self.array.dtype)
+            grown[: self.count] = self.array[: self.count]
+            self.array = grown
+        self.array[self.count : count] = rows
+        self.count = count
+
+
 class Occupancy:
     """The cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
 
@@ -60,6 +79,8 @@ class Occupancy:
     page: (n,) int32, where `fine` has a brick's fine cells, -1 for none.
     fine: (pages, 64, 2) words, the outer and the inner fine cells of a brick's cells; only those
     of cells that are outer and not inner are kept, what is in the others means nothing.
+    hosts: the placed items' own voxels (see `Voxels`), one after the other: number (flat), outer,
+    inner, first and fine. starts: (n, 3), where an item's begin in number, in outer and in fine.
     """
 
     def __init__(self, cells: Triple) -> None:
@@ -70,7 +91,12 @@ class Occupancy:
         self.fine: Words = np.empty((0, 64, 2), dtype=np.uint64)
         self._pages = 0
         self._placed: list[Placed] = []
-        self._spans = np.zeros((16, 6), dtype=np.int64)
+        self._spans = Stack(np.empty((0, 6), dtype=np.int64))
+        self._starts = Stack(np.empty((0, 3), dtype=np.int64))
+        words: Words = np.empty(0, dtype=np.uint64)
+        self._hosts = tuple(
+            Stack(like) for like in (_INDICES, words, words, _INDICES, words.reshape(0, 2))
+        )
         self._before: list[tuple[int, Words, Words]] = []
 
     @property
@@ -80,19 +106,21 @@ class Occupancy:
     @property
     def spans(self) -> npt.NDArray[np.int64]:
         """(n, 6): the first and the last brick, along x, y and z, of each placed item."""
-        return self._spans[: len(self._placed)]
+        return self._spans.array[: self._spans.count]
+
+    @property
+    def starts(self) -> npt.NDArray[np.int64]:
+        return self._starts.array[: self._starts.count]
+
+    @property
+    def hosts(self) -> tuple[npt.NDArray[Any], ...]:
+        return tuple(stack.array for stack in self._hosts)
 
     @property
     def outer_words(self) -> Words:
         """Words [x, y, z] over the box's bricks: their outer cells."""
         x, y, z = grid_nodes(self.cells)
         return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
-
-    def near(self, item: Item, locations: npt.NDArray[np.int64]) -> list[Placed]:
-        """The placed items that an item can meet at one of some locations (n, 3)."""
-        first, last = locations.min(axis=0), locations.max(axis=0) + item.voxels.number.shape
-        meets = (self.spans[:, :3] < last) & (self.spans[:, 3:] >= first)
-        return [self._placed[n] for n in np.flatnonzero(meets.all(axis=1)).tolist()]
 
     def add(self, placed: Placed) -> None:
         """Fills the cells of an item. Whether it is feasible there was checked before."""
@@ -115,15 +143,31 @@ class Occupancy:
         )
         self._before.append((self._pages, words, shared))
         self._pages = pages
-        count = len(self._placed)
-        if count == len(self._spans):
-            self._spans = np.concatenate([self._spans, np.zeros_like(self._spans)])
+        number, outer, _, _, fine = self._hosts
+        self._starts.push(np.array([(number.count, outer.count, fine.count)]))
         extent = np.array(voxels.number.shape) - 1
-        self._spans[count] = (*placed.location, *(placed.location + extent))
+        self._spans.push(np.array([(*placed.location, *(placed.location + extent))]))
+        own: tuple[npt.NDArray[Any], ...] = (
+            voxels.number.ravel(),
+            voxels.outer,
+            voxels.inner,
+            voxels.first[:-1],
+            voxels.fine,
+        )
+        for stack, rows in zip(self._hosts, own, strict=True):
+            stack.push(rows)
         self._placed.append(placed)
 
     def truncate(self, count: int) -> None:
         """Takes out all but the first `count` items."""
+        if count < len(self._placed):
+            number, bricks, fine = self._starts.array[count].tolist()
+            for stack, kept in zip(
+                (self._spans, self._starts, *self._hosts),
+                (count, count, number, bricks, bricks, bricks, fine),
+                strict=True,
+            ):
+                stack.count = kept
         if count == 0:
             self.bricks.fill(0)
             self.page.fill(_NO_PAGE)

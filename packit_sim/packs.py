@@ -20,7 +20,7 @@ from packit_sim import placement, rotations
 from packit_sim._version import __version__
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError, PackFormatError, UnknownShapeError
-from packit_sim.lattice import CELLS_PER_UNIT, Triple, box_cells
+from packit_sim.lattice import CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.library import ShapeLibrary, assets_folder
 from packit_sim.occupancy import Placed
 from packit_sim.shapes import Item
@@ -28,8 +28,14 @@ from packit_sim.shapes import Item
 FORMAT = 1
 """Version of the pack format, written with each pack."""
 
+MAX_SCALE = (MAX_CELLS / CELLS_PER_UNIT) ** 3 * 3**1.5
+"""Of an item that any box can hold: a shape's longest extent is at least 1 / sqrt(3)."""
+
 STARTER_PACKS = "starter"
 """Name of the dataset that comes with the package."""
+
+WHOLE = "packs"
+"""The split of a dataset that has none: the name of its file."""
 
 DENSITY_SLACK = 1e-9
 """How far a recorded density may be from the replayed one: rounding of sums."""
@@ -126,7 +132,9 @@ class Pack:
         """Reads one line. Raises PackFormatError that names the field that is wrong."""
         try:
             raw = json.loads(line, parse_constant=_refuse_constant)
-        except json.JSONDecodeError as error:
+        except PackFormatError:
+            raise
+        except (ValueError, RecursionError, OverflowError) as error:
             raise PackFormatError(f"not JSON: {error}") from None
         if not isinstance(raw, dict):
             raise PackFormatError(f"a pack is a JSON object, not {type(raw).__name__}")
@@ -213,23 +221,35 @@ def load_tasks(
 def dataset_file(source: Path | str, split: str | None = None) -> Path:
     """The JSON Lines file of a dataset.
 
-    source: "starter", which comes with the package, or a path, of the file itself or of a folder
-    that has one for each split. Raises PackFormatError where the split does not go with it.
+    source: the name of one that comes with the package, such as "starter", or a path, of the file
+    itself or of a folder. split: which of the folder's files; "packs" where it has that one alone.
+    Raises PackFormatError where the split does not go with it.
     """
-    path = (
-        assets_folder() / "packs" / f"{source}.jsonl" if source == STARTER_PACKS else Path(source)
-    )
+    path = dataset_path(source)
     if not path.is_dir():
         if split:
             raise PackFormatError(f"{path} has no splits: there is no {split!r} in it")
         return path
     splits = sorted(file.stem for file in path.glob("*.jsonl"))
+    if split is None and splits == [WHOLE]:
+        split = WHOLE
     if split not in splits:
         raise PackFormatError(
             f"{path} is a folder with the splits {', '.join(splits) or 'none'}: "
             f"{'choose one' if split is None else f'there is no {split!r}'}"
         )
     return path / f"{split}.jsonl"
+
+
+def dataset_path(source: Path | str) -> Path:
+    """The folder of a dataset that comes with the package, or the path itself."""
+    built_in = assets_folder() / "packs" / str(source)
+    return built_in if str(source) in builtin_datasets() else Path(source)
+
+
+def builtin_datasets() -> tuple[str, ...]:
+    """Names of the datasets that come with PackIt-Sim."""
+    return tuple(sorted(path.name for path in (assets_folder() / "packs").iterdir()))
 
 
 def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
@@ -249,10 +269,10 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     replace_text(manifest_path(path), json.dumps(manifest, indent=1) + "\n")
 
 
-def read_packs(path: Path | str) -> list[Pack]:
+def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
     """Reads a dataset. Raises PackFormatError that names the file, the line and what is wrong.
 
-    Where a manifest stands beside the file, the file must be the one it describes.
+    manifest: whether the file must be the one that its manifest describes, where it has one.
     """
     path = Path(path)
     try:
@@ -269,17 +289,20 @@ def read_packs(path: Path | str) -> list[Pack]:
             raise PackFormatError(f"{path}, line {number}: {error}") from None
     if not packs:
         raise PackFormatError(f"{path} holds no packs")
-    manifest = manifest_path(path)
-    if manifest.exists():
-        try:
-            digest = json.loads(manifest.read_text())["sha256"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise PackFormatError(f"{manifest} is no manifest: {error!r}") from None
-        if digest != hashlib.sha256(data).hexdigest():
-            raise PackFormatError(
-                f"{path} is not the file that {manifest.name} describes: its SHA-256 differs"
-            )
+    if manifest and manifest_path(path).exists():
+        _check_manifest(manifest_path(path), path, data)
     return packs
+
+
+def _check_manifest(manifest: Path, path: Path, data: bytes) -> None:
+    try:
+        digest = json.loads(manifest.read_text())["sha256"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise PackFormatError(f"{manifest} is no manifest: {error!r}") from None
+    if digest != hashlib.sha256(data).hexdigest():
+        raise PackFormatError(
+            f"{path} is not the file that {manifest.name} describes: its SHA-256 differs"
+        )
 
 
 def manifest_path(path: Path) -> Path:
@@ -288,11 +311,13 @@ def manifest_path(path: Path) -> Path:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Writes a file under a temporary name, and renames it when it is complete."""
+    """Writes a file under a temporary name, and renames it when it is complete and on the disk."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
             file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
         os.chmod(name, 0o644)
         os.replace(name, path)
     except BaseException:
@@ -309,8 +334,10 @@ def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
         raise PackFormatError(f"field '{where}' is {raw!r}: it must be an object")
     scale = _get(raw, "scale", float, where)
     rotation = _get(raw, "rotation", int, where)
-    if not (math.isfinite(scale) and scale > 0):
-        raise PackFormatError(f"field '{where}.scale' is {scale!r}: it must be more than 0")
+    if not 0 < scale <= MAX_SCALE:
+        raise PackFormatError(
+            f"field '{where}.scale' is {scale!r}: it must be more than 0, and {MAX_SCALE:g} at most"
+        )
     if not 0 <= rotation < rotations.COUNT:
         raise PackFormatError(
             f"field '{where}.rotation' is {rotation!r}: it must be 0 to {rotations.COUNT - 1}"

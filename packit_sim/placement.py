@@ -6,6 +6,7 @@ the words leave open. `oracle` is the slow and obvious statement of the same; th
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -25,10 +26,11 @@ from packit_sim.screening import (
     FREE,
     OPEN,
     Locations,
-    next_unblocked,
+    open_pairs,
     screen,
     screen_at,
     screen_pair,
+    unblocked,
 )
 from packit_sim.shapes import Item
 from packit_sim.statistics import count
@@ -125,13 +127,16 @@ def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
     """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None."""
     if not fits(occupancy.cells, item):
         return None
-    number = undecided = 0
-    while True:
-        location, state, number = next_unblocked(occupancy, item, number)
-        undecided += state == OPEN
-        if state != OPEN or not crosses(occupancy, item, np.array([location]))[0]:
-            count("searches", number, undecided)
-            return None if state == BLOCKED else location
+    placed = occupancy.placed
+    undecided = 0
+    for location, partners, looked_at in unblocked(occupancy, item):
+        undecided += len(partners) > 0
+        candidate = Placed(item, location)
+        if not any(collides_memo(placed[n], candidate) for n in partners.tolist()):
+            count("searches", looked_at, undecided)
+            return location
+    count("searches", math.prod(screening.locations(occupancy.cells, item)), undecided)
+    return None
 
 
 def first(mask: Mask) -> Triple | None:
@@ -159,11 +164,11 @@ def crosses(occupancy: Occupancy, item: Item, locations: Locations) -> npt.NDArr
     crossing = np.zeros(len(locations), dtype=bool)
     if len(locations) == 0:
         return crossing
-    for placed in occupancy.near(item, locations):
-        undecided = (screen_pair(placed, item, locations) == OPEN) & ~crossing
-        for n in np.flatnonzero(undecided).tolist():
+    placed = occupancy.placed
+    for n, m in open_pairs(occupancy, item, locations).tolist():
+        if not crossing[n]:
             i, j, k = locations[n].tolist()
-            crossing[n] = collides_memo(placed, Placed(item, (i, j, k)))
+            crossing[n] = collides_memo(placed[m], Placed(item, (i, j, k)))
     return crossing
 
 

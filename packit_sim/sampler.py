@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from packit_sim.evolution import Chromosome, EvolutionSettings, PackCreator, draw_pool
+from packit_sim.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.library import ShapeLibrary
+from packit_sim.pack_creator import PackCreator, draw_pool
 from packit_sim.packs import LibraryRef, Pack, Task
 
 
@@ -29,7 +30,7 @@ class TaskSampler:
             pool = draw_pool(self.library, self.settings.pool, rng)
             size = float(rng.uniform(*self.settings.size_range))
             scales = [s * size**3 for s in self.settings.scales]
-            creator = PackCreator(pool, scales, self.settings.cells)
+            creator = PackCreator([self.library[id] for id in pool], scales, self.settings.cells)
             box = creator.pack(Chromosome.random(self.settings, rng))
             if box.placed:
                 pack = Pack.of(box, LibraryRef.of(self.library), by="random chromosome", size=size)

@@ -6,6 +6,7 @@ shared. Both are proofs (DESIGN: Feasible); what is open, the meshes decide.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -46,14 +47,34 @@ def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
     return int(_screen_at(*_box(occupancy), *_item(voxels), candidate.location))
 
 
-def next_unblocked(occupancy: Occupancy, item: Item, number: int) -> tuple[Triple, int, int]:
-    """The first location in the order of (z, x, y) that is not blocked, from a number on.
+def unblocked(
+    occupancy: Occupancy, item: Item
+) -> Iterator[tuple[Triple, npt.NDArray[np.int64], int]]:
+    """The locations that are not blocked, in the order of (z, x, y), as long as they are asked for.
 
-    Returns it, its state (BLOCKED: there is none), and the number of the location after it.
+    Each with the numbers of the placed items that leave it open, none where it is free, and with
+    how many locations were looked at so far.
     """
+    voxels = item.voxels
     size = locations(occupancy.cells, item)
-    i, j, k, state, following = _next_unblocked(*_box(occupancy), *_item(item.voxels), size, number)
-    return (i, j, k), state, following
+    spans = occupancy.spans
+    found = np.empty(len(spans), dtype=np.int64)
+    box, own = _box(occupancy), _item(voxels)
+    hosts = (spans, occupancy.starts, *occupancy.hosts, voxels.number.shape, found)
+    i, j, k, number, count = _next_unblocked(*box, *own, size, 0, *hosts)
+    while count >= 0:
+        yield (i, j, k), found[:count], number
+        i, j, k, number, count = _next_unblocked(*box, *own, size, number, *hosts)
+
+
+def open_pairs(occupancy: Occupancy, item: Item, at: Locations) -> npt.NDArray[np.int64]:
+    """(pairs, 2): number of a location (n, 3), and of a placed item that leaves it open.
+
+    By location, and then by placed item; for locations that no item blocks.
+    """
+    voxels = item.voxels
+    hosts = (occupancy.spans, occupancy.starts, *occupancy.hosts, voxels.number.shape)
+    return _open_pairs(*_item(voxels), at, *hosts)
 
 
 def screen_pair(placed: Placed, item: Item, at: Locations) -> States:
@@ -163,7 +184,27 @@ def _screen_at(theirs, page, their_fine, nx, ny, bricks, outer, inner, first, fi
 
 @kernel
 def _next_unblocked(
-    theirs, page, their_fine, nx, ny, bricks, outer, inner, first, fine, size, number
+    theirs,
+    page,
+    their_fine,
+    nx,
+    ny,
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    size,
+    number,
+    spans,
+    starts,
+    host_number,
+    host_outer,
+    host_inner,
+    host_first,
+    host_fine,
+    extent,
+    found,
 ):
     row, layer = size[1], size[0] * size[1]
     offsets = _offsets(bricks, nx, ny)
@@ -176,9 +217,133 @@ def _next_unblocked(
             theirs, page, their_fine, offsets, outer, inner, first, fine, start, hot
         )
         number += 1
-        if state != BLOCKED:
-            return i, j, k, state, number
-    return 0, 0, 0, BLOCKED, number
+        if state == BLOCKED:
+            continue
+        count = 0
+        if state == OPEN:
+            count = _open_with(
+                bricks,
+                outer,
+                inner,
+                first,
+                fine,
+                (i, j, k),
+                spans,
+                starts,
+                host_number,
+                host_outer,
+                host_inner,
+                host_first,
+                host_fine,
+                extent,
+                found,
+            )
+        return i, j, k, number, count
+    return 0, 0, 0, number, -1
+
+
+@kernel
+def _open_pairs(
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    at,
+    spans,
+    starts,
+    host_number,
+    host_outer,
+    host_inner,
+    host_first,
+    host_fine,
+    extent,
+):
+    pairs = np.empty((16, 2), np.int64)
+    found = np.empty(len(spans), np.int64)
+    total = 0
+    for n in range(len(at)):
+        count = _open_with(
+            bricks,
+            outer,
+            inner,
+            first,
+            fine,
+            (at[n, 0], at[n, 1], at[n, 2]),
+            spans,
+            starts,
+            host_number,
+            host_outer,
+            host_inner,
+            host_first,
+            host_fine,
+            extent,
+            found,
+        )
+        if total + count > len(pairs):
+            grown = np.empty((2 * (total + count), 2), np.int64)
+            grown[:total] = pairs[:total]
+            pairs = grown
+        for m in range(count):
+            pairs[total, 0], pairs[total, 1] = n, found[m]
+            total += 1
+    return pairs[:total]
+
+
+@kernel
+def _open_with(
+    bricks,
+    outer,
+    inner,
+    first,
+    fine,
+    location,
+    spans,
+    starts,
+    host_number,
+    host_outer,
+    host_inner,
+    host_first,
+    host_fine,
+    extent,
+    found,
+):
+    """Which placed items leave a location open, into `found`; returns how many."""
+    i, j, k = location
+    count = 0
+    for n in range(len(spans)):
+        if (
+            i > spans[n, 3]
+            or j > spans[n, 4]
+            or k > spans[n, 5]
+            or i + extent[0] <= spans[n, 0]
+            or j + extent[1] <= spans[n, 1]
+            or k + extent[2] <= spans[n, 2]
+        ):
+            continue
+        x, y, z = (
+            spans[n, 3] - spans[n, 0] + 1,
+            spans[n, 4] - spans[n, 1] + 1,
+            spans[n, 5] - spans[n, 2] + 1,
+        )
+        at, brick, cell = starts[n]
+        state = _pair_state(
+            host_number[at : at + x * y * z].reshape(x, y, z),
+            host_outer[brick:],
+            host_inner[brick:],
+            host_first[brick:],
+            host_fine[cell:],
+            bricks,
+            outer,
+            inner,
+            first,
+            fine,
+            (i - spans[n, 0], j - spans[n, 1], k - spans[n, 2]),
+        )
+        if state == OPEN:
+            found[count] = n
+            count += 1
+    return count
 
 
 @kernel

@@ -194,3 +194,9 @@ def test_blbf_of_a_kinematic_box_is_the_first_of_its_mask() -> None:
         if location:
             box.place(item, location)
     assert len(box.placed) >= 2
+
+
+def test_fill_places_where_blbf_says_or_not_at_all() -> None:
+    box = Box((8, 8, 8))
+    assert box.fill(cube_of(8)) == box.placed[0] and box.placed[0].location == (0, 0, 0)
+    assert box.fill(cube_of(4)) is None and len(box.placed) == 1

@@ -1,5 +1,6 @@
 """The command line as a user runs it: what it prints, writes and refuses."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -57,7 +58,7 @@ def hides(placed: Placed, other: Placed) -> bool:
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("packs") / "two.jsonl"
+    path = tmp_path_factory.mktemp("packs") / "two"
     made = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", path)
     assert made.returncode == 0, made.stderr
     assert "2 packs" in made.stdout
@@ -102,12 +103,12 @@ def test_generated_packs_verify_evaluate_and_render(dataset, tmp_path) -> None:
 
 
 def test_a_seed_repeats_a_dataset_bit_for_bit(dataset, tmp_path) -> None:
-    packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", tmp_path / "again.jsonl")
-    assert (tmp_path / "again.jsonl").read_bytes() == dataset.read_bytes()
+    packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", tmp_path, "--workers", "1")
+    assert (tmp_path / "packs.jsonl").read_bytes() == (dataset / "packs.jsonl").read_bytes()
 
 
 def test_verify_is_red_on_a_pack_that_does_not_hold(dataset, tmp_path) -> None:
-    packs = read_packs(dataset)
+    packs = read_packs(dataset / "packs.jsonl")
     last = packs[1].to_json().rpartition('"location":[')
     moved = tmp_path / "moved.jsonl"
     moved.write_text(f"{packs[0].to_json()}\n{last[0]}{last[1]}24,{last[2].partition(',')[2]}\n")
@@ -117,14 +118,34 @@ def test_verify_is_red_on_a_pack_that_does_not_hold(dataset, tmp_path) -> None:
     assert "1 of 2 packs hold" in verified.stdout
 
 
+def test_verify_tells_of_lines_that_cannot_be_read(dataset, tmp_path) -> None:
+    lines = (dataset / "packs.jsonl").read_text().splitlines()
+    (tmp_path / "cut.jsonl").write_text(f"{lines[0]}\n{lines[1][:200]}\n")
+    verified = packit("verify", tmp_path / "cut.jsonl")
+    assert verified.returncode == 1 and "not JSON" in verified.stdout
+    assert "1 of 2 packs hold" in verified.stdout
+
+
+def test_verify_takes_packings_of_other_tools(tmp_path) -> None:
+    creation.box((1, 1, 1)).export(tmp_path / "cube.stl")
+    pose = np.eye(4)
+    pose[:3, 3] = 0.5
+    items = [{"mesh": "cube.stl", "pose": pose.tolist()}]
+    (tmp_path / "one.json").write_text(json.dumps({"box": [1, 1, 2], "items": items}))
+    assert packit("verify", tmp_path / "one.json").returncode == 0
+    (tmp_path / "two.json").write_text(json.dumps({"box": [1, 1, 2], "items": items * 2}))
+    twice = packit("verify", tmp_path / "two.json")
+    assert twice.returncode == 1 and "crosses item 0" in twice.stdout
+
+
 def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
     (tmp_path / "blocks").mkdir()
     creation.box((1, 2, 3)).export(tmp_path / "blocks" / "brick.stl")
     creation.icosphere(subdivisions=2).export(tmp_path / "ball.obj")
-    out = tmp_path / "mine.jsonl"
+    out = tmp_path / "mine"
     made = packit("generate", "--library", tmp_path, *SMALL, "--out", out)
     assert made.returncode == 0, made.stderr
-    assert {i.shape for i in read_packs(out)[0].items} <= {"blocks/brick", "ball"}
+    assert {i.shape for i in read_packs(out / "packs.jsonl")[0].items} <= {"blocks/brick", "ball"}
     assert packit("verify", out, "--library", tmp_path).returncode == 0
 
 
@@ -132,7 +153,7 @@ def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
     ("arguments", "message"),
     [
         (["verify", "absent.jsonl"], "absent.jsonl: No such file"),
-        (["verify", "broken.jsonl"], "broken.jsonl, line 1: not JSON"),
+        (["evaluate", "broken.jsonl"], "broken.jsonl, line 1: not JSON"),
         (["evaluate", "absent.jsonl"], "absent.jsonl: No such file"),
         (
             ["evaluate", "starter", "--agent", "best/aligned/blbf"],
@@ -141,9 +162,9 @@ def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
         (["render", "broken.jsonl", "--out", "x.png"], "broken.jsonl, line 1"),
         (["shapes", "list", "--library", "nowhere"], "'nowhere'"),
         (["shapes", "list", "--category", "dragon"], "'dragon': choose from"),
-        (["generate", "--size", "1", "0.5", "--out", "x.jsonl"], "size_range = (1.0, 0.5)"),
-        (["generate", "--population", "9", "--out", "x.jsonl"], "population = 9"),
-        (["generate", "--library", "meshes", "--out", "x.jsonl"], "bad.stl"),
+        (["generate", "--size", "1", "0.5", "--out", "x"], "size_range = (1.0, 0.5)"),
+        (["generate", "--population", "9", "--out", "x"], "population = 9"),
+        (["generate", "--library", "meshes", "--out", "x"], "bad.stl"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_writes_nothing(arguments, message, tmp_path) -> None:
@@ -175,16 +196,23 @@ def test_a_picture_larger_than_can_be_drawn_is_refused(dataset, tmp_path) -> Non
     assert failed.returncode == 2 and "2048" in failed.stderr
 
 
-def test_a_dataset_is_only_replaced_when_asked_to(dataset) -> None:
-    before = dataset.read_bytes()
-    failed = packit("generate", *SMALL, "--out", dataset)
-    assert failed.returncode == 2 and "exists already" in failed.stderr
-    assert dataset.read_bytes() == before
+def test_a_dataset_is_never_replaced(dataset) -> None:
+    before = {path.name: path.read_bytes() for path in dataset.iterdir()}
+    failed = packit("generate", *SMALL, "--patience", "7", "--out", dataset)
+    assert failed.returncode == 2 and "other settings" in failed.stderr
+    assert {path.name: path.read_bytes() for path in dataset.iterdir()} == before
+
+
+def test_a_dataset_that_is_there_already_is_left_as_it_is(dataset) -> None:
+    before = (dataset / "packs.jsonl").read_bytes()
+    again = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", dataset)
+    assert again.returncode == 0 and "2 packs" in again.stdout
+    assert (dataset / "packs.jsonl").read_bytes() == before
 
 
 def test_where_nothing_can_be_written_it_says_so_before_it_works(tmp_path) -> None:
     (tmp_path / "file").write_text("in the way")
-    failed = packit("generate", "--out", tmp_path / "file" / "packs.jsonl")
+    failed = packit("generate", "--out", tmp_path / "file" / "packs")
     assert failed.returncode == 2 and "file" in failed.stderr
     assert failed.stderr.startswith("error: ") and failed.stderr.count("\n") == 1
 

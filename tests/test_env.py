@@ -410,8 +410,10 @@ def test_a_dataset_in_a_folder_is_opened_by_its_split(tasks, tmp_path) -> None:
         PackItEnv(tmp_path)
     with pytest.raises(ValueError, match="there is no 'validation'"):
         PackItEnv(tmp_path, split="validation")
-    with pytest.raises(ValueError, match="has no splits"):
+    with pytest.raises(ValueError, match="there is no 'train'"):
         PackItEnv("starter", split="train")
+    with pytest.raises(ValueError, match="has no splits"):
+        PackItEnv(tmp_path / "train.jsonl", split="train")
     with pytest.raises(ValueError, match="tasks have none"):
         PackItEnv(tasks, split="train")
 

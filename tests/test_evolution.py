@@ -1,23 +1,26 @@
+import dataclasses
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.box import Box
-from packit_sim.evolution import (
+from packit_sim.chromosomes import (
+    SEARCHES,
     Chromosome,
     EvolutionSettings,
-    Generation,
-    PackCreator,
     crossover,
-    draw_pool,
-    evolve,
     mutate,
     order_crossover,
-    select,
 )
+from packit_sim.evolution import Evolution, Generation, evolve
 from packit_sim.library import ShapeLibrary
+from packit_sim.pack_creator import PackCreator, draw_pool
 from packit_sim.packs import verify
+from packit_sim.parallel import Workers
+from packit_sim.searches import search_of, select
 from packit_sim.shapes import Item
 from tests.zoo import BALL, CUBE
 
@@ -96,10 +99,14 @@ def test_the_pool_is_drawn_by_category_first() -> None:
     library = ShapeLibrary.open("everyday")
     drawn = draw_pool(library, 3000, np.random.default_rng(0))
     counts = dict.fromkeys(library.categories, 0)
-    for shape in drawn:
-        counts[shape.category] += 1
+    for id in drawn:
+        counts[library[id].category] += 1
     expected = 3000 / len(counts)
     assert all(abs(n - expected) < 6 * expected**0.5 for n in counts.values())
+
+
+def facts(evolution: Evolution) -> tuple:
+    return evolution.best, evolution.kept, evolution.densities, evolution.evaluated
 
 
 def test_evolution_is_repeatable_and_its_packs_hold() -> None:
@@ -107,7 +114,7 @@ def test_evolution_is_repeatable_and_its_packs_hold() -> None:
     seen: list[Generation] = []
     first = evolve(library, 7, SMALL, seen.append)
     again = evolve(library, 7, SMALL)
-    assert first == again
+    assert facts(first) == facts(again)
     assert evolve(library, 8, SMALL).best != first.best
     assert list(first.densities) == sorted(first.densities) and len(first.densities) == 5
     assert [g.number for g in seen] == [0, 1, 2, 3, 4]
@@ -150,6 +157,7 @@ def test_evolution_stops_when_it_gets_no_better() -> None:
         {"cells": (10, 10, 10)},
         {"generations": -1},
         {"patience": 0},
+        {"search": "annealing"},
     ],
 )
 def test_impossible_settings_are_refused_by_name(wrong) -> None:
@@ -167,3 +175,60 @@ def test_boxes_of_other_sizes_evolve_too() -> None:
     pack = evolve(library, 0, settings).best
     assert pack.cells == (60, 80, 40)
     assert isinstance(pack.replay(library), Box)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_workers_change_nothing(search) -> None:
+    library = ShapeLibrary.open("everyday")
+    settings = dataclasses.replace(SMALL, search=search)
+    alone = evolve(library, 5, settings)
+    with Workers(2) as workers:
+        assert facts(evolve(library, 5, settings, workers=workers)) == facts(alone)
+    assert alone.densities == sorted(alone.densities)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_what_was_written_down_goes_on_as_if_nothing_had_happened(search) -> None:
+    library = ShapeLibrary.open("everyday")
+    settings = dataclasses.replace(SMALL, search=search)
+    whole = evolve(library, 6, settings)
+    for stop in (0, 1, 3):
+        first = Evolution(library, 6, settings)
+        for _ in range(stop):
+            first.step()
+        second = Evolution(library, 6, settings)
+        second.restore(json.loads(json.dumps(first.to_json())))
+        while not second.is_over:
+            second.step()
+        assert facts(second) == facts(whole)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@given(seeds)
+def test_giving_up_on_hopeless_chromosomes_changes_nothing(search, seed) -> None:
+    """A search that is told 0 for what is below its threshold takes the same way."""
+    settings = dataclasses.replace(SMALL, population=12, elite=3, lucky=3, search=search)
+    searches = search_of(settings), search_of(settings)
+    rngs = np.random.default_rng(seed), np.random.default_rng(seed)
+    draws = np.random.default_rng(seed)
+    for _ in range(12):
+        asked, same = (s.ask(rng) for s, rng in zip(searches, rngs, strict=True))
+        assert [c.to_json() for c in asked] == [c.to_json() for c in same]
+        known = draws.random(len(asked)).tolist()
+        assert searches[0].threshold == searches[1].threshold
+        blurred = [d if d >= searches[1].threshold else 0.0 for d in known]
+        searches[0].tell(asked, known)
+        searches[1].tell(same, blurred)
+
+
+def test_hopeless_chromosomes_are_given_up_and_no_others() -> None:
+    library = ShapeLibrary.open("everyday")
+    ids = draw_pool(library, 10, np.random.default_rng(1))
+    creator = PackCreator([library[id] for id in ids], (0.5, 1.0, 2.0), (100, 100, 100))
+    settings = EvolutionSettings(pool=10, scales=(0.5, 1.0, 2.0))
+    rng = np.random.default_rng(2)
+    known = [(c, creator.density(c)) for c in (Chromosome.random(settings, rng) for _ in range(12))]
+    for chromosome, density in known:
+        assert creator.density(chromosome, density) == density
+        assert creator.density(chromosome, density + 1e-6) in (0.0, density)
+    assert any(creator.density(chromosome, density + 0.2) == 0 for chromosome, density in known)

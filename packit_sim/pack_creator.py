@@ -1,0 +1,68 @@
+"""The Pack Creator: packs a pool of shapes as a chromosome says (paper, section 3.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from packit_sim.box import Box
+from packit_sim.chromosomes import Chromosome
+from packit_sim.lattice import Triple
+from packit_sim.library import ShapeLibrary
+from packit_sim.shapes import Item, Shape
+
+_SLACK = 1e-9
+"""Rounding of sums of volumes."""
+
+
+def draw_pool(library: ShapeLibrary, count: int, rng: np.random.Generator) -> tuple[str, ...]:
+    """Ids of shapes of a uniform category, then a uniform shape of it; one may come more often."""
+    categories = list(library.categories.values())
+    drawn = []
+    for _ in range(count):
+        ids = categories[rng.integers(len(categories))]
+        drawn.append(ids[rng.integers(len(ids))])
+    return tuple(drawn)
+
+
+class PackCreator:
+    """Packs a pool of shapes: each in its turn at its bottom-left-back-fill location.
+
+    pool: the shapes. scales: to choose from, the pack's size factor included. box: reused.
+    """
+
+    def __init__(self, pool: Sequence[Shape], scales: Sequence[float], cells: Triple) -> None:
+        self.pool = pool
+        self.scales = scales
+        self.box = Box(cells)
+        self._volume = float(self.box.size.prod())
+        self._item = cache(lambda n, scale, rotation: Item(pool[n], scales[scale], rotation))
+
+    def pack(self, chromosome: Chromosome) -> Box:
+        """The box with every item that has a feasible location when its turn comes."""
+        self.density(chromosome)
+        return self.box
+
+    def density(self, chromosome: Chromosome, threshold: float = 0.0) -> float:
+        """The density of that box, or 0 where it turned out to be below the threshold.
+
+        It is given up as soon as even all items that are left could not lift it there.
+        """
+        self.box.clear()
+        genes = zip(
+            chromosome.order.tolist(),
+            chromosome.scales[chromosome.order].tolist(),
+            chromosome.rotations[chromosome.order].tolist(),
+            strict=True,
+        )
+        items = [self._item(*gene) for gene in genes]
+        possible = sum(item.volume for item in items)
+        wanted = threshold * self._volume - _SLACK
+        for item in items:
+            if self.box.fill(item) is None:
+                possible -= item.volume
+                if possible < wanted:
+                    return 0.0
+        return self.box.density

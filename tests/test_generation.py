@@ -1,0 +1,263 @@
+"""Generation: stopped at any moment it goes on, loses little, and ends in the same packs."""
+
+import errno
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from packit_sim import generation
+from packit_sim.chromosomes import EvolutionSettings
+from packit_sim.generation import GenerationError, Order, checkpoint, generate, work_folder
+from packit_sim.library import ShapeLibrary
+from packit_sim.packs import Pack, load_tasks, read_packs, verify
+from packit_sim.parallel import Workers, WorkersError
+
+SMALL = EvolutionSettings(
+    pool=8, population=8, elite=2, lucky=2, generations=6, keep_every=2, size_range=(0.6, 0.8)
+)
+
+
+@pytest.fixture(scope="module")
+def library() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday").split("train")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(library, tmp_path_factory) -> list[Pack]:
+    return generate(
+        Order(library, 3, 40, "train", settings=SMALL), tmp_path_factory.mktemp("g") / "train.jsonl"
+    )
+
+
+def order(library: ShapeLibrary, packs: int = 3, **changes: object) -> Order:
+    return Order(library, packs, **{"seed": 40, "split": "train", "settings": SMALL, **changes})
+
+
+def test_a_dataset_holds_its_packs_by_seed_and_nothing_else_is_left(
+    library, undisturbed, tmp_path
+) -> None:
+    seen = []
+    with Workers(2) as workers:
+        made = generate(
+            order(library), tmp_path / "train.jsonl", workers, lambda *told: seen.append(told)
+        )
+    assert made == undisturbed == read_packs(tmp_path / "train.jsonl")
+    assert [pack.made["seed"] for pack in made] == [40, 41, 42]
+    assert sorted(number for number, _ in seen) == [0, 1, 2]
+    assert all(verify(pack, library) == [] for pack in made)
+    assert {item.shape for pack in made for item in pack.items} <= set(library.ids)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["train.jsonl", "train.manifest.json"]
+    tasks = load_tasks(tmp_path, ShapeLibrary.open("everyday"), "train")
+    assert [task.pack for task in tasks] == made
+
+
+def test_more_packs_are_added_to_those_there_are(library, undisturbed, tmp_path) -> None:
+    file = tmp_path / "train.jsonl"
+    assert generate(order(library, 1), file) == undisturbed[:1]
+    fresh = []
+    assert generate(order(library, 3), file, None, lambda n, _: fresh.append(n)) == undisturbed
+    assert fresh == [1, 2]
+
+
+def test_the_way_can_be_kept(library, tmp_path) -> None:
+    packs = generate(order(library, 2, history=True), tmp_path / "train.jsonl")
+    assert [(pack.made["seed"], pack.made["after"]) for pack in packs] == [
+        (seed, after) for seed in (40, 41) for after in (0, 2, 4, 6)
+    ]
+    assert all(pack.made["generation"] <= pack.made["after"] for pack in packs)
+    with pytest.raises(GenerationError, match="other settings"):
+        generate(order(library, 2), tmp_path / "train.jsonl")
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from packit_sim import generation
+from packit_sim.library import ShapeLibrary
+from tests.test_generation import SMALL, order
+generation.CHECKPOINT_SECONDS = 0.0
+print("ready", flush=True)
+generation.generate(order(ShapeLibrary.open("everyday").split("train")), Path(sys.argv[1]))
+"""
+
+
+def killed_until_done(file: Path, moments: list[float]) -> int:
+    """Runs the generator, kills it after so many seconds of work, and again; at last lets it end.
+
+    Returns how often it was killed at work.
+    """
+    kills = 0
+    for moment in [*moments, None]:
+        with subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, str(file)], stdout=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout and process.stdout.readline() == "ready\n"
+            try:
+                process.wait(timeout=moment or 200)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGKILL)
+                kills += 1
+        assert process.returncode in (0, -signal.SIGKILL)
+    return kills
+
+
+def test_a_killed_generator_goes_on_and_ends_in_the_same_packs(undisturbed, tmp_path) -> None:
+    file = tmp_path / "train.jsonl"
+    assert killed_until_done(file, [0.3, 0.9]) == 2
+    assert read_packs(file) == undisturbed
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "train.jsonl",
+        "train.manifest.json",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(20))
+def test_killed_at_any_moment(undisturbed, tmp_path, seed) -> None:
+    file = tmp_path / "train.jsonl"
+    draw = random.Random(seed)
+    assert killed_until_done(file, [draw.uniform(0, 2.5) for _ in range(3)]) >= 1
+    assert read_packs(file) == undisturbed
+
+
+def test_a_kill_loses_the_work_since_the_last_checkpoint_alone(
+    library, tmp_path, monkeypatch
+) -> None:
+    assert generation.CHECKPOINT_SECONDS <= 10
+    monkeypatch.setattr(generation, "CHECKPOINT_SECONDS", 0.0)
+    file = tmp_path / "train.jsonl"
+    steps = []
+    step = generation.Evolution.step
+
+    def counted(evolution, workers=None):
+        if len(steps) == 4:
+            raise KeyboardInterrupt
+        steps.append(evolution.seed)
+        return step(evolution, workers)
+
+    monkeypatch.setattr(generation.Evolution, "step", counted)
+    with pytest.raises(KeyboardInterrupt):
+        generate(order(library), file)
+    assert [p.generation for p in generation.under_way(file)] == [3]
+    steps[:] = [None] * 5
+    generate(order(library, 1), file)
+    assert steps[5:] == [40] * 3
+
+
+def test_a_worker_whose_generator_is_gone_stops(tmp_path) -> None:
+    """The command line's processes: the driver is killed, its workers end by themselves."""
+    command = [
+        *(sys.executable, "-m", "packit_sim", "generate", "--out", str(tmp_path), "--packs", "2"),
+        *("--pool", "30", "--generations", "400", "--workers", "2"),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        folder = work_folder(tmp_path / "packs.jsonl")
+        wait_for(lambda: len(list(folder.glob("0*.json"))) == 2)
+        workers = children(process.pid)
+        assert len(workers) >= 2
+        process.kill()
+    wait_for(lambda: not any(is_alive(pid) for pid in workers))
+
+
+def wait_for(holds, seconds: float = 90.0) -> None:
+    until = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < until
+        time.sleep(0.2)
+
+
+def children(pid: int) -> list[int]:
+    tasks = Path(f"/proc/{pid}/task")
+    return [
+        int(child) for task in tasks.iterdir() for child in (task / "children").read_text().split()
+    ]
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return "\tZ" not in Path(f"/proc/{pid}/status").read_text().replace("State:\tZ", "\tZ")
+    except OSError:
+        return False
+
+
+def test_two_generators_refuse_each_other(library, tmp_path) -> None:
+    file = tmp_path / "train.jsonl"
+
+    def second(number: int, pack: Pack) -> None:
+        with pytest.raises(GenerationError, match=f"process {os.getpid()} is at work there"):
+            generate(order(library), file)
+
+    generate(order(library, 1), file, None, second)
+
+
+def test_a_full_disk_stops_it_and_loses_nothing(
+    library, undisturbed, tmp_path, monkeypatch
+) -> None:
+    file = tmp_path / "train.jsonl"
+    generate(order(library, 1), file)
+    written = []
+
+    def full(handle: int) -> None:
+        written.append(handle)
+        if len(written) > 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            generate(order(library), file)
+    assert read_packs(file, manifest=False)[:1] == undisturbed[:1]
+    assert generate(order(library), file) == undisturbed
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "train.jsonl",
+        "train.manifest.json",
+    ]
+
+
+def test_a_damaged_checkpoint_begins_its_pack_anew(library, undisturbed, tmp_path) -> None:
+    file = tmp_path / "train.jsonl"
+    folder = work_folder(file)
+    folder.mkdir()
+    checkpoint(folder, 0).write_text('{"seed": 40, "setti')
+    checkpoint(folder, 1).write_bytes(b"\0" * 100)
+    assert generate(order(library), file) == undisturbed
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"seed": 41}, "seed was 40, now 41"),
+        ({"split": None}, "split was 'train', now None"),
+        ({"history": True}, "history was False"),
+        ({"settings": EvolutionSettings(pool=9)}, "settings was"),
+    ],
+)
+def test_an_order_that_differs_does_not_go_on(library, tmp_path, changes, named) -> None:
+    file = tmp_path / "train.jsonl"
+    folder = work_folder(file)
+    folder.mkdir()
+    (folder / "order.json").write_text(json.dumps(order(library).to_json()))
+    with pytest.raises(GenerationError, match=named):
+        generate(order(library, **changes), file)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"backend": "threads"}, "choose from loky, ray"),
+        ({"count": -1}, "choose 1 or more"),
+        ({"address": "10.0.0.1:6379"}, "choose backend ray"),
+    ],
+)
+def test_workers_that_cannot_be_are_refused(settings, message) -> None:
+    with pytest.raises(WorkersError, match=message):
+        Workers(**settings)
