@@ -168,8 +168,12 @@ def generate_command(
         raise PackItError(str(error)) from None
     order = Order(opened.split(split) if split else opened, packs, seed, split, history, settings)
     file = out / f"{split or WHOLE}.jsonl"
-    with Workers(workers, backend, address) as hands, _generation_shown(order, file) as on_pack:
-        made = generate(order, file, hands, on_pack)
+    try:
+        with Workers(workers, backend, address) as hands, _generation_shown(order, file) as shown:
+            made = generate(order, file, hands, shown)
+    except KeyboardInterrupt:
+        console.print("stopped: the same command goes on from here")
+        raise typer.Exit(130) from None
     console.print(f"wrote {file}: {len(made)} packs")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
@@ -110,7 +111,7 @@ class Evolution:
         """Where it stands, for `restore`: JSON's types, and floats keep every bit."""
         return {
             "seed": self.seed,
-            "settings": asdict(self.settings),
+            "settings": json.loads(json.dumps(asdict(self.settings))),
             "random": self._rng.bit_generator.state,
             "search": self._search.to_json(),
             "stale": self._stale,
@@ -121,7 +122,13 @@ class Evolution:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `to_json` gave for the same library, seed and settings."""
+        """Goes on from what `to_json` gave for the same library, seed and settings.
+
+        Raises ValueError where it is of another seed or other settings.
+        """
+        for name, ours in (("seed", self.seed), ("settings", self.to_json()["settings"])):
+            if state[name] != ours:
+                raise ValueError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
         self._rng.bit_generator.state = state["random"]
         self._search.restore(state["search"])
         self._stale, self.evaluated = state["stale"], state["evaluated"]

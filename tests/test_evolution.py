@@ -232,3 +232,13 @@ def test_hopeless_chromosomes_are_given_up_and_no_others() -> None:
         assert creator.density(chromosome, density) == density
         assert creator.density(chromosome, density + 1e-6) in (0.0, density)
     assert any(creator.density(chromosome, density + 0.2) == 0 for chromosome, density in known)
+
+
+def test_what_was_written_down_of_another_evolution_is_refused() -> None:
+    library = ShapeLibrary.open("everyday")
+    state = json.loads(json.dumps(Evolution(library, 6, SMALL).to_json()))
+    with pytest.raises(ValueError, match="seed was 6, now 7"):
+        Evolution(library, 7, SMALL).restore(state)
+    other = dataclasses.replace(SMALL, size_range=(0.5, 0.6))
+    with pytest.raises(ValueError, match="settings was"):
+        Evolution(library, 6, other).restore(state)
