@@ -54,7 +54,7 @@ HEURISTICS = tuple(
 )
 """Every combination of the paper's heuristics."""
 
-DEMO_SEED = 4
+DEMO_SEED = 7
 """Of a pool with few slender things in it, so that the demo's box gets full."""
 
 DEMO_SIZE = (0.65, 0.65)

@@ -22,10 +22,20 @@ def tasks() -> tuple[Task, ...]:
     return load_tasks("starter", ShapeLibrary.open("everyday"))
 
 
-@pytest.mark.filterwarnings("error")
-def test_gymnasiums_checker_is_content() -> None:
-    env = gym.make("PackIt-v0", max_shapes=40, render_mode="rgb_array")
-    check_env(env.unwrapped)
+@pytest.mark.parametrize(
+    ("env_id", "settings"),
+    [
+        ("PackIt-v0", {"render_mode": "rgb_array"}),
+        ("PackIt-v0", {"observation": "features", "rotation": "aligned", "location": "blbf"}),
+        ("PackIt-v0", {"observation": "none", "kinematic": True, "order": "cycle"}),
+        ("PackItEasy-v0", {"observation": "features"}),
+        ("PackItEasy-v0", {"observation": "none", "location": "blbf"}),
+    ],
+)
+def test_gymnasiums_checker_is_content(env_id, settings) -> None:
+    """Warnings are errors."""
+    env = gym.make(env_id, max_shapes=40, **settings)
+    check_env(env.unwrapped, skip_render_check="render_mode" not in settings)
     env.close()
 
 
