@@ -62,12 +62,12 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     one with a random generator; or "fresh": made on the fly (see `sampler.TaskSampler`). library:
     name, path or open library, of the shapes of a dataset or of fresh tasks. split: of the dataset,
     or of the library for fresh tasks. order: "random" draws a task at each reset, "cycle" takes
-    them in turn. cells: the box's, an axis; by default those of the tasks. easy: PackIt-Easy's
-    order of sub-tasks. kinematic: whether an item can stand only where it comes straight down from
-    the open top (see `lifting`). shape, rotation, location: a policy or its name, where that
-    sub-task is not the agent's; then it is no step, and the action space holds what the others
-    need. observation: "voxels", "features" or "none" (see `observations`). max_shapes: the most
-    items that a task may have.
+    them in turn, whatever the seed. cells: the box's, an axis; by default those of the tasks. easy:
+    PackIt-Easy's order of sub-tasks. kinematic: whether an item can stand only where it comes
+    straight down from the open top (see `lifting`). shape, rotation, location: a policy or its
+    name, where that sub-task is not the agent's; then it is no step, and the action space holds
+    what the others need. observation: "voxels", "features" or "none" (see `observations`).
+    max_shapes: the most items that a task may have.
     render_mode: "rgb_array", for `render()`, or "human", for a page that shows the box as it fills.
 
     The reward is the placed volume over the volume of the task's items. info tells "task" (its

@@ -27,7 +27,7 @@ def tasks() -> tuple[Task, ...]:
     [
         ("PackIt-v0", {"render_mode": "rgb_array"}),
         ("PackIt-v0", {"observation": "features", "rotation": "aligned", "location": "blbf"}),
-        ("PackIt-v0", {"observation": "none", "kinematic": True, "order": "cycle"}),
+        ("PackIt-v0", {"observation": "none", "kinematic": True}),
         ("PackItEasy-v0", {"observation": "features"}),
         ("PackItEasy-v0", {"observation": "none", "location": "blbf"}),
     ],
