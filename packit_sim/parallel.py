@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from types import TracebackType
 from typing import Any, Literal, TypeVar, get_args
 
@@ -58,12 +60,19 @@ class Workers:
     def as_done(
         self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]
     ) -> Iterator[_T]:
-        """The same as they are done, in any order; no more than one a worker is begun ahead."""
+        """The same as they are done, in any order; no more than one a worker is begun ahead.
+
+        On a Ray cluster they come in rounds, one a worker: joblib knows no other way there.
+        """
+        if self._settings["backend"] == "ray":
+            rest = iter(arguments)
+            while together := list(islice(rest, self.count)):
+                yield from self.map(function, together)
+            return
         parallel = joblib.Parallel(
             self.count, return_as="generator_unordered", pre_dispatch="n_jobs", **self._settings
         )
-        done: Iterator[_T] = parallel(joblib.delayed(function)(*each) for each in arguments)
-        return done
+        yield from parallel(joblib.delayed(function)(*each) for each in arguments)
 
     def __enter__(self) -> Workers:
         return self
@@ -88,5 +97,5 @@ def _join_cluster(address: str | None) -> None:
             "the backend ray is not installed: pip install 'packit-sim[cluster]'"
         ) from error
     if not ray.is_initialized():
-        ray.init(address=address, logging_level="ERROR", log_to_driver=False)
+        ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
     register_ray()
