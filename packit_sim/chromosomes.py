@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +76,11 @@ class EvolutionSettings:
                     f"evolution setting {name} = {getattr(self, name)!r} is not possible"
                 )
         box_cells(self.cells)
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings in JSON's types."""
+        fields: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return fields
 
     @property
     def survivors(self) -> int:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.env import PackItEnv
 from packit_sim.episode import End, Episode
 from packit_sim.observations import Observation
 from packit_sim.packs import Pack, Task
 from packit_sim.policies import Agent
-from packit_sim.vector import PackItVectorEnv
+
+if TYPE_CHECKING:
+    from packit_sim.env import PackItEnv
+    from packit_sim.vector import PackItVectorEnv
 
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from packit_sim.chromosomes import Chromosome, EvolutionSettings
-from packit_sim.lattice import Triple
 from packit_sim.library import ShapeLibrary
-from packit_sim.pack_creator import PackCreator, draw_pool
+from packit_sim.pack_creator import PackCreator, Recipe
 from packit_sim.packs import LibraryRef, Pack
 from packit_sim.parallel import Workers
 from packit_sim.searches import search_of
@@ -35,20 +33,6 @@ class Generation:
     pack: Pack
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What a Pack Creator is made of, here or in another process. scales: with the size factor."""
-
-    pool: tuple[str, ...]
-    scales: tuple[float, ...]
-    cells: Triple
-    digest: str
-    library: ShapeLibrary = field(compare=False)
-
-    def creator(self) -> PackCreator:
-        return PackCreator([self.library[id] for id in self.pool], self.scales, self.cells)
-
-
 class Evolution:
     """The evolution of one pack, generation by generation.
 
@@ -64,10 +48,7 @@ class Evolution:
         self.settings = settings or EvolutionSettings()
         self.seed = seed
         self._rng = np.random.default_rng(seed)
-        pool = draw_pool(library, self.settings.pool, self._rng)
-        self.size = float(self._rng.uniform(*self.settings.size_range))
-        scales = tuple(scale * self.size**3 for scale in self.settings.scales)
-        self._recipe = Recipe(pool, scales, self.settings.cells, library.digest, library)
+        self._recipe = Recipe.drawn(library, self.settings, self._rng)
         self._search = search_of(self.settings)
         self._stale = 0
         self.evaluated = 0
@@ -111,7 +92,7 @@ class Evolution:
         """Where it stands, for `restore`: JSON's types, and floats keep every bit."""
         return {
             "seed": self.seed,
-            "settings": json.loads(json.dumps(asdict(self.settings))),
+            "settings": self.settings.to_json(),
             "random": self._rng.bit_generator.state,
             "search": self._search.to_json(),
             "stale": self._stale,
@@ -126,7 +107,7 @@ class Evolution:
 
         Raises ValueError where it is of another seed or other settings.
         """
-        for name, ours in (("seed", self.seed), ("settings", self.to_json()["settings"])):
+        for name, ours in (("seed", self.seed), ("settings", self.settings.to_json())):
             if state[name] != ours:
                 raise ValueError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
         self._rng.bit_generator.state = state["random"]
@@ -155,8 +136,8 @@ class Evolution:
             by="evolution",
             seed=self.seed,
             generation=number,
-            size=self.size,
-            settings=asdict(self.settings),
+            size=self._recipe.size,
+            settings=self.settings.to_json(),
         )
 
 

@@ -56,7 +56,7 @@ class Order:
             "split": self.split,
             "seed": self.seed,
             "history": self.history,
-            "settings": json.loads(json.dumps(asdict(self.settings))),
+            "settings": self.settings.to_json(),
         }
 
 
@@ -81,7 +81,6 @@ def generate(
     the same with any number of workers. Raises GenerationError where another process is at it, and
     where what is there was made with other settings.
     """
-    _finished(order, file)  # before anything is written
     folder = work_folder(file)
     with _locked(folder):
         for half_written in file.parent.glob(f".{file.name}.*"):
@@ -89,17 +88,17 @@ def generate(
         done = _finished(order, file)
         _check_order(order, folder / "order.json")
         if done:
-            _write(file, done)
+            write_packs(file, _in_order(done))
         missing = [n for n in range(order.packs) if order.seed + n not in done]
         jobs = ((order, folder, number, os.getpid()) for number in missing)
         made = starmap(_made, jobs) if workers is None else workers.as_done(_made, jobs)
         for number, packs in made:
             done[order.seed + number] = packs
-            _write(file, done)
+            write_packs(file, _in_order(done))
             checkpoint(folder, number).unlink(missing_ok=True)
             on_pack(number, packs[-1])
         shutil.rmtree(folder)
-    return [pack for seed in sorted(done) for pack in done[seed]]
+    return _in_order(done)
 
 
 def work_folder(file: Path) -> Path:
@@ -144,8 +143,8 @@ def _made(order: Order, folder: Path, number: int, driver: int) -> tuple[int, li
     return number, packs
 
 
-def _write(file: Path, done: dict[int, list[Pack]]) -> None:
-    write_packs(file, [pack for seed in sorted(done) for pack in done[seed]])
+def _in_order(done: dict[int, list[Pack]]) -> list[Pack]:
+    return [pack for seed in sorted(done) for pack in done[seed]]
 
 
 def _read(path: Path) -> dict[str, Any] | None:

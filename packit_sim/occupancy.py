@@ -60,14 +60,18 @@ class Stack:
         self.array = np.empty((64, *like.shape[1:]), dtype=like.dtype)
         self.count = 0
 
-    def push(self, rows: npt.NDArray[Any]) -> None:
-        count = self.count + len(rows)
+    def reserve(self, rows: int) -> None:
+        """Makes room for so many more."""
+        count = self.count + rows
         if count > len(self.array):
             grown = np.empty((2 * count, *self.array.shape[1:]), dtype=self.array.dtype)
             grown[: self.count] = self.array[: self.count]
             self.array = grown
-        self.array[self.count : count] = rows
-        self.count = count
+
+    def push(self, rows: npt.NDArray[Any]) -> None:
+        self.reserve(len(rows))
+        self.array[self.count : self.count + len(rows)] = rows
+        self.count += len(rows)
 
 
 class Occupancy:
@@ -88,8 +92,7 @@ class Occupancy:
         count = math.prod(grid_nodes(cells))
         self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
         self.page = np.full(count, _NO_PAGE, dtype=np.int32)
-        self.fine: Words = np.empty((0, 64, 2), dtype=np.uint64)
-        self._pages = 0
+        self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64))
         self._placed: list[Placed] = []
         self._spans = Stack(np.empty((0, 6), dtype=np.int64))
         self._starts = Stack(np.empty((0, 3), dtype=np.int64))
@@ -102,6 +105,10 @@ class Occupancy:
     @property
     def placed(self) -> tuple[Placed, ...]:
         return tuple(self._placed)
+
+    @property
+    def fine(self) -> Words:
+        return self._pages.array
 
     @property
     def spans(self) -> npt.NDArray[np.int64]:
@@ -125,24 +132,20 @@ class Occupancy:
     def add(self, placed: Placed) -> None:
         """Fills the cells of an item. Whether it is feasible there was checked before."""
         voxels = placed.item.voxels
-        if self._pages + len(voxels.bricks) > len(self.fine):
-            room = max(2 * len(self.fine), self._pages + len(voxels.bricks))
-            grown = np.empty((room, 64, 2), dtype=np.uint64)
-            grown[: self._pages] = self.fine[: self._pages]
-            self.fine = grown
+        self._pages.reserve(len(voxels.bricks))
         pages, words, shared = _fill(
             self.bricks,
             self.page,
             self.fine,
-            self._pages,
+            self._pages.count,
             *self._brick_numbers(placed),
             voxels.outer,
             voxels.inner,
             voxels.first,
             voxels.fine,
         )
-        self._before.append((self._pages, words, shared))
-        self._pages = pages
+        self._before.append((self._pages.count, words, shared))
+        self._pages.count = pages
         number, outer, _, _, fine = self._hosts
         self._starts.push(np.array([(number.count, outer.count, fine.count)]))
         extent = np.array(voxels.number.shape) - 1
@@ -171,17 +174,17 @@ class Occupancy:
         if count == 0:
             self.bricks.fill(0)
             self.page.fill(_NO_PAGE)
-            self._pages = 0
+            self._pages.count = 0
             self._placed.clear()
             self._before.clear()
         while len(self._placed) > count:
             gone = self._placed.pop()
-            self._pages, words, shared = self._before.pop()
+            self._pages.count, words, shared = self._before.pop()
             _unfill(
                 self.bricks,
                 self.page,
                 self.fine,
-                self._pages,
+                self._pages.count,
                 *self._brick_numbers(gone),
                 words,
                 shared,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 
 from packit_sim.box import Box
-from packit_sim.chromosomes import Chromosome
+from packit_sim.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.lattice import Triple
 from packit_sim.library import ShapeLibrary
 from packit_sim.shapes import Item, Shape
@@ -25,6 +26,36 @@ def draw_pool(library: ShapeLibrary, count: int, rng: np.random.Generator) -> tu
         ids = categories[rng.integers(len(categories))]
         drawn.append(ids[rng.integers(len(ids))])
     return tuple(drawn)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a Pack Creator is made of, here or in another process.
+
+    pool: ids of shapes of the library, which `digest` tells from others. size: one linear factor on
+    all items. scales: ratios of volumes to choose from, without it. cells: the box's, an axis.
+    """
+
+    pool: tuple[str, ...]
+    size: float
+    scales: tuple[float, ...]
+    cells: Triple
+    digest: str
+    library: ShapeLibrary = field(compare=False)
+
+    @classmethod
+    def drawn(
+        cls, library: ShapeLibrary, settings: EvolutionSettings, rng: np.random.Generator
+    ) -> Recipe:
+        """A pool and a size by chance."""
+        pool = draw_pool(library, settings.pool, rng)
+        size = float(rng.uniform(*settings.size_range))
+        return cls(pool, size, settings.scales, settings.cells, library.digest, library)
+
+    def creator(self) -> PackCreator:
+        """Raises what loading a shape does."""
+        scales = [scale * self.size**3 for scale in self.scales]
+        return PackCreator([self.library[id] for id in self.pool], scales, self.cells)
 
 
 class PackCreator:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
-from types import TracebackType
 from typing import Any, Literal, TypeVar, get_args
 
 import joblib
@@ -77,14 +76,9 @@ class Workers:
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self._parallel is not None:
-            self._parallel.__exit__(kind, error, traceback)
+            self._parallel.__exit__(*raised)
             self._parallel = None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from packit_sim.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.library import ShapeLibrary
-from packit_sim.pack_creator import PackCreator, draw_pool
+from packit_sim.pack_creator import Recipe
 from packit_sim.packs import LibraryRef, Pack, Task
 
 
@@ -27,11 +27,8 @@ class TaskSampler:
     def __call__(self, rng: np.random.Generator) -> Task:
         """The next task that the generator's numbers lead to; never one without items."""
         while True:
-            pool = draw_pool(self.library, self.settings.pool, rng)
-            size = float(rng.uniform(*self.settings.size_range))
-            scales = [s * size**3 for s in self.settings.scales]
-            creator = PackCreator([self.library[id] for id in pool], scales, self.settings.cells)
-            box = creator.pack(Chromosome.random(self.settings, rng))
+            recipe = Recipe.drawn(self.library, self.settings, rng)
+            box = recipe.creator().pack(Chromosome.random(self.settings, rng))
             if box.placed:
-                pack = Pack.of(box, LibraryRef.of(self.library), by="random chromosome", size=size)
-                return pack.task(self.library)
+                made = {"by": "random chromosome", "size": recipe.size}
+                return Pack.of(box, LibraryRef.of(self.library), **made).task(self.library)
