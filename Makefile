@@ -35,14 +35,16 @@ demo: $(STAMP) ## evolve a pack, take it apart, pack it again, draw it
 test: $(STAMP) ## the quick tests
 	@$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-test-all: $(STAMP) ## the slow tests too; MASKS=2000 SEED=1: so many full masks against the oracle
+test-all: ## the slow tests too; MASKS=2000 SEED=1: so many full masks against the oracle
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,cluster
 	@$(PYTEST) --masks $(MASKS) --seed $(SEED) $(PYTEST_ARGS)
 
 bench: ## every benchmark, one after the other
-	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench,cluster
 	@$(BIN)/python -m benchmarks.placement
 	@$(BIN)/python -m benchmarks.library
 	@$(BIN)/python -m benchmarks.env
+	@$(BIN)/python -m benchmarks.cluster
 
 lint: $(STAMP) ## ruff: rules and format
 	@$(BIN)/ruff check

@@ -29,6 +29,9 @@ from packit_sim.parallel import Workers
 CHECKPOINT_SECONDS = 5.0
 """Work that a kill can lose, and the time of a generation."""
 
+ORDER = "order.json"
+"""What a folder of checkpoints was begun with."""
+
 
 class GenerationError(PackItError):
     """A dataset that can't be made, or gone on with, as it was asked for."""
@@ -77,20 +80,22 @@ def generate(
 ) -> list[Pack]:
     """Makes a dataset, or what is missing of it, and returns it in the order of seeds.
 
-    on_pack is called with the number and the best pack of each evolution that ends. The packs are
-    the same with any number of workers. Raises GenerationError where another process is at it, and
-    where what is there was made with other settings.
+    on_pack is called with the number and the best pack of each evolution that ends, once. The packs
+    are the same with any number of workers. On a cluster the lost machine's packs go on elsewhere,
+    from their checkpoints where its machines share the file's folder, or else anew. Raises
+    GenerationError where another process is at it, and where what is there was made with other
+    settings; WorkersError where workers are lost for good.
     """
     folder = work_folder(file)
     with _locked(folder):
         for half_written in file.parent.glob(f".{file.name}.*"):
             half_written.unlink()
         done = _finished(order, file)
-        _check_order(order, folder / "order.json")
+        _check_order(order, folder / ORDER)
         if done:
             write_packs(file, _in_order(done))
         missing = [n for n in range(order.packs) if order.seed + n not in done]
-        jobs = ((order, folder, number, os.getpid()) for number in missing)
+        jobs = ((order, order.to_json(), folder.absolute(), n, os.getpid()) for n in missing)
         made = starmap(_made, jobs) if workers is None else workers.as_done(_made, jobs)
         for number, packs in made:
             done[order.seed + number] = packs
@@ -122,12 +127,24 @@ def under_way(file: Path) -> list[Progress]:
     return found
 
 
-def _made(order: Order, folder: Path, number: int, driver: int) -> tuple[int, list[Pack]]:
-    """Evolves a pack, from its checkpoint if it has one, to the end."""
+def _made(
+    order: Order, wanted: dict[str, Any], folder: Path, number: int, driver: int
+) -> tuple[int, list[Pack]]:
+    """Evolves a pack, from its checkpoint if it has one, to the end.
+
+    Checkpoints are kept where the folder is that of the order wanted: a machine of a cluster may
+    not share it. Raises GenerationError where the library here is not the one that is wanted.
+    """
+    if order.to_json() != wanted:
+        raise GenerationError(
+            f"{order.library.path}: not the library of the order: its digest is "
+            f"{order.library.digest:.12}, and should be {wanted['library']['digest']:.12}"
+        )
     ours = os.getppid() == driver
+    keeps = _read(folder / ORDER) == wanted
     path = checkpoint(folder, number)
     evolution = Evolution(order.library, order.seed + number, order.settings)
-    state = _read(path)
+    state = _read(path) if keeps else None
     if state:
         evolution.restore(state)
     written = time.monotonic()
@@ -136,8 +153,8 @@ def _made(order: Order, folder: Path, number: int, driver: int) -> tuple[int, li
         if evolution.is_over or time.monotonic() - written > CHECKPOINT_SECONDS:
             if ours and os.getppid() != driver:
                 os._exit(1)  # nobody waits for this worker any more
-            folder.mkdir(exist_ok=True)
-            replace_text(path, json.dumps(evolution.to_json()))
+            if keeps:
+                replace_text(path, json.dumps(evolution.to_json()))
             written = time.monotonic()
     packs = evolution.kept if order.history else [evolution.best]
     return number, packs
@@ -148,10 +165,10 @@ def _in_order(done: dict[int, list[Pack]]) -> list[Pack]:
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """A checkpoint; None where there is none, or one that a failing disk has damaged."""
+    """A checkpoint; None where there is none to be had, or a failing disk has damaged it."""
     try:
         state: dict[str, Any] = json.loads(path.read_text())
-    except (FileNotFoundError, ValueError):
+    except (OSError, ValueError):
         return None
     return state
 

@@ -130,7 +130,13 @@ class ShapeLibrary:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _reopened, (self.source.locator, self.source.seed, self._split)
+        """How to open it in any folder, and if it is built in, wherever PackIt-Sim is installed."""
+        if self.path.parent == assets_folder():
+            locator = self.path.name
+        else:
+            scheme = self.source.locator.removesuffix(str(self.path))
+            locator = f"{scheme}{self.path.absolute()}"
+        return _reopened, (locator, self.source.seed, self._split)
 
     def _require(self, id: str) -> None:
         if id in self._ids:

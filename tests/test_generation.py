@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import pickle
 import random
 import signal
 import subprocess
@@ -11,9 +12,12 @@ import time
 from pathlib import Path
 
 import pytest
+import trimesh
 
+import packit_sim.library
 from packit_sim import generation
 from packit_sim.chromosomes import EvolutionSettings
+from packit_sim.errors import LibraryError
 from packit_sim.generation import GenerationError, Order, checkpoint, generate, work_folder
 from packit_sim.library import ShapeLibrary
 from packit_sim.packs import Pack, load_tasks, read_packs, verify
@@ -248,6 +252,67 @@ def test_an_order_that_differs_does_not_go_on(library, tmp_path, changes, named)
     (folder / "order.json").write_text(json.dumps(order(library).to_json()))
     with pytest.raises(GenerationError, match=named):
         generate(order(library, **changes), file)
+
+
+def test_a_machine_without_our_folder_keeps_no_checkpoints(
+    library, undisturbed, tmp_path, monkeypatch
+) -> None:
+    """That of a cluster without a shared folder: the path may hold nothing, or another's files."""
+    monkeypatch.setattr(generation, "CHECKPOINT_SECONDS", 0.0)
+    wanted = order(library)
+    anothers = tmp_path / "anothers"
+    anothers.mkdir()
+    (anothers / "order.json").write_text(json.dumps({**wanted.to_json(), "seed": 7}))
+    checkpoint(anothers, 1).write_text("{}")
+    for folder in (tmp_path / "no" / "such" / "folder", anothers, Path("/proc/no/folder")):
+        made = generation._made(wanted, wanted.to_json(), folder, 1, os.getpid())
+        assert made == (1, undisturbed[1:2])
+    assert checkpoint(anothers, 1).read_text() == "{}"
+    assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
+
+
+def test_a_machine_with_another_library_makes_no_packs(library, tmp_path) -> None:
+    wanted = order(library).to_json()
+    wanted["library"]["digest"] = "0123456789abcdef"
+    with pytest.raises(GenerationError, match="should be 0123456789ab"):
+        generation._made(order(library), wanted, tmp_path, 0, os.getpid())
+
+
+def test_a_library_that_travels_is_found_wherever_it_is_installed(
+    library, tmp_path, monkeypatch
+) -> None:
+    travelling = pickle.dumps(library)
+    (tmp_path / "everyday").symlink_to(library.path)
+    monkeypatch.setattr(packit_sim.library, "assets_folder", lambda: tmp_path)
+    arrived = pickle.loads(travelling)
+    assert arrived.path == tmp_path / "everyday" and arrived.ids == library.ids
+    assert len(pickle.dumps(order(arrived))) < 1000
+
+
+def test_a_library_at_a_path_travels_with_all_of_the_path(tmp_path, monkeypatch) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    trimesh.creation.box().export(folder / "box.stl")
+    monkeypatch.chdir(tmp_path)
+    travelling = pickle.dumps(ShapeLibrary.open("folder:mine"))
+    monkeypatch.chdir("/")
+    assert pickle.loads(travelling).ids == ("box",)
+    folder.rename(tmp_path / "gone")
+    with pytest.raises(LibraryError, match=f"no shape library 'folder:{folder}'"):
+        pickle.loads(travelling)
+
+
+def test_a_killed_worker_is_told_in_a_line() -> None:
+    with Workers(2) as workers:
+        for ask in (workers.map, lambda *jobs: list(workers.as_done(*jobs))):
+            with pytest.raises(WorkersError, match="the same command goes on from here"):
+                ask(os._exit, [(1,), (1,)])
+
+
+def test_without_ray_it_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(WorkersError, match=r"pip install 'packit-sim\[cluster\]'"):
+        Workers(backend="ray")
 
 
 @pytest.mark.parametrize(
