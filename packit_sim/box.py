@@ -13,7 +13,7 @@ from packit_sim.bits import Words
 from packit_sim.errors import InfeasibleError
 from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
 from packit_sim.occupancy import Occupancy, Placed
-from packit_sim.placement import Blockers, Mask
+from packit_sim.placement import ORIGIN, Blockers, Mask
 from packit_sim.shapes import Item
 from packit_sim.voxels import unpack
 
@@ -77,11 +77,15 @@ class Box:
         mask = placement.feasible(self._occupancy, item)
         return lifting.clear(self.placed, item, mask) if self.kinematic else mask
 
-    def blbf(self, item: Item) -> Triple | None:
-        """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere."""
+    def blbf(self, item: Item, start: Triple = ORIGIN) -> Triple | None:
+        """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere.
+
+        start: where the search may begin, because nothing before it is feasible: such as what was
+        found when less was in the box, since room that is gone never comes back.
+        """
         if self.kinematic:
             return placement.first(self.feasible(item))
-        return placement.blbf(self._occupancy, item)
+        return placement.blbf(self._occupancy, item, start)
 
     def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
         """Bool [rotation, x, y, z]: where the item can stand in each of the 24 rotations, exactly.
@@ -105,6 +109,13 @@ class Box:
         turned = (item.turned(n) for n in range(rotations.COUNT))
         return np.array([self._can_stand(Placed(item, node)) for item in turned])
 
+    def is_feasible(self, item: Item, location: Sequence[int]) -> bool:
+        """Whether the item can stand at a location, exactly: the mask's value there.
+
+        Raises InfeasibleError where the location is no node of the grid.
+        """
+        return self._can_stand(Placed(item, placement.checked_location(self.cells, location)))
+
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Which walls and which placed items, by number, keep an item from a location.
 
@@ -121,9 +132,12 @@ class Box:
         self._occupancy.add(placed)
         return placed
 
-    def fill(self, item: Item) -> Placed | None:
-        """Places an item at its bottom-left-back-fill location; None where it fits nowhere."""
-        location = self.blbf(item)
+    def fill(self, item: Item, start: Triple = ORIGIN) -> Placed | None:
+        """Places an item at its bottom-left-back-fill location; None where it fits nowhere.
+
+        start: as of `blbf`.
+        """
+        location = self.blbf(item, start)
         if location is None:
             return None
         placed = Placed(item, location)

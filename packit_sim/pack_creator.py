@@ -12,6 +12,7 @@ from packit_sim.box import Box
 from packit_sim.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.lattice import Triple
 from packit_sim.library import ShapeLibrary
+from packit_sim.placement import ORIGIN
 from packit_sim.shapes import Item, Shape
 
 _SLACK = 1e-9
@@ -77,9 +78,11 @@ class PackCreator:
         return self.box
 
     def density(self, chromosome: Chromosome, threshold: float = 0.0) -> float:
-        """The density of that box, or 0 where it turned out to be below the threshold.
+        """The density of that box, or 0 where it is below the threshold.
 
-        It is given up as soon as even all items that are left could not lift it there.
+        It is given up as soon as even all items that are left could not lift it there. Room that is
+        gone never comes back: so the largest of them is asked early whether there is room for it,
+        and where it was found to have some its search goes on when its turn comes.
         """
         self.box.clear()
         genes = zip(
@@ -89,11 +92,25 @@ class PackCreator:
             strict=True,
         )
         items = [self._item(*gene) for gene in genes]
+        starts: list[Triple | None] = [ORIGIN] * len(items)
+        by_volume = sorted(range(len(items)), key=lambda n: items[n].volume)
+        waiting = by_volume if threshold > 0 else []
         possible = sum(item.volume for item in items)
         wanted = threshold * self._volume - _SLACK
-        for item in items:
-            if self.box.fill(item) is None:
+        for n, item in enumerate(items):
+            start = starts[n]
+            if start is None:
+                continue
+            if self.box.fill(item, start) is None:
                 possible -= item.volume
-                if possible < wanted:
-                    return 0.0
+            while waiting and possible >= wanted:
+                largest = waiting[-1]
+                if largest > n:
+                    starts[largest] = self.box.blbf(items[largest], starts[largest] or ORIGIN)
+                    if starts[largest] is not None:
+                        break
+                    possible -= items[largest].volume
+                waiting.pop()
+            if possible < wanted:
+                return 0.0
         return self.box.density

@@ -40,6 +40,9 @@ Mask = npt.NDArray[np.bool_]
 WALLS = ("right", "front", "top")
 """The walls that an item on the grid can stick out of, by axis."""
 
+ORIGIN: Triple = (0, 0, 0)
+"""The first location in the order of bottom-left-back fill."""
+
 FINE_CELLS_BUDGET = 2**30
 """Bytes in the process's cache of whole fine arrays, which only the oracle asks for."""
 
@@ -123,13 +126,16 @@ def _decided(
     )
 
 
-def blbf(occupancy: Occupancy, item: Item) -> Triple | None:
-    """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None."""
+def blbf(occupancy: Occupancy, item: Item, start: Triple = ORIGIN) -> Triple | None:
+    """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None.
+
+    start: where to begin, in that order.
+    """
     if not fits(occupancy.cells, item):
         return None
     placed = occupancy.placed
     undecided = 0
-    for location, partners, looked_at in unblocked(occupancy, item):
+    for location, partners, looked_at in unblocked(occupancy, item, start):
         undecided += len(partners) > 0
         candidate = Placed(item, location)
         if not any(collides_memo(placed[n], candidate) for n in partners.tolist()):

@@ -48,9 +48,9 @@ def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
 
 
 def unblocked(
-    occupancy: Occupancy, item: Item
+    occupancy: Occupancy, item: Item, start: Triple
 ) -> Iterator[tuple[Triple, npt.NDArray[np.int64], int]]:
-    """The locations that are not blocked, in the order of (z, x, y), as long as they are asked for.
+    """The locations that are not blocked, from `start` on, in the order of (z, x, y).
 
     Each with the numbers of the placed items that leave it open, none where it is free, and with
     how many locations were looked at so far.
@@ -61,7 +61,9 @@ def unblocked(
     found = np.empty(len(spans), dtype=np.int64)
     box, own = _box(occupancy), _item(voxels)
     hosts = (spans, occupancy.starts, *occupancy.hosts, voxels.number.shape, found)
-    i, j, k, number, count = _next_unblocked(*box, *own, size, 0, *hosts)
+    i, j, k = start
+    number = (k * size[0] + i) * size[1] + j
+    i, j, k, number, count = _next_unblocked(*box, *own, size, number, *hosts)
     while count >= 0:
         yield (i, j, k), found[:count], number
         i, j, k, number, count = _next_unblocked(*box, *own, size, number, *hosts)

@@ -196,6 +196,24 @@ def test_blbf_of_a_kinematic_box_is_the_first_of_its_mask() -> None:
     assert len(box.placed) >= 2
 
 
+def test_a_search_may_begin_where_the_last_one_ended_when_less_was_in_the_box() -> None:
+    rng = np.random.default_rng(7)
+    box = Box((48, 40, 44))
+    asked = [random_item(ZOO, 0.4, rng) for _ in range(6)]
+    found: list[tuple[int, int, int] | None] = [(0, 0, 0)] * len(asked)
+    gone = 0
+    for _ in range(20):
+        box.fill(random_item(ZOO, 0.25, rng))
+        for n, item in enumerate(asked):
+            start = found[n]
+            whole = box.blbf(item)
+            if start is not None:
+                found[n] = box.blbf(item, start)
+            assert found[n] == whole
+            gone += whole is None
+    assert gone
+
+
 def test_fill_places_where_blbf_says_or_not_at_all() -> None:
     box = Box((8, 8, 8))
     assert box.fill(cube_of(8)) == box.placed[0] and box.placed[0].location == (0, 0, 0)

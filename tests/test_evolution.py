@@ -17,7 +17,7 @@ from packit_sim.chromosomes import (
 )
 from packit_sim.evolution import Evolution, Generation, evolve
 from packit_sim.library import ShapeLibrary
-from packit_sim.pack_creator import PackCreator, draw_pool
+from packit_sim.pack_creator import PackCreator, Recipe, draw_pool
 from packit_sim.packs import verify
 from packit_sim.parallel import Workers
 from packit_sim.searches import search_of, select
@@ -223,15 +223,20 @@ def test_giving_up_on_hopeless_chromosomes_changes_nothing(search, seed) -> None
 
 def test_hopeless_chromosomes_are_given_up_and_no_others() -> None:
     library = ShapeLibrary.open("everyday")
-    ids = draw_pool(library, 10, np.random.default_rng(1))
-    creator = PackCreator([library[id] for id in ids], (0.5, 1.0, 2.0), (100, 100, 100))
-    settings = EvolutionSettings(pool=10, scales=(0.5, 1.0, 2.0))
+    settings = EvolutionSettings(pool=30, size_range=(0.7, 0.7))
+    recipe = Recipe.drawn(library, settings, np.random.default_rng(1))
+    creator = recipe.creator()
     rng = np.random.default_rng(2)
-    known = [(c, creator.density(c)) for c in (Chromosome.random(settings, rng) for _ in range(12))]
-    for chromosome, density in known:
-        assert creator.density(chromosome, density) == density
-        assert creator.density(chromosome, density + 1e-6) in (0.0, density)
-    assert any(creator.density(chromosome, density + 0.2) == 0 for chromosome, density in known)
+    drawn = [Chromosome.random(settings, rng) for _ in range(12)]
+    known = [creator.density(chromosome) for chromosome in drawn]
+    boxes = [creator.pack(chromosome).snapshot().placed for chromosome in drawn]
+    assert all(len(placed) < 30 for placed in boxes)
+    for threshold in (*known, *(density + 1e-6 for density in known), 0.9):
+        for chromosome, density, placed in zip(drawn, known, boxes, strict=True):
+            found = creator.density(chromosome, threshold)
+            assert found == (density if density >= threshold else 0)
+            if found:
+                assert creator.box.placed == placed
 
 
 def test_what_was_written_down_of_another_evolution_is_refused() -> None:
