@@ -18,6 +18,8 @@ from rich.progress import (
 )
 
 from packit_sim.errors import PackItError
+from packit_sim.parallel import BackendName
+from packit_sim.splits import Split
 
 console = Console()
 
@@ -28,6 +30,13 @@ LibraryOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Repeats a run exactly.")]
+PacksArgument = Annotated[
+    str, typer.Argument(help="Packs: a dataset's name, such as starter, its folder or its file.")
+]
+SplitOption = Annotated[Split | None, typer.Option(help="Which of the dataset's splits.")]
+WorkersOption = Annotated[int, typer.Option(min=0, help="Processes; 0 for one a core.")]
+BackendOption = Annotated[BackendName, typer.Option(help="Where the workers are.")]
+AddressOption = Annotated[str | None, typer.Option(help="Of the Ray cluster's head.")]
 
 
 def make_room(path: Path) -> None:

@@ -66,7 +66,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     PackIt-Easy's order of sub-tasks. kinematic: whether an item can stand only where it comes
     straight down from the open top (see `lifting`). shape, rotation, location: a policy or its
     name, where that sub-task is not the agent's; then it is no step, and the action space holds
-    what the others need. observation: "voxels", "features" or "none" (see `observations`).
+    what the others need. observation: "voxels", "features", "prospects" or "none" (see
+    `observations`).
     max_shapes: the most items that a task may have.
     render_mode: "rgb_array", for `render()`, or "human", for a page that shows the box as it fills.
 

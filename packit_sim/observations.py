@@ -12,7 +12,9 @@ from gymnasium import spaces
 from packit_sim import rotations
 from packit_sim.episode import Episode, Stage
 from packit_sim.features import CubeMeans
-from packit_sim.lattice import CELL, Triple, grid_nodes
+from packit_sim.lattice import CELL, STEP, Triple, grid_nodes
+from packit_sim.occupancy import Placed
+from packit_sim.shapes import Item
 from packit_sim.voxels import centred
 
 Observation = dict[str, Any]
@@ -22,6 +24,9 @@ BOX_CUBES = 10
 
 SHAPE_CUBES = 8
 """Cubes along each axis of a shape."""
+
+PROSPECTS = 8
+"""Numbers that tell how a shape would sit, were it the next."""
 
 
 _FIELDS = {Stage.ROTATION: "rotations", Stage.LOCATION: "locations"}
@@ -194,9 +199,66 @@ class FeatureObserver(Observer):
             self._extents[n] = item.extents
 
 
+class ProspectObserver(FeatureObserver):
+    """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
+
+    prospects: float32 (max_shapes, 8), in the aligned rotation and at the bottom-left-back-fill
+    location: whether there is room (1 or 0), the min corner there and the extents (x, y, z each, as
+    shares of the box's sides), and the volume as a share of the box's. All 0 for a shape that is
+    not outside; the corner is 0 where there is no room.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
+        self._size = np.array(cells) * CELL
+        self._items: list[Item] = []
+        self._locations: dict[int, Triple | None] = {}
+        self._placed: tuple[Placed, ...] = ()
+        limit = np.full((max_shapes, PROSPECTS), np.inf, dtype=np.float32)
+        self.space = spaces.Dict(
+            {**self.space.spaces, "prospects": spaces.Box(np.zeros_like(limit), limit)}
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        self._look(episode)
+        prospects = np.zeros((self._max_shapes, PROSPECTS), dtype=np.float32)
+        for n in np.flatnonzero(episode.outside).tolist():
+            item, location = self._items[n], self._locations[n]
+            prospects[n, 4:7] = item.extents / self._size
+            prospects[n, 7] = item.volume / self._size.prod()
+            if location is not None:
+                prospects[n, 0] = 1
+                prospects[n, 1:4] = np.array(location) * STEP * CELL / self._size
+        return {**seen, "prospects": prospects}
+
+    def _begin(self, episode: Episode) -> None:
+        super()._begin(episode)
+        self._items = [
+            item.turned(rotations.by_alignment(item.extents)[0]) for item in episode.task.items
+        ]
+        self._locations.clear()
+        self._placed = ()
+
+    def _look(self, episode: Episode) -> None:
+        """Finds the locations; where the box only got fuller, anew only those that are taken."""
+        box = episode.box
+        if box.placed[: len(self._placed)] != self._placed:
+            self._locations.clear()
+        self._placed = box.placed
+        for n in np.flatnonzero(episode.outside).tolist():
+            known = n in self._locations
+            before = self._locations.get(n)
+            if not known or (before and not box.is_feasible(self._items[n], before)):
+                self._locations[n] = box.blbf(self._items[n])
+
+
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
     "voxels": VoxelObserver,
     "features": FeatureObserver,
+    "prospects": ProspectObserver,
     "none": Observer,
 }
 """What the environment's setting `observation` can be."""

@@ -11,7 +11,7 @@ import math
 import re
 import reprlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from packit_sim import mesh_files, rotations
 from packit_sim.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.lattice import BOX_CELLS, CELL
 from packit_sim.library import ShapeLibrary
-from packit_sim.packs import LibraryRef, Pack, Task
+from packit_sim.packs import LibraryRef, OutsideItem, Pack, Task
 from packit_sim.shapenet import CATEGORIES
 from packit_sim.shapes import Item
 from packit_sim.sources import listed
@@ -111,15 +111,23 @@ class Original:
         return "\n".join((self.summary(), *lines))
 
 
-def read_original(path: Path | str, library: ShapeLibrary, *, partial: bool = False) -> Original:
+def read_original(
+    path: Path | str,
+    library: ShapeLibrary,
+    *,
+    partial: bool = False,
+    on_pack: Callable[[str, int], None] = lambda file, pack: None,
+) -> Original:
     """Tasks of the original PackIt's pack file, or of all those in a folder.
 
     A task holds our items in canonical orientation, and the benchmark's box. It has no solution,
-    and its pack no items: the original's places are not on our grid. `pack.made` says where it is
-    from (file, pack), and what else was recorded (efficiency; shape_scale; rotations: ours, one for
-    each of the task's items; left_out: how many have no shape).
+    and all items of its pack are outside: the original's places are not on our grid. `pack.made`
+    says where it is from (file, pack), and what else was recorded (efficiency; shape_scale;
+    rotations: ours, one for each of the task's items; left_out: how many have no shape). Written by
+    `write_packs`, the packs of the tasks are a dataset that `load_tasks` reads.
 
     partial: whether a pack is kept where some of its items have no shape; else it is left out.
+    on_pack is called with the name of the file and the number of each pack that was read.
 
     An item's scale is the product of its three recorded factors. Their generator writes the linear
     factor in full, 2^((g - 2) / 3) * shapeScale with g in 0..4, so that shapeScale must not be
@@ -139,6 +147,7 @@ def read_original(path: Path | str, library: ShapeLibrary, *, partial: bool = Fa
             unresolved += problems
             if task.items and (partial or not problems):
                 tasks.append(task)
+            on_pack(file.name, number)
     return Original(tuple(tasks), packs, tuple(unresolved))
 
 
@@ -192,8 +201,9 @@ class _Shapes:
             "rotations": [rotation for _, rotation in items],
             "left_out": len(problems),
         }
-        pack = Pack(LibraryRef.of(self._library), BOX_CELLS, (), 0.0, made)
-        return Task(tuple(item for item, _ in items), pack, ()), problems
+        outside = tuple(OutsideItem(item.shape.id, item.scale) for item, _ in items)
+        pack = Pack(LibraryRef.of(self._library), BOX_CELLS, (), 0.0, made, outside)
+        return pack.task(self._library), problems
 
     def _item(self, entry: _RecordedItem) -> Item:
         """Raises UnknownShapeError or MeshError, and whatever loading the shape raises."""

@@ -65,11 +65,20 @@ class PackedItem:
 
 
 @dataclass(frozen=True)
+class OutsideItem:
+    """One item that has no place in a pack: its shape's id and its scale."""
+
+    shape: str
+    scale: float
+
+
+@dataclass(frozen=True)
 class Pack:
     """A packed box: what was placed where, in the order of placing, and how it was made.
 
     cells: the box's, an axis. density: placed volume over the box's volume. made: free-form record
-    of how (agent or evolution, seed, generation, settings), JSON values only.
+    of how (agent or evolution, seed, generation, settings), JSON values only. outside: what its
+    task holds besides its items: all, where no pack is known, as of the original PackIt's tasks.
     """
 
     library: LibraryRef
@@ -77,6 +86,7 @@ class Pack:
     items: tuple[PackedItem, ...]
     density: float
     made: Mapping[str, Any] = field(default_factory=dict)
+    outside: tuple[OutsideItem, ...] = ()
 
     @classmethod
     def of(cls, box: Box, library: LibraryRef, **made: Any) -> Pack:
@@ -112,10 +122,11 @@ class Pack:
 
     def task(self, library: ShapeLibrary) -> Task:
         """The pack taken apart, its items in an order that tells nothing of the pack's."""
-        packed = [p.item for p in self.placed(library)]
-        order = sorted(range(len(packed)), key=lambda n: (packed[n].shape.id, packed[n].scale, n))
+        items = [p.item.turned(0) for p in self.placed(library)]
+        items += [Item(library[i.shape], i.scale) for i in self.outside]
+        order = sorted(range(len(items)), key=lambda n: (items[n].shape.id, items[n].scale, n))
         return Task(
-            items=tuple(Item(packed[n].shape, packed[n].scale) for n in order),
+            items=tuple(items[n] for n in order),
             pack=self,
             solution=tuple(
                 (order.index(n), item.rotation, item.location) for n, item in enumerate(self.items)
@@ -125,6 +136,8 @@ class Pack:
     def to_json(self) -> str:
         """One line of JSON; floats keep every bit."""
         fields = {"format": FORMAT, "version": __version__, **asdict(self)}
+        if not self.outside:
+            del fields["outside"]
         return json.dumps(fields, separators=(",", ":"), allow_nan=False)
 
     @classmethod
@@ -159,6 +172,10 @@ class Pack:
             ),
             density,
             _get(raw, "made", dict),
+            tuple(
+                _outside_item(raw_item, f"outside[{n}]")
+                for n, raw_item in enumerate(_get(raw, "outside", list) if "outside" in raw else ())
+            ),
         )
 
 
@@ -183,6 +200,13 @@ class Task:
     def volume(self) -> float:
         """Total volume of the items, in box units cubed."""
         return sum(item.volume for item in self.items)
+
+    @property
+    def digest(self) -> str:
+        """Tells it from other tasks: of the library, the box's cells, and the items."""
+        items = [(item.shape.id, item.scale) for item in self.items]
+        told = (self.pack.library.digest, self.cells, items)
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
 def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
@@ -226,6 +250,11 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
     Raises PackFormatError where the split does not go with it.
     """
     path = dataset_path(source)
+    if not path.exists():
+        raise PackFormatError(
+            f"packs can't be read from {path}: No such file or directory; "
+            f"datasets that come with the package: {', '.join(builtin_datasets())}"
+        )
     if not path.is_dir():
         if split:
             raise PackFormatError(f"{path} has no splits: there is no {split!r} in it")
@@ -330,14 +359,8 @@ def _refuse_constant(name: str) -> float:
 
 
 def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
-    if not isinstance(raw, dict):
-        raise PackFormatError(f"field '{where}' is {raw!r}: it must be an object")
-    scale = _get(raw, "scale", float, where)
+    outside = _outside_item(raw, where)
     rotation = _get(raw, "rotation", int, where)
-    if not 0 < scale <= MAX_SCALE:
-        raise PackFormatError(
-            f"field '{where}.scale' is {scale!r}: it must be more than 0, and {MAX_SCALE:g} at most"
-        )
     if not 0 <= rotation < rotations.COUNT:
         raise PackFormatError(
             f"field '{where}.rotation' is {rotation!r}: it must be 0 to {rotations.COUNT - 1}"
@@ -346,7 +369,18 @@ def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
         location = placement.checked_location(cells, _get(raw, "location", list, where))
     except InfeasibleError as error:
         raise PackFormatError(f"field '{where}.location': {error}") from None
-    return PackedItem(_get(raw, "shape", str, where), scale, rotation, location)
+    return PackedItem(outside.shape, outside.scale, rotation, location)
+
+
+def _outside_item(raw: Any, where: str) -> OutsideItem:
+    if not isinstance(raw, dict):
+        raise PackFormatError(f"field '{where}' is {raw!r}: it must be an object")
+    scale = _get(raw, "scale", float, where)
+    if not 0 < scale <= MAX_SCALE:
+        raise PackFormatError(
+            f"field '{where}.scale' is {scale!r}: it must be more than 0, and {MAX_SCALE:g} at most"
+        )
+    return OutsideItem(_get(raw, "shape", str, where), scale)
 
 
 def _get(raw: Mapping[str, Any], key: str, kind: type, where: str = "") -> Any:

@@ -9,7 +9,8 @@ from trimesh import creation
 from packit_agents import BLBF, Aligned, LargestFirst, RandomLocation, RandomRotation, RandomShape
 from packit_sim import rotations
 from packit_sim.episode import End, Episode, Stage
-from packit_sim.evaluation import SUCCESS_LEVELS, Estimate, Score, evaluate, play
+from packit_sim.estimates import Estimate
+from packit_sim.evaluation import SUCCESS_LEVELS, Score, evaluate, play
 from packit_sim.packs import LibraryRef, Pack, Task
 from packit_sim.policies import Agent, Policy, UnknownPolicyError, policy_names
 from packit_sim.shapes import Item, Shape
@@ -135,10 +136,10 @@ def test_the_heuristic_on_a_task_solved_by_hand() -> None:
 
 
 def test_agents_are_found_by_name() -> None:
-    assert policy_names(Stage.SHAPE) == ("largest-first", "random")
+    assert {"largest-first", "random"} <= set(policy_names(Stage.SHAPE))
     assert Agent("largest-first/aligned/blbf", LargestFirst(), Aligned(), BLBF()) == HEURISTIC
     with pytest.raises(
-        UnknownPolicyError, match=r"no shape policy 'larger': .*largest-first, random"
+        UnknownPolicyError, match=r"no shape policy 'larger': choose from .*, random"
     ):
         Agent.from_name("larger/aligned/blbf")
     with pytest.raises(UnknownPolicyError, match="not of the form"):

@@ -1,0 +1,99 @@
+"""The datasets that come with the package: whole, sound, and described as they are.
+
+`packit verify` is the long form: here a sample of each is held against the oracle, and with the
+slow tests every pack.
+"""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from packit_sim.census import dataset_files
+from packit_sim.generation import work_folder
+from packit_sim.library import ShapeLibrary, assets_folder
+from packit_sim.packs import (
+    builtin_datasets,
+    dataset_path,
+    load_tasks,
+    manifest_path,
+    read_packs,
+    write_packs,
+)
+from packit_sim.verification import Report, verify_dataset
+
+SAMPLE = 3
+"""Packs of each file: the first, the last, and what lies evenly between."""
+
+FILES = [file for name in builtin_datasets() for file in dataset_files(name)]
+NAMES = [f"{file.parent.name}/{file.stem}" for file in FILES]
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def everyday() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+def told(report: Report) -> str:
+    return "\n".join(map(str, report.problems))
+
+
+@pytest.mark.parametrize("file", FILES, ids=NAMES)
+def test_a_file_is_the_one_that_its_manifest_describes(file: Path, everyday: ShapeLibrary) -> None:
+    manifest = json.loads(manifest_path(file).read_text())
+    assert manifest["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    packs = read_packs(file)
+    assert manifest["packs"] == len(packs)
+    assert [ref["digest"] for ref in manifest["libraries"]] == [everyday.digest]
+    assert len({pack.made["seed"] for pack in packs}) == len(packs)
+    assert len({json.dumps(pack.made["settings"]) for pack in packs}) == 1
+
+
+@pytest.mark.parametrize("file", FILES, ids=NAMES)
+def test_a_sample_holds(file: Path, everyday: ShapeLibrary, tmp_path: Path) -> None:
+    """In a file of the same name, so that the split of the shapes is looked at too."""
+    packs = read_packs(file)
+    places = {round(n * (len(packs) - 1) / (SAMPLE - 1)) for n in range(SAMPLE)}
+    write_packs(tmp_path / file.name, [packs[n] for n in sorted(places)])
+    report = verify_dataset(tmp_path, everyday)
+    assert report.holds, told(report)
+    assert report.packs == len(places)
+
+
+@pytest.mark.parametrize("file", FILES, ids=NAMES)
+def test_tasks_hold_what_their_packs_hold(file: Path, everyday: ShapeLibrary) -> None:
+    for task in load_tasks(file, everyday):
+        assert len(task.items) == len(task.solution) == len(task.pack.items) > 1
+        assert task.volume == pytest.approx(task.pack.density)
+
+
+def test_every_dataset_is_named_with_its_licence() -> None:
+    readme = (assets_folder() / "README.md").read_text(encoding="utf-8")
+    for name in builtin_datasets():
+        assert re.search(rf"^\| `packs/{re.escape(name)}/` \|.*CC0-1\.0", readme, re.MULTILINE), (
+            name
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", builtin_datasets())
+def test_every_pack_holds(name: str, everyday: ShapeLibrary) -> None:
+    report = verify_dataset(dataset_path(name), everyday)
+    assert report.holds, told(report)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", builtin_datasets())
+def test_a_page_is_of_the_dataset_that_there_is(name: str) -> None:
+    page = ROOT / "docs" / f"{name}.md"
+    if not page.exists():
+        pytest.skip(f"{page.name}: there is none")
+    if any(work_folder(file).exists() for file in dataset_files(name)):
+        pytest.skip(f"{name} is being made")
+    digests = set(re.findall(r"`([0-9a-f]{64})` \|$", page.read_text(), re.MULTILINE))
+    assert digests == {hashlib.sha256(f.read_bytes()).hexdigest() for f in dataset_files(name)}

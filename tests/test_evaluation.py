@@ -1,0 +1,236 @@
+"""Results: equal however they come about, kept in files that can be gone on with, compared."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from packit_sim import evaluation, reproduction
+from packit_sim.cli import app
+from packit_sim.errors import PackItError
+from packit_sim.estimates import Comparison, Estimate
+from packit_sim.evaluation import Score, compare, evaluate
+from packit_sim.library import ShapeLibrary
+from packit_sim.packs import Task, load_tasks, read_packs, verify
+from packit_sim.parallel import Workers
+from packit_sim.policies import Agent
+from packit_sim.reproduction import TABLES, markdown, reproduced
+from packit_sim.results import ResultsError, Rollout, Rules, read_results, write_results
+
+NAMES = ("largest-first/aligned/blbf", "random/random/random", "random/aligned/blbf+backtrack=3")
+
+
+@pytest.fixture(scope="module")
+def library() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@pytest.fixture(scope="module")
+def tasks(library) -> tuple[Task, ...]:
+    return load_tasks("starter", library)[:3]
+
+
+@pytest.fixture(scope="module")
+def agents() -> list[Agent]:
+    return [Agent.from_name(name) for name in NAMES]
+
+
+@pytest.fixture(scope="module")
+def rollouts(agents, tasks) -> list[Rollout]:
+    return evaluate(agents, tasks, seed=2)
+
+
+def test_rollouts_are_the_same_on_workers(agents, tasks, rollouts) -> None:
+    with Workers(2) as workers:
+        assert evaluate(agents, tasks, seed=2, workers=workers) == rollouts
+
+
+def test_results_read_back_are_what_was_played(agents, tasks, rollouts, library, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    assert evaluate(agents, tasks, seed=2, file=file) == rollouts
+    assert read_results(file) == rollouts
+    assert all(rollout.seconds > 0 for rollout in read_results(file))
+    assert all(verify(pack, library) == [] for pack in read_packs(file)[:2])
+
+
+def test_what_is_in_the_file_is_not_played_again(agents, tasks, rollouts, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, rollouts[:4])
+    played: list[Rollout] = []
+    assert evaluate(agents, tasks, 2, played.append, file=file) == rollouts
+    assert sorted((r.agent, r.task) for r in played) == sorted(
+        (r.agent, r.task) for r in rollouts[4:]
+    )
+    before = file.read_bytes()
+    assert evaluate(agents[1:2], tasks, seed=2, file=file) == rollouts[3:6]
+    assert file.read_bytes() == before
+    more = Agent.from_name("smallest-first/aligned/blbf")
+    evaluate([more], tasks, seed=2, file=file)
+    assert read_results(file)[:9] == rollouts and len(read_results(file)) == 12
+
+
+def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path) -> None:
+    """Killed after a checkpoint, and started again: the file of an undisturbed one."""
+    file = tmp_path / "results.jsonl"
+    script = (
+        "from packit_sim import evaluation, ShapeLibrary\n"
+        "from packit_sim.packs import load_tasks\n"
+        "from packit_sim.policies import Agent\n"
+        "from pathlib import Path\n"
+        "evaluation.CHECKPOINT_SECONDS = 0\n"
+        f"agents = [Agent.from_name(name) for name in {NAMES!r}]\n"
+        "tasks = load_tasks('starter', ShapeLibrary.open('everyday'))[:3]\n"
+        f"evaluation.evaluate(agents, tasks, 2, file=Path({str(file)!r}))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script], start_new_session=True)
+    deadline = time.monotonic() + 100
+    while not file.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = read_results(file)
+    assert 0 < len(kept) < len(rollouts)
+    assert evaluate(agents, tasks, seed=2, file=file) == rollouts
+    assert read_results(file) == rollouts
+
+
+def test_results_of_something_else_are_refused_and_stay(agents, tasks, rollouts, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, rollouts)
+    before = file.read_bytes()
+    cases = (
+        (tasks, 3, Rules(), "seed 2, not 3"),
+        (tasks, 2, Rules(easy=True), "rules Rules.*, not"),
+        (tasks[::-1], 2, Rules(), "task 0"),
+    )
+    for others, seed, rules, message in cases:
+        with pytest.raises(ResultsError, match=f"results.jsonl holds results with {message}"):
+            evaluate(agents, others, seed, rules=rules, file=file)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"results": 2}, "pack 1: field 'made.results' is 2: this version reads 1"),
+        ({"results": None}, "field 'made.results' is None"),
+        ({"task": "0"}, "'made.task' is '0': it must be of type int"),
+        ({"easy": 1}, "'made.easy' is 1: it must be of type bool"),
+        ({"return": None}, "'made.return' is None"),
+        ({"end": "tired"}, "'tired' is not a valid End"),
+    ],
+)
+def test_files_that_hold_no_results_are_named(rollouts, tmp_path, change, message) -> None:
+    line = json.loads(rollouts[0].to_pack().to_json())
+    line["made"].update(change)
+    (tmp_path / "other.jsonl").write_text(json.dumps(line) + "\n")
+    with pytest.raises(PackItError, match=f"other.jsonl, .*{message}"):
+        read_results(tmp_path / "other.jsonl")
+
+
+def test_packs_are_no_results() -> None:
+    with pytest.raises(ResultsError, match="packit evaluate --out"):
+        read_results(Path("assets/packs/starter/packs.jsonl"))
+
+
+def test_a_comparison_by_hand() -> None:
+    found = Comparison.of([0.5, 0.6, 0.7, 0.9], [0.5, 0.5, 0.8, 0.5], slack=1e-9)
+    assert (found.wins, found.ties, found.losses, found.pairs) == (2, 1, 1, 4)
+    assert found.difference.mean == pytest.approx(0.1)
+    assert found.ratio.mean == pytest.approx(2.7 / 2.3)
+    assert found.difference.low is not None and found.difference.low < 0 < found.difference.mean
+    same = Comparison.of([0.5, 0.7], [0.5, 0.7], slack=1e-9)
+    assert same.difference == Estimate(0, 0, 0) and same.ratio == Estimate(1, 1, 1)
+    nothing = Comparison.of([0.5, 0.7], [0.0, 0.0], slack=1e-9)
+    assert not np.isfinite(nothing.ratio.mean) and nothing.ratio.low is None
+
+
+def test_agents_are_compared_on_the_tasks_that_both_have_played(rollouts) -> None:
+    first, second = rollouts[:3], rollouts[3:6]
+    whole = compare(first, second)
+    assert whole.pairs == 3 and whole.wins == 3
+    assert whole.difference.mean == pytest.approx(
+        np.mean([a.total - b.total for a, b in zip(first, second, strict=True)])
+    )
+    assert compare(first[:2], second[::-1]).pairs == 2
+    with pytest.raises(ValueError, match="no task that both"):
+        compare(first[:1], second[1:])
+
+
+def test_a_score_tells_density_and_time(rollouts) -> None:
+    score = Score.of(NAMES[0], rollouts)
+    assert score.tasks == 3
+    assert score.density.mean == pytest.approx(np.mean([r.pack.density for r in rollouts[:3]]))
+    assert score.seconds == np.median([r.seconds for r in rollouts[:3]])
+
+
+def packit(*arguments: object) -> str:
+    """What `packit` prints, where it ends well."""
+    found = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if found.exception and not isinstance(found.exception, SystemExit):
+        raise found.exception
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+def test_evaluate_and_compare_on_the_command_line(tmp_path) -> None:
+    file, other = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    common = ("--tasks", "2", "--workers", "1", "--agent")
+    packit("evaluate", "starter", *common, NAMES[0], "--out", file)
+    told = packit("evaluate", "starter", *common, NAMES[0], "--agent", NAMES[1], "--out", file)
+    assert "tasks: 2, seed: 0" in told and f"2 {NAMES[1]}" in told and "0.000" not in told
+    packit("evaluate", "starter", *common, NAMES[2], "--easy", "--out", other)
+    assert read_results(other)[0].rules == Rules(easy=True)
+    assert "   2     0       0" in packit("compare", file)
+    assert f"3 {NAMES[2]}" in packit("compare", file, other)
+    for wrong, message in (
+        ((other,), "holds one agent alone"),
+        ((file, file, file), "3 files can't be compared"),
+        (("assets/packs/starter/packs.jsonl",), "packit evaluate --out"),
+        (("absent.jsonl",), "absent.jsonl"),
+    ):
+        with pytest.raises(PackItError, match=message):
+            packit("compare", *wrong)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_papers_tables_are_whole(name) -> None:
+    table = TABLES[name]
+    assert table.against in [row.agent for row in table.rows]
+    assert all(set(row.paper) == set(table.metrics) for row in table.rows)
+    assert len({row.agent for row in table.rows}) == len(table.rows)
+    for row in table.playable:
+        Agent.from_name(row.agent)
+    assert all(0 <= row.paper["reward"] <= 1 for row in table.rows)
+
+
+def test_a_table_beside_the_papers(agents, tasks, rollouts) -> None:
+    names = [reproduction.HEURISTIC, "random/aligned/blbf"]
+    played = evaluate([Agent.from_name(name) for name in names], tasks, seed=2)
+    table = TABLES["table1"]
+    found = reproduced(table, played)
+    assert [each.row.agent for each in found] == ["random/aligned/blbf", reproduction.HEURISTIC]
+    text = markdown(table, found)
+    heuristic = Score.of(reproduction.HEURISTIC, played).reward
+    assert f"| ours | {heuristic.mean:.3f} ({heuristic.low:.3f} to {heuristic.high:.3f}) |" in text
+    assert "| | paper | 0.592 | 75.15 |" in text
+    assert f"| {0.419 / 0.592:.3f} | 0 / 0 / 3 |" in text
+
+
+def test_reproduce_goes_on_with_what_it_has(tmp_path, monkeypatch) -> None:
+    common = ("--packs", "starter", "--workers", "1", "--out", tmp_path)
+    monkeypatch.setattr("packit_sim.reproduce_cli.QUICK_TASKS", 2)
+    packit("reproduce", "table1", *common, "--quick")
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"table1.md", "table1.json", "table1.png", "packit.jsonl"} <= written
+    monkeypatch.setattr(evaluation, "play", None)  # nothing is played again
+    packit("reproduce", "table1", *common, "--quick")
+    with pytest.raises(PackItError, match="no 'table2': choose from table1, beam"):
+        packit("reproduce", "table2", *common)

@@ -1,0 +1,86 @@
+"""The curve of hardness, of evolutions that are known by hand and of some that are run."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from packit_sim import hardness
+from packit_sim.chromosomes import EvolutionSettings
+from packit_sim.cli import app
+from packit_sim.errors import PackItError
+from packit_sim.generation import Order, generate
+from packit_sim.library import ShapeLibrary
+from packit_sim.packs import LibraryRef, Pack, PackedItem, read_packs
+
+SMALL = EvolutionSettings(
+    *(8, 8, 2, 2), generations=6, patience=3, keep_every=2, size_range=(0.6, 0.8)
+)
+
+
+def pack(seed: int, after: int, density: float) -> Pack:
+    made = {"seed": seed, "after": after}
+    items = (PackedItem("cube", density, 0, (0, 0, 0)),)
+    return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), items, density, made)
+
+
+def test_an_evolution_that_ended_goes_on_counting_by_its_last_pack() -> None:
+    packs = [
+        pack(0, 0, 0.2),
+        pack(0, 50, 0.4),
+        pack(1, 0, 0.3),
+        pack(1, 50, 0.5),
+        pack(1, 100, 0.6),
+    ]
+    totals = {(0, 0): 1.0, (0, 50): 0.7, (1, 0): 0.8, (1, 50): 0.65, (1, 100): 0.5}
+    points = hardness.curve(hardness.kept(packs, Path("history")), totals)
+    assert [(point.generation, point.under_way) for point in points] == [(0, 2), (50, 2), (100, 1)]
+    assert [p.reward.mean for p in points] == pytest.approx([0.9, 0.675, 0.6])
+    assert [p.success[1.0].mean for p in points] == [50, 0, 0]
+    assert [p.success[0.7].mean for p in points] == [100, 50, 50]
+    assert [p.density.mean for p in points] == pytest.approx([0.25, 0.45, 0.5])
+    assert (points[0].reward.low, points[0].reward.high) == pytest.approx((0.8, 1.0))
+
+
+def test_packs_without_a_history_are_refused() -> None:
+    single = Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), (), 0.0, {"seed": 3})
+    with pytest.raises(PackItError, match=r"dataset, pack 1 tells no generation .* --history"):
+        hardness.kept([pack(0, 0, 0.2), single], Path("dataset"))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("history") / "tiny"
+    library = ShapeLibrary.open("everyday").split("test")
+    generate(Order(library, 3, 0, "test", history=True, settings=SMALL), folder / "test.jsonl")
+    return folder
+
+
+def test_a_history_becomes_a_table_a_json_and_a_picture(dataset: Path, tmp_path: Path) -> None:
+    arguments = ["reproduce", "evolution", "--history", str(dataset)]
+    found = CliRunner().invoke(app, [*arguments, "--workers", "1", "--out", str(tmp_path / "new")])
+    assert found.exit_code == 0 and "the packs of 3 evolutions" in found.output
+    told = json.loads((tmp_path / "new" / "evolution.json").read_text())
+    assert told["settings"] == SMALL.to_json()
+    under_way = {p["generation"]: p["under_way"] for p in told["points"]}
+    after = Counter(p.made["after"] for p in read_packs(dataset / "test.jsonl"))
+    assert under_way == after and under_way[0] == 3
+    densities = [point["density"]["mean"] for point in told["points"]]
+    assert densities == sorted(densities)
+    assert "| 0 | 3 |" in (tmp_path / "new" / "evolution.md").read_text()
+    with Image.open(tmp_path / "new" / "evolution.png") as picture:
+        assert picture.width >= 1000 and len(np.unique(np.asarray(picture))) > 100
+
+
+def test_a_pack_that_was_kept_again_is_there_once(dataset: Path) -> None:
+    evolutions = hardness.kept(read_packs(dataset / "test.jsonl"), dataset)
+    packs, at = hardness.different(evolutions)
+    expected = {(seed, pack.items) for seed, kept in evolutions.items() for pack in kept.values()}
+    assert len(packs) == len(expected) <= len(at) == sum(map(len, evolutions.values()))
+    for seed, kept in evolutions.items():
+        for after, pack in kept.items():
+            assert packs[at[seed, after]].items == pack.items

@@ -1,0 +1,389 @@
+"""PackNN: what its layers must not depend on, weights as data, training that goes on exactly."""
+
+import json
+import pickle
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
+
+import torch
+from trimesh import creation
+
+from packit_agents import training
+from packit_agents.learned import LearnedShape, log_probabilities, masked
+from packit_agents.networks import NETWORKS, NetworkSettings, network
+from packit_agents.training import Training, TrainingError
+from packit_agents.training_settings import SettingsError, TrainingSettings, read_settings
+from packit_agents.weights import WeightsError, read_weights, write_weights
+from packit_sim.env import PackItEnv
+from packit_sim.evaluation import evaluate
+from packit_sim.library import ShapeLibrary
+from packit_sim.observations import PROSPECTS, ProspectObserver
+from packit_sim.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
+from packit_sim.policies import Agent, UnknownPolicyError
+from tests.zoo import cube_of
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Networks as small as these are slower on more."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2, heads=2)
+
+
+def seen(batch: int, room: int, seed: int = 0, prospects: bool = True) -> dict[str, torch.Tensor]:
+    drawn = torch.Generator().manual_seed(seed)
+    outside = torch.rand(batch, room, generator=drawn) < 0.6
+    outside[:, 0] = True
+    fields = {
+        "shapes": torch.rand(batch, room, 8, 8, 8, generator=drawn),
+        "box": torch.rand(batch, 10, 10, 10, generator=drawn),
+        "outside": outside,
+    }
+    if prospects:
+        fields["prospects"] = torch.rand(batch, room, PROSPECTS, generator=drawn)
+    return fields
+
+
+def made(name: str, *, value: bool = False, prospects: int = PROSPECTS) -> torch.nn.Module:
+    torch.manual_seed(3)
+    settings = NetworkSettings(name, *(16, 1, 2, 2))  # type: ignore[arg-type]
+    return network(settings, prospects, value=value).double()
+
+
+def doubled(fields: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    return {
+        name: field if field.dtype == torch.bool else field.double()
+        for name, field in fields.items()
+    }
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_order_of_shapes_changes_nothing(name) -> None:
+    fields = doubled(seen(3, 7))
+    order = torch.randperm(7, generator=torch.Generator().manual_seed(1))
+    turned = {key: field if key == "box" else field[:, order] for key, field in fields.items()}
+    logits, again = (masked(made(name)(f), f["outside"]) for f in (fields, turned))
+    torch.testing.assert_close(again, logits[:, order])
+    torch.testing.assert_close(made(name, value=True)(turned), made(name, value=True)(fields))
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_room_that_is_left_and_shapes_that_are_inside_change_nothing(name) -> None:
+    fields = doubled(seen(2, 5))
+    wider = doubled(seen(2, 9, seed=8))
+    for key, field in fields.items():
+        if key == "box":
+            wider[key] = field
+        else:
+            wider[key][:, :5] = field
+    wider["outside"][:, 5:] = False
+    inside = ~fields["outside"]
+    other = {key: field.clone() for key, field in fields.items()}
+    other["shapes"][inside] = 0.123
+    expected = masked(made(name)(fields), fields["outside"])
+    found = masked(made(name)(wider), wider["outside"])
+    torch.testing.assert_close(found[:, :5], expected)
+    assert torch.isneginf(found[:, 5:]).all()
+    torch.testing.assert_close(masked(made(name)(other), other["outside"]), expected)
+    value = made(name, value=True)
+    assert value(fields).shape == (2, 1)
+    torch.testing.assert_close(value(wider), value(fields))
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("value", [False, True])
+def test_a_gradient_reaches_every_parameter(name, value) -> None:
+    net = made(name, value=value)
+    fields = doubled(seen(4, 6))
+    found = net(fields) if value else net(fields)[fields["outside"]]
+    (found**2).sum().backward()
+    for key, parameter in net.named_parameters():
+        assert parameter.grad is not None and parameter.grad.abs().sum() > 0, key
+
+
+def test_masked_shapes_have_probability_0() -> None:
+    fields = seen(5, 6)
+    found = np.exp(
+        log_probabilities(made("packnn").float(), {k: v.numpy() for k, v in fields.items()})
+    )
+    assert (found[~fields["outside"].numpy()] == 0).all()
+    assert np.allclose(found.sum(1), 1)
+
+
+def test_networks_see_prospects_only_where_they_are_observed() -> None:
+    plain = made("packnn", prospects=0)
+    assert plain(doubled(seen(1, 4, prospects=False))).shape == (1, 4)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"network": "packer"}, {"width": 0}, {"width": 10}, {"trunk_blocks": -1}, {"heads": 0}],
+)
+def test_network_settings_out_of_range_are_named(wrong) -> None:
+    with pytest.raises(ValueError, match="network setting"):
+        NetworkSettings(**wrong)
+
+
+@pytest.fixture(scope="module")
+def library() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@pytest.mark.parametrize("kinematic", [False, True])
+def test_prospects_are_what_the_box_says(library, kinematic) -> None:
+    tasks = load_tasks("starter", library)[:2]
+    env = PackItEnv(
+        tasks,
+        rotation="aligned",
+        location="blbf",
+        observation="prospects",
+        kinematic=kinematic,
+        max_shapes=40,
+    )
+    rng = np.random.default_rng(4)
+    fits: set[bool] = set()
+    for task in (0, 1):
+        observed, _ = env.reset(options={"task": task})
+        states = []
+        for step in range(40):
+            if env.episode.end is not None:
+                break
+            states.append(env.get_state())
+            if step == 5:  # back to where the box was emptier, and on another way
+                observed, _ = env.set_state(states[2])
+            observer = env._observer
+            assert isinstance(observer, ProspectObserver)
+            assert observed in env.observation_space
+            for n, told in enumerate(observed["prospects"]):
+                if kinematic and n % 4:
+                    continue  # masks take long there
+                if not observed["outside"][n]:
+                    assert not told.any()
+                    continue
+                item = observer._items[n]
+                location = env.episode.box.blbf(item)
+                fits.add(location is not None)
+                assert told[0] == (location is not None)
+                assert np.allclose(told[1:4] * 25, location or (0, 0, 0))
+                assert np.allclose(told[4:7], item.extents)
+                assert told[7] == pytest.approx(item.volume, rel=1e-5)
+            observed, *_ = env.step(rng.choice(np.flatnonzero(observed["outside"])))
+    assert fits == {False, True}
+
+
+def weights(path: Path, prospects: int = 0) -> Path:
+    torch.manual_seed(1)
+    write_weights(path, network(SMALL, prospects), SMALL, prospects, {"seed": 1})
+    return path
+
+
+@pytest.mark.parametrize("prospects", [0, PROSPECTS])
+def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, prospects) -> None:
+    file = weights(tmp_path / "w.safetensors", prospects)
+    net, read, how = read_weights(file)
+    assert (read, how) == (prospects, {"seed": 1})
+    expected = network(SMALL, prospects)
+    torch.manual_seed(1)
+    for a, b in zip(net.parameters(), network(SMALL, prospects).parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert [p.shape for p in net.parameters()] == [p.shape for p in expected.parameters()]
+    tasks = load_tasks("starter", library)[:2]
+    agent = Agent.from_name(f"learned@{file}/aligned/blbf")
+    beams = Agent.from_name(f"learned@{file}/aligned/blbf+beam=2")
+    found = evaluate([agent, beams], tasks, seed=0)
+    other_seed = evaluate([agent, beams], tasks, seed=9)
+    assert [r.total for r in found] == [r.total for r in other_seed]
+    again = pickle.loads(pickle.dumps(agent))
+    assert evaluate([again], tasks, seed=0) == found[:2]
+
+
+def header(file: Path, **changes: str) -> None:
+    """Writes other metadata into a file of weights."""
+    data = file.read_bytes()
+    (size,) = struct.unpack("<Q", data[:8])
+    told = json.loads(data[8 : 8 + size])
+    told["__metadata__"].update(changes)
+    text = json.dumps(told).encode()
+    file.write_bytes(struct.pack("<Q", len(text)) + text + data[8 + size :])
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda f: f.unlink(), "no weights at"),
+        (lambda f: f.write_bytes(b""), "holds no weights, or is damaged"),
+        (lambda f: f.write_bytes(f.read_bytes()[:-7]), "holds no weights, or is damaged"),
+        (lambda f: f.write_bytes(b"\x80\x04cos\nsystem\n"), "holds no weights, or is damaged"),
+        (lambda f: header(f, version="2"), "version '2'"),
+        (lambda f: header(f, format="other"), "of format 'other'"),
+        (lambda f: header(f, network='{"width": 32}'), "does not hold what it says"),
+        (lambda f: header(f, network='{"depth": 3}'), "does not hold what it says"),
+        (lambda f: header(f, prospects="8"), "does not hold what it says"),
+    ],
+)
+def test_weights_that_are_wrong_or_damaged_are_named(tmp_path, damage, message) -> None:
+    file = weights(tmp_path / "w.safetensors")
+    damage(file)
+    with pytest.raises(WeightsError, match=rf"w\.safetensors.*{message}|{message}.*w\.safetensors"):
+        LearnedShape(file)
+
+
+def test_weights_that_are_not_finite_are_named(tmp_path) -> None:
+    net = network(SMALL, 0)
+    with torch.no_grad():
+        next(net.parameters())[0, 0] = torch.nan
+    write_weights(tmp_path / "w.safetensors", net, SMALL, 0, {})
+    with pytest.raises(WeightsError, match="not finite"):
+        LearnedShape(tmp_path / "w.safetensors")
+
+
+def test_policies_say_whether_they_take_a_value() -> None:
+    with pytest.raises(UnknownPolicyError, match="'learned' is not of the form learned@VALUE"):
+        Agent.from_name("learned/aligned/blbf")
+    with pytest.raises(UnknownPolicyError, match="'largest-first@3' is not of the form largest-fi"):
+        Agent.from_name("largest-first@3/aligned/blbf")
+
+
+def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text('steps = 500\nsplit = "test"\ngamma = 1\n[network]\nwidth = 64\n')
+    found = read_settings(file, ["steps=600", "network.heads=2", "split=none", "annealed=false"])
+    assert found == TrainingSettings(
+        steps=600, split=None, annealed=False, network=NetworkSettings(width=64, heads=2)
+    )
+    for change, message in (
+        ("stps=3", "no setting 'stps': choose from observation, packs"),
+        ("steps", "'steps' is no setting: give NAME=VALUE"),
+        ("steps=1.5", "steps = 1.5 must be of type int"),
+        ("steps=0", "steps = 0 is not possible"),
+        ("easy=1", "easy = 1 must be of type bool"),
+        ("observation=voxels", "'voxels' is not known: choose from features, prospects"),
+        ("network.network=mlp", "'mlp' is not known: choose from packnn"),
+        ("packs=fresh", "validation_packs = None is not possible"),
+    ):
+        with pytest.raises(SettingsError, match=message):
+            read_settings(None, [change])
+    file.write_text("steps = \n")
+    with pytest.raises(SettingsError, match=r"can't be read from .*run\.toml"):
+        read_settings(file, [])
+
+
+TINY = TrainingSettings(
+    network=SMALL,
+    packs="starter",
+    split=None,
+    validation=None,
+    steps=192,
+    envs=2,
+    rollout_steps=16,
+    minibatch=16,
+    epochs=2,
+    validate_every=64,
+    validation_tasks=2,
+)
+
+
+class Killed(Exception):
+    """What ends a training at once."""
+
+
+def weights_of(folder: Path) -> dict[str, torch.Tensor]:
+    return dict(read_weights(folder / "last.safetensors")[0].state_dict())
+
+
+@pytest.mark.parametrize("observation", ["features", "prospects"])
+def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, observation) -> None:
+    settings = replace(TINY, observation=observation)
+    whole = Training(settings, tmp_path / "whole", "cpu")
+    whole.run()
+    assert [point.steps for point in whole.curve] == [0, 64, 128, 192]
+    monkeypatch.setattr(training, "CHECKPOINT_SECONDS", 0.0)
+
+    def kill(at: training.Progress) -> None:
+        if at.steps >= 96 and not killed:
+            killed.append(at.steps)
+            raise Killed
+
+    killed: list[int] = []
+    with pytest.raises(Killed):
+        Training(settings, tmp_path / "parts", "cpu").run(kill)
+    torch.manual_seed(99)  # as in a new process
+    np.random.seed(99)  # noqa: NPY002
+    parts = Training(settings, tmp_path / "parts", "cpu")
+    assert parts.steps == 96
+    parts.run()
+    assert parts.curve == whole.curve
+    ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+    again = Training(settings, tmp_path / "parts", "cpu")
+    before = (tmp_path / "parts" / "checkpoint.pt").read_bytes()
+    again.run()
+    assert (tmp_path / "parts" / "checkpoint.pt").read_bytes() == before
+    changed = replace(settings, entropy=0.5, network=NetworkSettings())
+    with pytest.raises(TrainingError, match=r"another settings\.network, settings\.entropy"):
+        Training(changed, tmp_path / "parts", "cpu")
+    (tmp_path / "parts" / "checkpoint.pt").write_bytes(b"torn")
+    with pytest.raises(ValueError, match=r"checkpoint\.pt is no checkpoint, or is damaged"):
+        Training(settings, tmp_path / "parts", "cpu")
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
+    """The trap of the searches: the largest cube must wait, or the other two find no room."""
+    creation.box((1, 1, 1)).export(tmp_path / "cube.stl")
+    library = ShapeLibrary.open(tmp_path)
+    big, middle, small = (cube_of(side).scale for side in (60, 52, 48))
+    ref = LibraryRef.of(library)
+    pack = Pack(
+        ref,
+        (100, 60, 60),
+        (),
+        0.0,
+        outside=tuple(OutsideItem("cube", scale) for scale in (big, middle, small)),
+    )
+    write_packs(tmp_path / "trap.jsonl", [pack])
+    settings = replace(
+        TINY,
+        packs=str(tmp_path / "trap.jsonl"),
+        library=str(tmp_path),
+        network=replace(SMALL, network=name),
+        learning_rate=3e-3,
+        envs=8,
+        rollout_steps=16,
+        minibatch=32,
+        epochs=4,
+        steps=2048,
+        validate_every=2048,
+    )
+    done = Training(settings, tmp_path / "run", "cpu")
+    done.run()
+    both_others = (52**3 + 48**3) / (60**3 + 52**3 + 48**3)
+    assert done.curve[-1].validation.mean == pytest.approx(both_others)
+
+
+@pytest.mark.slow
+def test_a_short_training_beats_chance(library, tmp_path) -> None:
+    settings = TrainingSettings(
+        packs="everyday-v1", validation_packs="starter", validation=None, steps=8192
+    )
+    done = Training(settings, tmp_path / "run", "cpu")
+    done.run()
+    tasks = load_tasks("starter", library)
+    names = (f"learned@{tmp_path / 'run' / 'last.safetensors'}", "random")
+    agents = [Agent.from_name(f"{name}/aligned/blbf") for name in names]
+    rollouts = evaluate(agents, tasks, seed=0)
+    ours, chance = rollouts[: len(tasks)], rollouts[len(tasks) :]
+    assert np.mean([r.total for r in ours]) > np.mean([r.total for r in chance])
