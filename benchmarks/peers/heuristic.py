@@ -1,0 +1,56 @@
+"""The paper's heuristic with voxels in place of meshes: what exact collision alone is worth.
+
+All else is as in "largest-first/aligned/blbf": order, rotation, grid, bottom-left-back fill.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.peers.grids import Voxels, voxels
+from benchmarks.peers.posed import Posed, largest_first
+from benchmarks.peers.spectral import Metrics
+from packit_sim import placement, rotations
+from packit_sim.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
+from packit_sim.packs import Task
+
+
+@dataclass(frozen=True)
+class VoxelHeuristic:
+    """side: of a voxel, in cells; a grid step is a multiple. sampled: as in `grids`."""
+
+    side: int = 1
+    sampled: bool = False
+
+    @property
+    def name(self) -> str:
+        rule = "sampled" if self.sampled else "conservative"
+        return f"heuristic, voxels 1/{CELLS_PER_UNIT // self.side}, {rule}"
+
+    def pack(self, task: Task) -> list[Posed]:
+        """Places every item that fits."""
+        x, y, z = (size // self.side for size in task.cells)
+        filled = np.zeros((x, y, z), dtype=bool)
+        packed = []
+        for item in largest_first(task):
+            turned = item.turned(rotations.aligned(item.shape.extents))
+            own = rotations.turn_array(voxels(item, self.side, self.sampled), turned.rotation)
+            start = self._first(filled, own)
+            if start is None:
+                continue
+            filled[tuple(slice(s, s + n) for s, n in zip(start, own.shape, strict=True))] |= own
+            centre = (np.array(start) + np.array(own.shape) / 2) * self.side * CELL
+            packed.append(Posed(turned, centre))
+        return packed
+
+    def _first(self, filled: Voxels, own: Voxels) -> Triple | None:
+        """In voxels, the first node of the grid in (z, x, y) at which nothing collides."""
+        if any(n > size for n, size in zip(own.shape, filled.shape, strict=True)):
+            return None
+        metrics = Metrics(filled)
+        step = STEP // self.side
+        shared = metrics.collisions(metrics.spectrum(own), own.shape)[::step, ::step, ::step]
+        node = placement.first(shared < 0.5)
+        return None if node is None else (node[0] * step, node[1] * step, node[2] * step)

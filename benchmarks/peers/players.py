@@ -1,0 +1,57 @@
+"""PackIt-Sim's own agents, by the rules of the game and by those that the other peers follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.peers.posed import Posed
+from packit_sim.episode import End, Episode, Stage
+from packit_sim.packs import Task
+from packit_sim.policies import Agent
+
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Player:
+    """An agent by its name. skipping: goes on after an item that has no room, as the others do."""
+
+    agent: str
+    skipping: bool = True
+
+    @property
+    def name(self) -> str:
+        return f"{self.agent}{'' if self.skipping else ', stopping'}"
+
+    def pack(self, task: Task) -> list[Posed]:
+        """Plays an episode, to its end by the rules or until nothing more has room."""
+        agent, rng = Agent.from_name(self.agent), np.random.default_rng(SEED)
+        episode = Episode(task)
+        agent.play(episode, rng)
+        while self.skipping and _skip(episode):
+            while episode.end is None:
+                episode.step(agent.act(episode, rng))
+        return [Posed(placed.item, placed.center) for placed in episode.box.placed]
+
+
+def _skip(episode: Episode) -> bool:
+    """Puts the shape away that has no room, and whether there is another to go on with."""
+    if episode.end is not End.NO_LOCATION:
+        return False
+    outside = episode.outside.copy()
+    outside[episode.shape] = False
+    state = episode.state()
+    episode.restore(
+        replace(
+            state,
+            outside=tuple(outside.tolist()),
+            stage=Stage.SHAPE,
+            shape=None,
+            rotation=None,
+            location=None,
+            end=None if outside.any() else End.NO_LOCATION,
+        )
+    )
+    return bool(outside.any())

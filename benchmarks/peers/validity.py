@@ -1,0 +1,60 @@
+"""Whether a packing holds, by the meshes themselves: one rule for all, those of PackIt-Sim too.
+
+It is the rule for packings of other tools (see `packings.verify_packing`): each mesh is inside the
+box, crosses no other, and lies in no closed shell of another, within the contact tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+
+from benchmarks.peers.posed import Posed
+from packit_sim.lattice import CELL, Triple
+from packit_sim.packings import _Body, _Loaded, _pair_problems, _wall_problems
+from packit_sim.shapes import Shape
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is wrong with a packing.
+
+    outside: numbers of the items that reach beyond a wall. pairs: of those that can't both be.
+    kept: of the items that are left when, in the order of placing, each is taken out that is
+    outside or in conflict with one before it that was left.
+    """
+
+    outside: tuple[int, ...]
+    pairs: tuple[tuple[int, int], ...]
+    kept: tuple[int, ...]
+
+    @classmethod
+    def of(cls, packing: Sequence[Posed], cells: Triple) -> Verdict:
+        """Of items in a box of so many cells."""
+        bodies = [_Body("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
+        extents = np.array(cells) * CELL
+        outside = [n for n, body in enumerate(bodies) if any(_wall_problems(body, extents, 1.0))]
+        pairs = [
+            (n, m)
+            for (n, one), (m, other) in combinations(enumerate(bodies), 2)
+            if (np.maximum(one.low, other.low) < np.minimum(one.high, other.high)).all()
+            and any(_pair_problems(one, other))
+        ]
+        kept: list[int] = []
+        for m in range(len(bodies)):
+            if m not in outside and not any((n, m) in pairs for n in kept):
+                kept.append(m)
+        return cls(tuple(outside), tuple(pairs), tuple(kept))
+
+    @property
+    def holds(self) -> bool:
+        return not (self.outside or self.pairs)
+
+
+@cache
+def _loaded(shape: Shape) -> _Loaded:
+    return _Loaded(shape.mesh, shape.id)

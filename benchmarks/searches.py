@@ -1,0 +1,225 @@
+"""Which search finds the densest packs: the paper's, two others of ours, or DEAP's.
+
+    .venv/bin/python -m benchmarks.searches    (hours on two cores; a stopped run goes on)
+
+The same pools, sizes and first hundred chromosomes for all, from the seeds, and as many packed.
+Finished runs are kept in `benchmarks/results/searches.json`; at the end the picture beside it is
+drawn, and tables are printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.placement import RESULTS
+from benchmarks.tournaments import Tournaments
+from packit_sim import EvolutionSettings, ShapeLibrary, caches
+from packit_sim.evolution import densities
+from packit_sim.pack_creator import Recipe
+from packit_sim.packs import replace_text
+from packit_sim.parallel import Workers
+from packit_sim.searches import Climbing, Elitist, Generational, Search
+
+PAPERS = "generational (the paper's)"
+
+KINDS: dict[str, Callable[[EvolutionSettings], Search]] = {
+    PAPERS: Generational,
+    "elitist": Elitist,
+    "climbing": Climbing,
+    "tournaments (DEAP)": Tournaments,
+}
+
+STYLES = {
+    PAPERS: ("#000000", "-"),
+    "elitist": ("#0072B2", "--"),
+    "climbing": ("#D55E00", "-."),
+    "tournaments (DEAP)": ("#009E73", ":"),
+}
+"""Colours of Okabe and Ito, which the colour-blind tell apart, and lines that differ too."""
+
+SIZE_RANGE = (0.62, 0.76)
+"""Of the datasets that come with the package: more items find room than at the default."""
+
+RESAMPLES = 10_000
+
+
+def run(
+    library: ShapeLibrary, kind: str, seed: int, settings: EvolutionSettings
+) -> tuple[str, int, dict[str, Any]]:
+    """What a search found: the best density after each generation, and its CPU seconds."""
+    caches.clear()
+    rng = np.random.default_rng(seed)
+    recipe = Recipe.drawn(library, settings, rng)
+    search = KINDS[kind](settings)
+    best: list[float] = []
+    cpu = time.process_time()
+    for _ in range(settings.generations + 1):
+        chromosomes = search.ask(rng)
+        found = densities(recipe, chromosomes, search.threshold)
+        search.tell(chromosomes, found)
+        best.append(max(found if not best else [best[-1], *found]))
+    return kind, seed, {"CPU seconds": time.process_time() - cpu, "densities": best}
+
+
+def evaluations(settings: EvolutionSettings) -> npt.NDArray[np.int64]:
+    """(generations + 1,) chromosomes packed after each generation, in every search."""
+    return settings.population + settings.children * np.arange(settings.generations + 1)
+
+
+def interval(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(3, ...) mean over the first axis, and the ends of its 95% bootstrap interval."""
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
+    weights = np.apply_along_axis(np.bincount, 1, drawn, minlength=len(values)) / len(values)
+    low, high = np.percentile(np.tensordot(weights, values, 1), (2.5, 97.5), axis=0)
+    return np.stack([values.mean(axis=0), low, high])
+
+
+def curves(runs: dict[str, Any], seeds: Sequence[int]) -> dict[str, npt.NDArray[np.float64]]:
+    """(seeds, generations + 1) densities of each search."""
+    return {
+        kind: np.array([runs[kind][str(seed)]["densities"] for seed in seeds]) for kind in KINDS
+    }
+
+
+def compared(result: dict[str, Any], settings: EvolutionSettings) -> dict[str, Any]:
+    """Each search's density, and by how much it is more than the paper's, pool by pool."""
+    found = curves(result["runs"], result["seeds"])
+    counts = evaluations(settings)
+    aim = found[PAPERS].mean(axis=0)[-1]
+    rows: dict[str, Any] = {}
+    for kind, density in found.items():
+        rows[kind] = {
+            "CPU seconds, median": float(
+                np.median([run["CPU seconds"] for run in result["runs"][kind].values()])
+            ),
+            "evaluations until the paper's last mean": (
+                int(counts[np.argmax(density.mean(axis=0) >= aim)])
+                if density.mean(axis=0)[-1] >= aim
+                else None
+            ),
+        }
+        for share in (2, 1):
+            at = settings.generations // share
+            difference = density[:, at] - found[PAPERS][:, at]
+            rows[kind][f"after {counts[at]}"] = {
+                "density": interval(density[:, at]).tolist(),
+                "difference": interval(difference).tolist(),
+                "pools won": int((difference > 0).sum()),
+            }
+    return rows
+
+
+def show(console: Console, result: dict[str, Any]) -> None:
+    rows = result["compared"]
+    for at in [name for name in rows[PAPERS] if name.startswith("after")]:
+        table = Table(
+            "search", "mean density", "95%", "more than the paper's", "95%", "pools won",
+            title=f"{at} evaluations, {len(result['seeds'])} pools",
+        )  # fmt: skip
+        for kind, row in rows.items():
+            mean, low, high = row[at]["density"]
+            more, least, most = row[at]["difference"]
+            table.add_row(
+                kind,
+                f"{mean:.3f}",
+                f"{low:.3f} to {high:.3f}",
+                f"{more:+.3f}",
+                f"{least:+.3f} to {most:+.3f}",
+                f"{row[at]['pools won']}",
+            )
+        console.print(table)
+    table = Table("search", "evaluations until the paper's last mean", "CPU seconds a run")
+    for kind, row in rows.items():
+        reached = row["evaluations until the paper's last mean"]
+        table.add_row(kind, f"{reached or 'never'}", f"{row['CPU seconds, median']:.0f}")
+    console.print(table)
+
+
+def draw(result: dict[str, Any], settings: EvolutionSettings, file: Path) -> None:
+    figure = Figure(figsize=(9, 5.5), layout="constrained")
+    axis = figure.subplots()
+    counts = evaluations(settings)
+    for kind, density in curves(result["runs"], result["seeds"]).items():
+        mean, low, high = interval(density)
+        colour, line = STYLES[kind]
+        axis.plot(counts, mean, color=colour, linestyle=line, linewidth=2, label=kind)
+        axis.fill_between(counts, low, high, color=colour, alpha=0.12, linewidth=0)
+    axis.set_xlabel("chromosomes packed", fontsize=13)
+    axis.set_ylabel("density of the best pack", fontsize=13)
+    axis.set_title(
+        f"Four searches on the same {len(result['seeds'])} pools: mean and 95% interval",
+        fontsize=14,
+    )
+    axis.set_xlim(0, counts[-1])
+    axis.tick_params(labelsize=12)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=12, loc="lower right")
+    figure.savefig(file, dpi=110)
+
+
+def begun(file: Path, order: dict[str, Any]) -> dict[str, Any]:
+    """What is kept of earlier runs; ends the command where they were of another order."""
+    if not file.exists():
+        return {**order, "runs": {kind: {} for kind in KINDS}}
+    result: dict[str, Any] = json.loads(file.read_text())
+    for name in ("settings", "library"):
+        if result[name] != order[name]:
+            raise SystemExit(
+                f"{file} has runs with other {name}: move it away, or choose another folder"
+            )
+    return {**order, "runs": {kind: result["runs"].get(kind, {}) for kind in KINDS}}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=8, help="how many pools, from seed 0 on")
+    parser.add_argument("--generations", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=2, help="runs at once")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for JSON and picture")
+    arguments = parser.parse_args()
+    library = ShapeLibrary.open("everyday").split("train")
+    settings = EvolutionSettings(generations=arguments.generations, size_range=SIZE_RANGE)
+    order = {
+        "command": "python -m benchmarks.searches",
+        "library": {"name": library.name, "split": "train", "digest": library.digest},
+        "settings": settings.to_json(),
+        "seeds": list(range(arguments.seeds)),
+    }
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    file = arguments.out / "searches.json"
+    result = begun(file, order)
+    runs = result["runs"]
+    console = Console(width=100)
+    jobs = [
+        (library, kind, seed, settings)
+        for seed in result["seeds"]
+        for kind in KINDS
+        if str(seed) not in runs[kind]
+    ]
+    for kind, seed, found in Workers(arguments.workers).as_done(run, jobs):
+        runs[kind][str(seed)] = found
+        replace_text(file, json.dumps(result) + "\n")
+        seconds = found["CPU seconds"]
+        console.print(f"seed {seed}, {kind}: {found['densities'][-1]:.3f} in {seconds:.0f} s")
+    result["compared"] = compared(result, settings)
+    replace_text(file, json.dumps(result) + "\n")
+    draw(result, settings, arguments.out / "searches.png")
+    show(console, result)
+
+
+if __name__ == "__main__":
+    main()

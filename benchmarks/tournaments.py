@@ -1,0 +1,107 @@
+"""A search by the operators of DEAP, a library for evolution: what one gets off the shelf."""
+
+from __future__ import annotations
+
+import copy
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from deap import algorithms, base, tools
+
+from packit_sim import rotations
+from packit_sim.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.searches import Search
+
+TOURNAMENT = 3
+"""Chromosomes of which the densest is chosen, as in DEAP's examples."""
+
+CROSSOVER = 0.7
+"""The share of children by crossover, as in DEAP's examples; the others are by mutation."""
+
+RATE = 0.02
+"""Chance of each place of the order, each scale and each rotation in a mutation, as in ours."""
+
+
+class Density(base.Fitness):  # type: ignore[misc] # DEAP has no hints
+    weights = (1.0,)
+
+
+@dataclass
+class Individual:
+    """A chromosome as DEAP's operators change it: three lists."""
+
+    genes: list[list[int]]
+    fitness: Density
+
+    @classmethod
+    def of(cls, chromosome: Chromosome, density: float) -> Individual:
+        return cls(chromosome.to_json(), Density((density,)))
+
+
+class Tournaments(Search):
+    """DEAP's (mu + lambda): parents and children meet in tournaments, and the best is kept.
+
+    Children come of partially matched crossover of the order and two-point crossover of scales and
+    rotations, or of shuffled places and genes drawn anew.
+    """
+
+    def __init__(self, settings: EvolutionSettings) -> None:
+        super().__init__(settings)
+        self._toolbox = base.Toolbox()
+        self._toolbox.register("clone", copy.deepcopy)
+        self._toolbox.register("mate", _mate)
+        self._toolbox.register("mutate", _mutate, scales=len(settings.scales))
+
+    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
+        self.population += chromosomes
+        self.densities += densities
+
+    @property
+    def threshold(self) -> float:
+        """None: any density may win a tournament."""
+        return 0.0
+
+    def _children(self, rng: np.random.Generator) -> list[Chromosome]:
+        everyone = [
+            Individual.of(chromosome, density)
+            for chromosome, density in zip(self.population, self.densities, strict=True)
+        ]
+        with _seeded(rng):
+            kept = tools.selBest(everyone, 1)
+            kept += tools.selTournament(everyone, self.settings.survivors - 1, TOURNAMENT)
+            children = algorithms.varOr(
+                kept, self._toolbox, self.settings.children, CROSSOVER, 1 - CROSSOVER
+            )
+        self.population = [Chromosome.from_json(one.genes) for one in kept]
+        self.densities = [one.fitness.values[0] for one in kept]
+        return [Chromosome.from_json(one.genes) for one in children]
+
+
+def _mate(a: Individual, b: Individual) -> tuple[Individual, Individual]:
+    for cross, ours, theirs in zip(
+        (tools.cxPartialyMatched, tools.cxTwoPoint, tools.cxTwoPoint), a.genes, b.genes, strict=True
+    ):
+        cross(ours, theirs)
+    return a, b
+
+
+def _mutate(individual: Individual, scales: int) -> tuple[Individual]:
+    order, sizes, turns = individual.genes
+    tools.mutShuffleIndexes(order, RATE)
+    tools.mutUniformInt(sizes, 0, scales - 1, RATE)
+    tools.mutUniformInt(turns, 0, rotations.COUNT - 1, RATE)
+    return (individual,)
+
+
+@contextmanager
+def _seeded(rng: np.random.Generator) -> Iterator[None]:
+    """DEAP draws from Python's own generator: seeded by ours, and afterwards as it was."""
+    before = random.getstate()
+    random.seed(int(rng.integers(2**63)))
+    try:
+        yield
+    finally:
+        random.setstate(before)
