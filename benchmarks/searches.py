@@ -26,8 +26,8 @@ from benchmarks.placement import RESULTS
 from benchmarks.tournaments import Tournaments
 from packit_sim import EvolutionSettings, ShapeLibrary, caches
 from packit_sim.evolution import densities
+from packit_sim.files import replace_text
 from packit_sim.pack_creator import Recipe
-from packit_sim.packs import replace_text
 from packit_sim.parallel import Workers
 from packit_sim.searches import Climbing, Elitist, Generational, Search
 

@@ -22,8 +22,9 @@ from typing import IO, Any
 from packit_sim.chromosomes import EvolutionSettings
 from packit_sim.errors import PackItError
 from packit_sim.evolution import Evolution
+from packit_sim.files import replace_text
 from packit_sim.library import ShapeLibrary
-from packit_sim.packs import LibraryRef, Pack, read_packs, replace_text, write_packs
+from packit_sim.packs import LibraryRef, Pack, read_packs, write_packs
 from packit_sim.parallel import Workers
 
 CHECKPOINT_SECONDS = 5.0

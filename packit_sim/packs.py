@@ -9,8 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,6 +18,7 @@ from packit_sim import placement, rotations
 from packit_sim._version import __version__
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError, PackFormatError, UnknownShapeError
+from packit_sim.files import replace_text
 from packit_sim.lattice import CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.library import ShapeLibrary, assets_folder
 from packit_sim.occupancy import Placed
@@ -337,21 +336,6 @@ def _check_manifest(manifest: Path, path: Path, data: bytes) -> None:
 def manifest_path(path: Path) -> Path:
     """Where the manifest of a dataset stands."""
     return path.with_suffix(".manifest.json")
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Writes a file under a temporary name, and renames it when it is complete and on the disk."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
 
 
 def _refuse_constant(name: str) -> float:

@@ -23,9 +23,10 @@ from packit_sim.console import (
     progress_bars,
 )
 from packit_sim.errors import PackItError
+from packit_sim.files import replace_text
 from packit_sim.library import ShapeLibrary
 from packit_sim.original import Original, read_original
-from packit_sim.packs import replace_text, write_packs
+from packit_sim.packs import write_packs
 
 MOST_ROWS = 40
 """Of the table of items without a shape; the report has them all."""

@@ -24,8 +24,9 @@ from packit_sim.console import (
 )
 from packit_sim.errors import PackItError
 from packit_sim.evaluate_cli import evaluate_shown, score_table, show_agents
+from packit_sim.files import replace_text
 from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Task, load_tasks, read_packs, replace_text
+from packit_sim.packs import Task, load_tasks, read_packs
 from packit_sim.parallel import Workers
 from packit_sim.policies import Agent
 from packit_sim.reproduction import HEURISTIC, TABLES, draw, markdown, reproduced, to_json

@@ -13,6 +13,7 @@ AGENTS = ROOT / "agents" / "packit_agents"
 ORDER = (
     "_version",
     "errors",
+    "files",
     "lattice",
     "rotations",
     "caches",

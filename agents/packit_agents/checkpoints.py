@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 import torch
 
 from packit_sim.errors import PackItError
+from packit_sim.files import replacing
 
 FORMAT = 1
 
@@ -77,16 +76,8 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], told: dict[str, Any]) 
         "torch": torch.get_rng_state(),
         "numpy": json.dumps(random),
     }
-    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            torch.save(content, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except BaseException:
-        os.unlink(partial)
-        raise
+    with replacing(path) as file:
+        torch.save(content, file)
 
 
 def read_checkpoint(

@@ -32,9 +32,10 @@ from packit_sim.env import FRESH, PackItEnv
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Estimate
 from packit_sim.evaluation import evaluate_batched
+from packit_sim.files import replace_text
 from packit_sim.library import ShapeLibrary
 from packit_sim.observations import Observation
-from packit_sim.packs import LibraryRef, Task, load_tasks, replace_text
+from packit_sim.packs import LibraryRef, Task, load_tasks
 from packit_sim.vector import PackItVectorEnv
 
 RECENT = 200

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +15,7 @@ from torch import nn
 
 from packit_agents.networks import NetworkSettings, network
 from packit_sim.errors import PackItError
+from packit_sim.files import replacing
 
 FORMAT = "packit-network"
 VERSION = 1
@@ -38,17 +37,8 @@ def write_weights(
         "made": json.dumps(made),
     }
     tensors = {name: tensor.cpu().contiguous() for name, tensor in net.state_dict().items()}
-    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(save(tensors, told))
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(partial, 0o644)
-        os.replace(partial, path)
-    except BaseException:
-        os.unlink(partial)
-        raise
+    with replacing(path) as file:
+        file.write(save(tensors, told))
 
 
 def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:

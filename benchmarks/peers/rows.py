@@ -14,8 +14,9 @@ from benchmarks.peers.posed import Posed
 from benchmarks.peers.validity import Verdict
 from packit_sim.estimates import Comparison, Estimate
 from packit_sim.evaluation import SLACK
+from packit_sim.files import replace_text
 from packit_sim.lattice import CELLS_PER_UNIT
-from packit_sim.packs import Task, replace_text
+from packit_sim.packs import Task
 
 DIGITS = 6
 """Of shares and seconds, in the file."""
