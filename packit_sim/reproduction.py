@@ -290,7 +290,7 @@ def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
 
 def draw(table: PaperTable, found: Sequence[Reproduced], path: Path) -> None:
     """Bars of Average Reward, ours with intervals, and the paper's."""
-    with plots.drawn(path, [["reward"]], 8, 0.9 + 0.55 * len(found)) as (_, axes):
+    with plots.drawn(path, [["reward"]], 8, 0.9 + 0.55 * len(found)) as (figure, axes):
         ax = axes["reward"]
         places = np.arange(len(found))[::-1]
         means = np.array([each.score.reward.mean for each in found])
@@ -305,8 +305,8 @@ def draw(table: PaperTable, found: Sequence[Reproduced], path: Path) -> None:
         ax.set_xlim(0, 1)
         ax.set_xlabel("Average Reward, and its 95% bootstrap interval")
         ax.grid(axis="y", visible=False)
-        ax.legend(loc="lower right")
-        ax.set_title(table.title)
+        figure.legend(loc="outside upper right", ncols=2)
+        figure.suptitle(table.title, x=0.01, ha="left", weight="bold")
 
 
 def _cell(estimate: Estimate, metric: str) -> str:
