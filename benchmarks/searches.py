@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -56,20 +55,19 @@ RESAMPLES = 10_000
 
 def run(
     library: ShapeLibrary, kind: str, seed: int, settings: EvolutionSettings
-) -> tuple[str, int, dict[str, Any]]:
-    """What a search found: the best density after each generation, and its CPU seconds."""
+) -> tuple[str, int, list[float]]:
+    """The search's name, the seed, and the best density after each generation."""
     caches.clear()
     rng = np.random.default_rng(seed)
     recipe = Recipe.drawn(library, settings, rng)
     search = KINDS[kind](settings)
     best: list[float] = []
-    cpu = time.process_time()
     for _ in range(settings.generations + 1):
         chromosomes = search.ask(rng)
         found = densities(recipe, chromosomes, search.threshold)
         search.tell(chromosomes, found)
         best.append(max(found if not best else [best[-1], *found]))
-    return kind, seed, {"CPU seconds": time.process_time() - cpu, "densities": best}
+    return kind, seed, best
 
 
 def evaluations(settings: EvolutionSettings) -> npt.NDArray[np.int64]:
@@ -88,9 +86,7 @@ def interval(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 def curves(runs: dict[str, Any], seeds: Sequence[int]) -> dict[str, npt.NDArray[np.float64]]:
     """(seeds, generations + 1) densities of each search."""
-    return {
-        kind: np.array([runs[kind][str(seed)]["densities"] for seed in seeds]) for kind in KINDS
-    }
+    return {kind: np.array([runs[kind][str(seed)] for seed in seeds]) for kind in KINDS}
 
 
 def compared(result: dict[str, Any], settings: EvolutionSettings) -> dict[str, Any]:
@@ -101,9 +97,6 @@ def compared(result: dict[str, Any], settings: EvolutionSettings) -> dict[str, A
     rows: dict[str, Any] = {}
     for kind, density in found.items():
         rows[kind] = {
-            "CPU seconds, median": float(
-                np.median([run["CPU seconds"] for run in result["runs"][kind].values()])
-            ),
             "evaluations until the paper's last mean": (
                 int(counts[np.argmax(density.mean(axis=0) >= aim)])
                 if density.mean(axis=0)[-1] >= aim
@@ -140,33 +133,42 @@ def show(console: Console, result: dict[str, Any]) -> None:
                 f"{row[at]['pools won']}",
             )
         console.print(table)
-    table = Table("search", "evaluations until the paper's last mean", "CPU seconds a run")
+    table = Table("search", "evaluations until the paper's last mean")
     for kind, row in rows.items():
         reached = row["evaluations until the paper's last mean"]
-        table.add_row(kind, f"{reached or 'never'}", f"{row['CPU seconds, median']:.0f}")
+        table.add_row(kind, f"{reached or 'never'}")
     console.print(table)
 
 
 def draw(result: dict[str, Any], settings: EvolutionSettings, file: Path) -> None:
-    figure = Figure(figsize=(9, 5.5), layout="constrained")
-    axis = figure.subplots()
+    figure = Figure(figsize=(13, 5.5), layout="constrained")
     counts = evaluations(settings)
-    for kind, density in curves(result["runs"], result["seeds"]).items():
-        mean, low, high = interval(density)
-        colour, line = STYLES[kind]
-        axis.plot(counts, mean, color=colour, linestyle=line, linewidth=2, label=kind)
-        axis.fill_between(counts, low, high, color=colour, alpha=0.12, linewidth=0)
-    axis.set_xlabel("chromosomes packed", fontsize=13)
-    axis.set_ylabel("density of the best pack", fontsize=13)
-    axis.set_title(
-        f"Four searches on the same {len(result['seeds'])} pools: mean and 95% interval",
-        fontsize=14,
+    found = curves(result["runs"], result["seeds"])
+    differences = {kind: density - found[PAPERS] for kind, density in found.items()}
+    for axis, lines, title, label in zip(
+        figure.subplots(1, 2),
+        (found, differences),
+        ("density of the best pack", "more than the paper's search, pool by pool"),
+        ("density", "difference of densities"),
+        strict=True,
+    ):
+        for kind, values in lines.items():
+            mean, low, high = interval(values)
+            colour, line = STYLES[kind]
+            axis.plot(counts, mean, color=colour, linestyle=line, linewidth=2, label=kind)
+            axis.fill_between(counts, low, high, color=colour, alpha=0.12, linewidth=0)
+        axis.set_title(title, fontsize=14)
+        axis.set_xlabel("chromosomes packed", fontsize=13)
+        axis.set_ylabel(label, fontsize=13)
+        axis.set_xlim(0, counts[-1])
+        axis.tick_params(labelsize=12)
+        axis.grid(alpha=0.3)
+    figure.axes[0].legend(fontsize=12, loc="lower right")
+    figure.suptitle(
+        f"Four searches on the same {len(result['seeds'])} pools: means and 95% intervals",
+        fontsize=15,
     )
-    axis.set_xlim(0, counts[-1])
-    axis.tick_params(labelsize=12)
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize=12, loc="lower right")
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=100)
 
 
 def begun(file: Path, order: dict[str, Any]) -> dict[str, Any]:
@@ -213,8 +215,7 @@ def main() -> None:
     for kind, seed, found in Workers(arguments.workers).as_done(run, jobs):
         runs[kind][str(seed)] = found
         replace_text(file, json.dumps(result) + "\n")
-        seconds = found["CPU seconds"]
-        console.print(f"seed {seed}, {kind}: {found['densities'][-1]:.3f} in {seconds:.0f} s")
+        console.print(f"seed {seed}, {kind}: {found[-1]:.3f}")
     result["compared"] = compared(result, settings)
     replace_text(file, json.dumps(result) + "\n")
     draw(result, settings, arguments.out / "searches.png")
