@@ -13,7 +13,7 @@ import fcl
 from numba.core.dispatcher import Dispatcher
 
 from packit_sim import EvolutionSettings, ShapeLibrary, caches, occupancy, screening
-from packit_sim.evolution import Evolution
+from packit_sim.creation.evolution import Evolution
 
 _T = TypeVar("_T")
 

@@ -8,7 +8,7 @@ import torch
 import trimesh
 
 from packit_sim import Box, Item
-from packit_sim.lattice import CELL, STEP
+from packit_sim.geometry.lattice import CELL, STEP
 from packit_sim.placement import Mask
 from packit_sim.screening import locations
 

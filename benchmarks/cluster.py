@@ -29,10 +29,11 @@ from ray.cluster_utils import Cluster
 from rich.console import Console
 from rich.table import Table
 
-from packit_sim import EvolutionSettings, ShapeLibrary, caches, generation
-from packit_sim.evolution import Evolution
-from packit_sim.generation import Order
-from packit_sim.packs import STARTER_PACKS, Pack, dataset_file, read_packs
+from packit_sim import EvolutionSettings, ShapeLibrary, caches
+from packit_sim.creation import generation
+from packit_sim.creation.evolution import Evolution
+from packit_sim.creation.generation import Order
+from packit_sim.datasets.packs import STARTER_PACKS, Pack, dataset_file, read_packs
 from packit_sim.parallel import Workers
 
 RESULTS = Path(__file__).parent / "results"

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS
 from packit_sim import ShapeLibrary
-from packit_sim.env import PackItEnv
+from packit_sim.envs.env import PackItEnv
 
 PAPER = 0.39
 """Shape-Selection steps a second of the paper's training: 200,000 in 6 days."""

@@ -26,7 +26,7 @@ from rich.table import Table
 from benchmarks.accounts import shares
 from benchmarks.placement import RESULTS
 from packit_sim import EvolutionSettings, ShapeLibrary, caches
-from packit_sim.evolution import Evolution
+from packit_sim.creation.evolution import Evolution
 from packit_sim.files import replace_text
 from packit_sim.parallel import Workers
 from packit_sim.statistics import Statistics, statistics

@@ -26,15 +26,16 @@ from rich.table import Table
 from trimesh import creation
 
 from benchmarks.placement import RESULTS, summaries
-from packit_sim import Item, Shape, ShapeLibrary, mesh_files
-from packit_sim.chromosomes import SCALES
-from packit_sim.deviation import deviation
-from packit_sim.importer import ImportSettings, import_library
-from packit_sim.quantized import QuantizedMesh
-from packit_sim.simplification import Simplification
-from packit_sim.sources import Candidate
-from packit_sim.voxelization import solid_volume
-from packit_sim.voxels import Voxels
+from packit_sim import Item, Shape, ShapeLibrary
+from packit_sim.creation.chromosomes import SCALES
+from packit_sim.geometry.deviation import deviation
+from packit_sim.geometry.quantized import QuantizedMesh
+from packit_sim.geometry.simplification import Simplification
+from packit_sim.geometry.voxelization import solid_volume
+from packit_sim.geometry.voxels import Voxels
+from packit_sim.libraries import mesh_files
+from packit_sim.libraries.importer import ImportSettings, import_library
+from packit_sim.libraries.sources import Candidate
 
 HUGE = 8
 """Subdivisions of the icosphere that is imported: 1,310,720 triangles."""

@@ -30,12 +30,12 @@ from trimesh import creation
 
 from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_mask
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, caches, evolve, placement
-from packit_sim.chromosomes import SCALES, Chromosome, crossover, mutate
 from packit_sim.collision import collision_mesh
-from packit_sim.lattice import BOX_CELLS
+from packit_sim.creation.chromosomes import SCALES, Chromosome, crossover, mutate
+from packit_sim.creation.pack_creator import PackCreator, draw_pool
+from packit_sim.creation.searches import select
+from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.nofit import MEETINGS
-from packit_sim.pack_creator import PackCreator, draw_pool
-from packit_sim.searches import select
 from packit_sim.statistics import Statistics, statistics
 
 RESULTS = Path(__file__).parent / "results"

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from deap import algorithms, base, tools
 
-from packit_sim import rotations
-from packit_sim.chromosomes import Chromosome, EvolutionSettings
-from packit_sim.searches import Search
+from packit_sim.creation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.creation.searches import Search
+from packit_sim.geometry import rotations
 
 TOURNAMENT = 3
 """Chromosomes of which the densest is chosen, as in DEAP's examples."""

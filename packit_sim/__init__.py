@@ -4,19 +4,19 @@ import gymnasium
 
 from packit_sim._version import __version__
 from packit_sim.box import Box
-from packit_sim.chromosomes import EvolutionSettings
-from packit_sim.evaluation import evaluate, play
-from packit_sim.evolution import evolve
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Pack, Task, read_packs, verify, write_packs
-from packit_sim.policies import Agent
-from packit_sim.shapes import Item, Shape
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.evolution import evolve
+from packit_sim.datasets.packs import Pack, Task, read_packs, verify, write_packs
+from packit_sim.envs.policies import Agent
+from packit_sim.experiments.evaluation import evaluate, play
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries.library import ShapeLibrary
 
 for _id, _settings in (("PackIt-v0", {}), ("PackItEasy-v0", {"easy": True})):
     gymnasium.register(
         _id,
-        entry_point="packit_sim.env:PackItEnv",
-        vector_entry_point="packit_sim.vector:PackItVectorEnv",
+        entry_point="packit_sim.envs.env:PackItEnv",
+        vector_entry_point="packit_sim.envs.vector:PackItVectorEnv",
         kwargs=_settings,
     )
 

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import lifting, placement, rotations
-from packit_sim.bits import Words
+from packit_sim import lifting, placement
 from packit_sim.errors import InfeasibleError
-from packit_sim.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
+from packit_sim.geometry import rotations
+from packit_sim.geometry.bits import Words
+from packit_sim.geometry.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import unpack
 from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.placement import ORIGIN, Blockers, Mask
-from packit_sim.shapes import Item
-from packit_sim.voxels import unpack
 
 
 @dataclass(frozen=True)

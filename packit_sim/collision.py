@@ -9,11 +9,11 @@ import fcl
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import rotations
 from packit_sim.caches import bounded
-from packit_sim.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
+from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.occupancy import Placed
-from packit_sim.shapes import Item, Shape
 
 COLLISION_MESHES_BUDGET = 2_000_000
 """Triangles that the process's cache of collision meshes holds, roughly 0.7 kB each."""

@@ -19,15 +19,15 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from packit_sim.bits import lowest_bit
 from packit_sim.caches import bounded
 from packit_sim.compiled import kernel
-from packit_sim.deviation import Surface
-from packit_sim.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, STEP
+from packit_sim.geometry.bits import lowest_bit
+from packit_sim.geometry.deviation import Surface
+from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, STEP
+from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Placed
 from packit_sim.placement import Mask
 from packit_sim.screening import Locations
-from packit_sim.shapes import Item
 
 COLUMNS_BUDGET = 256 * 2**20
 """Bytes in the process's cache of items' columns."""

@@ -13,10 +13,10 @@ import numpy as np
 from packit_sim.caches import bounded
 from packit_sim.collision import collides_memo
 from packit_sim.compiled import kernel
-from packit_sim.lattice import Triple
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Placed
 from packit_sim.screening import BLOCKED, FREE, OPEN, States, screen_offsets
-from packit_sim.shapes import Item
 
 TABLES_BUDGET = 256 * 2**20
 """Bytes in the process's cache of tables, about 10 kB each."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.bits import Words, lowest_bit
 from packit_sim.caches import cached_property
 from packit_sim.compiled import kernel
-from packit_sim.lattice import CELL, STEP, Triple, grid_nodes
-from packit_sim.shapes import Item
+from packit_sim.geometry.bits import Words, lowest_bit
+from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
 
 _1 = np.uint64(1)
 _NO_PAGE = -1

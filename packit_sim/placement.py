@@ -15,11 +15,13 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import nofit, rotations, screening
+from packit_sim import nofit, screening
 from packit_sim.caches import bounded
 from packit_sim.collision import collides, collides_memo
 from packit_sim.errors import InfeasibleError
-from packit_sim.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.screening import (
     BLOCKED,
@@ -32,7 +34,6 @@ from packit_sim.screening import (
     screen_pair,
     unblocked,
 )
-from packit_sim.shapes import Item
 from packit_sim.statistics import count
 
 Mask = npt.NDArray[np.bool_]

@@ -21,11 +21,12 @@ import trimesh
 from trimesh import creation, transformations
 
 from packit_sim.errors import RenderError
-from packit_sim.lattice import CELL, Triple
-from packit_sim.obj_text import convex_pieces, drawn, objects
+from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.rotations import MATRICES
+from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.occupancy import Placed
-from packit_sim.placement import Contents
-from packit_sim.rendering import (
+from packit_sim.pictures.obj_text import convex_pieces, drawn, objects
+from packit_sim.pictures.rendering import (
     ISO,
     RENDERER_VARIABLE,
     UNIT,
@@ -37,8 +38,7 @@ from packit_sim.rendering import (
     release_renderer,
     take,
 )
-from packit_sim.rotations import MATRICES
-from packit_sim.shapes import Item, Shape
+from packit_sim.placement import Contents
 
 with quiet():
     import pybullet

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.bits import count_bits, lowest_bit
 from packit_sim.compiled import kernel
-from packit_sim.lattice import STEP, Triple, grid_nodes
+from packit_sim.geometry.bits import count_bits, lowest_bit
+from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import Voxels
 from packit_sim.occupancy import Occupancy, Placed
-from packit_sim.shapes import Item
-from packit_sim.voxels import Voxels
 
 FREE, OPEN, BLOCKED = 0, 1, 2
 """In this order: what several placed items tell of a location is the largest of what each does."""

@@ -27,12 +27,12 @@ import numpy as np
 import trimesh
 from lxml import etree
 
-from packit_sim import mesh_files
-from packit_sim.importer import ImportSettings, Outcome, import_library
-from packit_sim.library import ShapeLibrary
-from packit_sim.mesh_files import RawMesh
-from packit_sim.simplification import Simplification
-from packit_sim.sources import Candidate, SizeCm
+from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries import mesh_files
+from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.sources import Candidate, SizeCm
 
 VERSION = "2"
 """Of the library: raise it whenever a shape changes, since packs refer to it."""

@@ -8,7 +8,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from packit_sim import rendering
+from packit_sim.pictures import rendering
 
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)

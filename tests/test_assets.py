@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.census import dataset_files
-from packit_sim.generation import work_folder
-from packit_sim.library import ShapeLibrary, assets_folder
-from packit_sim.packs import (
+from packit_sim.creation.census import dataset_files
+from packit_sim.creation.generation import work_folder
+from packit_sim.datasets.packs import (
     builtin_datasets,
     dataset_path,
     load_tasks,
@@ -22,7 +21,8 @@ from packit_sim.packs import (
     read_packs,
     write_packs,
 )
-from packit_sim.verification import Report, verify_dataset
+from packit_sim.datasets.verification import Report, verify_dataset
+from packit_sim.libraries.library import ShapeLibrary, assets_folder
 
 SAMPLE = 3
 """Packs of each file: the first, the last, and what lies evenly between."""

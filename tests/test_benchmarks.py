@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from packit_sim import EvolutionSettings, ShapeLibrary
-from packit_sim.chromosomes import Chromosome
-from packit_sim.evolution import Evolution, evolve
+from packit_sim.creation.chromosomes import Chromosome
+from packit_sim.creation.evolution import Evolution, evolve
 
 pytest.importorskip("torch")
 from benchmarks.evolution import Meter, stop

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from packit_sim import placement
 from packit_sim.box import Box, Snapshot
 from packit_sim.errors import InfeasibleError
+from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Occupancy
-from packit_sim.shapes import Item
 from tests.zoo import BALL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 seeds = st.integers(0, 2**32 - 1)

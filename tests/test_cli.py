@@ -11,11 +11,11 @@ import trimesh
 from PIL import Image
 from trimesh import creation
 
-from packit_sim.lattice import CONTACT_TOLERANCE, FINE
-from packit_sim.library import ShapeLibrary
+from packit_sim.datasets.packs import read_packs
+from packit_sim.experiments.results import read_results
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.occupancy import Placed
-from packit_sim.packs import read_packs
-from packit_sim.results import read_results
 from packit_sim.scene import Scene
 
 SMALL = ("--pool", "6", "--generations", "1")

@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 
-from packit_sim import generation, parallel
-from packit_sim.chromosomes import EvolutionSettings
+from packit_sim import parallel
+from packit_sim.creation import generation
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.generation import Order, generate, under_way
+from packit_sim.datasets.packs import Pack
 from packit_sim.errors import LibraryError
-from packit_sim.generation import Order, generate, under_way
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Pack
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers, WorkersError
 
 pytestmark = [
@@ -71,7 +72,7 @@ def begun(tmp_path, monkeypatch) -> Path:
     def logged(*job):  # a nested function, so that it travels by value
         import json
 
-        from packit_sim import generation
+        from packit_sim.creation import generation
 
         _, _, folder, number, _ = job
         generation.CHECKPOINT_SECONDS = 0.0

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import packit_sim
-from packit_sim import rotations
+from packit_sim.geometry import rotations
 
 SCRIPT = """
 import numpy as np
-from packit_sim.bits import turn_words, turning_swaps
+from packit_sim.geometry.bits import turn_words, turning_swaps
 words = np.array([1], dtype=np.uint64)
 turn_words(words, turning_swaps(1))
 print(int(words[0]))
@@ -27,7 +27,8 @@ def installed(tmp_path: Path) -> Path:
     source = Path(packit_sim.__file__).parent
     copy = tmp_path / "site-packages" / "packit_sim"
     shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (copy / "__pycache__").write_text("a file, so that no folder can be made here")
+    for folder in [copy, *(each.parent for each in copy.glob("*/__init__.py"))]:
+        (folder / "__pycache__").write_text("a file, so that no folder can be made here")
     return copy.parent
 
 

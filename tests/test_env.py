@@ -10,10 +10,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from packit_sim import lifting
-from packit_sim.env import PackItEnv
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Pack, Task, load_tasks, write_packs
-from packit_sim.policies import Agent
+from packit_sim.datasets.packs import Pack, Task, load_tasks, write_packs
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.policies import Agent
+from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import cube_of
 
 

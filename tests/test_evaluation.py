@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from packit_sim import evaluation, reproduction
-from packit_sim.cli import app
+from packit_sim.cli.app import app
+from packit_sim.datasets.packs import Task, load_tasks, read_packs, verify
+from packit_sim.envs.policies import Agent
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Comparison, Estimate
-from packit_sim.evaluation import Score, compare, evaluate
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Task, load_tasks, read_packs, verify
+from packit_sim.experiments import evaluation, reproduction
+from packit_sim.experiments.evaluation import Score, compare, evaluate
+from packit_sim.experiments.reproduction import TABLES, markdown, reproduced
+from packit_sim.experiments.results import ResultsError, Rollout, Rules, read_results, write_results
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers
-from packit_sim.policies import Agent
-from packit_sim.reproduction import TABLES, markdown, reproduced
-from packit_sim.results import ResultsError, Rollout, Rules, read_results, write_results
 
 NAMES = ("largest-first/aligned/blbf", "random/random/random", "random/aligned/blbf+backtrack=3")
 
@@ -80,9 +80,10 @@ def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path
     """Killed after a checkpoint, and started again: the file of an undisturbed one."""
     file = tmp_path / "results.jsonl"
     script = (
-        "from packit_sim import evaluation, ShapeLibrary\n"
-        "from packit_sim.packs import load_tasks\n"
-        "from packit_sim.policies import Agent\n"
+        "from packit_sim import ShapeLibrary\n"
+        "from packit_sim.experiments import evaluation\n"
+        "from packit_sim.datasets.packs import load_tasks\n"
+        "from packit_sim.envs.policies import Agent\n"
         "from pathlib import Path\n"
         "evaluation.CHECKPOINT_SECONDS = 0\n"
         f"agents = [Agent.from_name(name) for name in {NAMES!r}]\n"
@@ -226,7 +227,7 @@ def test_a_table_beside_the_papers(agents, tasks, rollouts) -> None:
 
 def test_reproduce_goes_on_with_what_it_has(tmp_path, monkeypatch) -> None:
     common = ("--packs", "starter", "--workers", "1", "--out", tmp_path)
-    monkeypatch.setattr("packit_sim.reproduce_cli.QUICK_TASKS", 2)
+    monkeypatch.setattr("packit_sim.cli.reproduce.QUICK_TASKS", 2)
     packit("reproduce", "table1", *common, "--quick")
     written = {path.name for path in tmp_path.iterdir()}
     assert {"table1.md", "table1.json", "table1.png", "packit.jsonl"} <= written

@@ -17,10 +17,10 @@ from trimesh import creation
 
 from packit_sim import nofit, placement
 from packit_sim.box import Box
-from packit_sim.lattice import CONTACT_TOLERANCE
-from packit_sim.library import ShapeLibrary
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.occupancy import Placed
-from packit_sim.shapes import Item, Shape
 from tests.zoo import ZOO, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")

@@ -2,10 +2,10 @@
 
 import pytest
 
-from packit_sim.chromosomes import EvolutionSettings
-from packit_sim.forecast import ENOUGH, Forecast, told
-from packit_sim.generation import Progress
-from packit_sim.packs import LibraryRef, Pack
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.forecast import ENOUGH, Forecast, told
+from packit_sim.creation.generation import Progress
+from packit_sim.datasets.packs import LibraryRef, Pack
 
 SETTINGS = EvolutionSettings(generations=99, patience=20)
 """An evolution has 100 generations, the first included, or ends 20 after its best."""

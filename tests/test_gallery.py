@@ -11,10 +11,11 @@ import trimesh
 from PIL import Image
 from trimesh import creation
 
-from packit_sim import gallery, rendering, scene
+from packit_sim import scene
 from packit_sim.errors import MeshError, RenderError
-from packit_sim.gallery import Picture, contact_sheet, picture
-from packit_sim.shapes import Shape
+from packit_sim.geometry.shapes import Shape
+from packit_sim.pictures import gallery, rendering
+from packit_sim.pictures.gallery import Picture, contact_sheet, picture
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 
 SIDE = 96

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 import trimesh
 
-import packit_sim.library
-from packit_sim import generation
-from packit_sim.chromosomes import EvolutionSettings
+import packit_sim.libraries.library
+from packit_sim.creation import generation
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.generation import GenerationError, Order, checkpoint, generate, work_folder
+from packit_sim.datasets.packs import Pack, load_tasks, read_packs, verify
 from packit_sim.errors import LibraryError
-from packit_sim.generation import GenerationError, Order, checkpoint, generate, work_folder
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Pack, load_tasks, read_packs, verify
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers, WorkersError
 
 SMALL = EvolutionSettings(
@@ -84,8 +84,8 @@ def test_the_way_can_be_kept(library, tmp_path) -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from packit_sim import generation
-from packit_sim.library import ShapeLibrary
+from packit_sim.creation import generation
+from packit_sim.libraries.library import ShapeLibrary
 from tests.test_generation import SMALL, order
 generation.CHECKPOINT_SECONDS = 0.0
 print("ready", flush=True)
@@ -283,7 +283,7 @@ def test_a_library_that_travels_is_found_wherever_it_is_installed(
 ) -> None:
     travelling = pickle.dumps(library)
     (tmp_path / "everyday").symlink_to(library.path)
-    monkeypatch.setattr(packit_sim.library, "assets_folder", lambda: tmp_path)
+    monkeypatch.setattr(packit_sim.libraries.library, "assets_folder", lambda: tmp_path)
     arrived = pickle.loads(travelling)
     assert arrived.path == tmp_path / "everyday" and arrived.ids == library.ids
     assert len(pickle.dumps(order(arrived))) < 1000

@@ -9,13 +9,13 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from packit_sim import hardness
-from packit_sim.chromosomes import EvolutionSettings
-from packit_sim.cli import app
+from packit_sim.cli.app import app
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.generation import Order, generate
+from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem, read_packs
 from packit_sim.errors import PackItError
-from packit_sim.generation import Order, generate
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import LibraryRef, Pack, PackedItem, read_packs
+from packit_sim.experiments import hardness
+from packit_sim.libraries.library import ShapeLibrary
 
 SMALL = EvolutionSettings(
     *(8, 8, 2, 2), generations=6, patience=3, keep_every=2, size_range=(0.6, 0.8)

@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_agents.contacts import contacts, neighbours
-from packit_agents.heightmaps import gaps, growth, heightmap, room_below
-from packit_agents.stretches import SHORTEST_GAP, stretches
-from packit_sim import rotations
+from packit_agents.heuristics.contacts import contacts, neighbours
+from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, room_below
+from packit_agents.heuristics.stretches import SHORTEST_GAP, stretches
 from packit_sim.box import Box
-from packit_sim.episode import End, Episode, Stage
-from packit_sim.lattice import STEP, Triple
-from packit_sim.packs import LibraryRef, Pack, Task
-from packit_sim.policies import load_policy
-from packit_sim.shapes import Item, Shape
+from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.envs.episode import End, Episode, Stage
+from packit_sim.envs.policies import load_policy
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.shapes import Item, Shape
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 
 DOCS = Path(__file__).parents[1] / "docs" / "agents.md"
@@ -37,7 +37,13 @@ MEASURES: dict[str, Measure] = {
     "longest-first": lambda item: -float(np.round(item.extents.max(), 12)),
 }
 
-SHAPES = ("largest-first", "smallest-first", "largest-box-first", "longest-first")
+SHAPES = (
+    "largest-first",
+    "largest-fitting-first",
+    "smallest-first",
+    "largest-box-first",
+    "longest-first",
+)
 ROTATIONS = ("aligned", "first-fit", "lowest")
 LOCATIONS = ("blbf", "dblf", "heightmap-minimisation", "maximal-contact", "least-empty")
 ALL = tuple(("random", *names) for names in (SHAPES, ROTATIONS, LOCATIONS))
@@ -111,6 +117,35 @@ def test_shapes_come_in_the_order_known_by_hand(name, order) -> None:
         episode.step(0)
         episode.step(choose(Stage.LOCATION, "blbf", episode))
     assert played == order
+
+
+def test_the_largest_that_fits_comes_before_larger_ones_that_do_not() -> None:
+    """On the floor is room for one of two large blocks, and beside it for the cube."""
+    items = block(24, 40, 24), cube_of(12), block(24, 40, 28)
+    episode = episode_of(*items)
+    assert choose(Stage.SHAPE, "largest-fitting-first", episode) == 2
+    episode.box.place(items[2], (0, 0, 0))
+    episode.outside[2] = False
+    assert choose(Stage.SHAPE, "largest-first", episode) == 0
+    assert choose(Stage.SHAPE, "largest-fitting-first", episode) == 1
+    scores = policy(Stage.SHAPE, "largest-fitting-first").scores(episode, np.random.default_rng(0))
+    assert scores.argmax() == 1 and scores[0] > -20 and np.isneginf(scores[2])
+
+
+def test_a_shape_that_fits_only_in_another_rotation_has_room_where_the_game_is_easy() -> None:
+    """Of two boards the larger one is too deep for the box, and not too wide."""
+    items, cells = (block(8, 36, 24), block(8, 20, 24)), (40, 24, 40)
+    chosen = [
+        choose(Stage.SHAPE, "largest-fitting-first", episode_of(*items, cells=cells, easy=easy))
+        for easy in (False, True)
+    ]
+    assert chosen == [1, 0]
+
+
+@pytest.mark.parametrize("name", ["largest-first", "largest-fitting-first"])
+def test_where_nothing_fits_the_largest_comes_first(name) -> None:
+    items = cube_of(20), cube_of(24)
+    assert choose(Stage.SHAPE, name, episode_of(*items, cells=(16, 16, 16))) == 1
 
 
 @pytest.mark.parametrize("name", MEASURES)

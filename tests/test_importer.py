@@ -18,14 +18,14 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.errors import LibraryError
-from packit_sim.importer import ImportSettings, Outcome, import_library
-from packit_sim.library import ShapeLibrary
-from packit_sim.mesh_files import RawMesh
-from packit_sim.repair import Repairs
-from packit_sim.shapes import Shape
-from packit_sim.simplification import Simplification
-from packit_sim.sources import Candidate
-from packit_sim.splits import SPLITS
+from packit_sim.geometry.repair import Repairs
+from packit_sim.geometry.shapes import Shape
+from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.sources import Candidate
+from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
 from tests.test_cli import packit
 

@@ -3,7 +3,7 @@
 import json
 import pickle
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,18 +15,21 @@ pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra trai
 import torch
 from trimesh import creation
 
-from packit_agents import training
-from packit_agents.learned import LearnedShape, log_probabilities, masked
-from packit_agents.networks import NETWORKS, NetworkSettings, network
-from packit_agents.training import Training, TrainingError
-from packit_agents.training_settings import SettingsError, TrainingSettings, read_settings
-from packit_agents.weights import WeightsError, read_weights, write_weights
-from packit_sim.env import PackItEnv
-from packit_sim.evaluation import evaluate
-from packit_sim.library import ShapeLibrary
-from packit_sim.observations import PROSPECTS, ProspectObserver
-from packit_sim.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
-from packit_sim.policies import Agent, UnknownPolicyError
+from packit_agents.learning import training
+from packit_agents.learning.imitation import LESSON, TaughtEnv
+from packit_agents.learning.learned import LearnedShape, log_probabilities, masked
+from packit_agents.learning.networks import NETWORKS, NetworkSettings, network
+from packit_agents.learning.training import Training, TrainingError
+from packit_agents.learning.training_settings import SettingsError, TrainingSettings, read_settings
+from packit_agents.learning.weights import WeightsError, read_weights, write_weights
+from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.episode import Stage
+from packit_sim.envs.observations import PROSPECTS, ProspectObserver
+from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
+from packit_sim.experiments.evaluation import evaluate
+from packit_sim.geometry.lattice import Triple
+from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import cube_of
 
 
@@ -303,9 +306,17 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     return dict(read_weights(folder / "last.safetensors")[0].state_dict())
 
 
-@pytest.mark.parametrize("observation", ["features", "prospects"])
-def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, observation) -> None:
-    settings = replace(TINY, observation=observation)
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"observation": "features"},
+        {"observation": "prospects"},
+        {"teacher": "largest-fitting-first", "imitation": 64},
+        {"teacher": "largest-fitting-first", "imitation": 128},
+    ],
+)
+def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, change) -> None:
+    settings = replace(TINY, **change)
     whole = Training(settings, tmp_path / "whole", "cpu")
     whole.run()
     assert [point.steps for point in whole.curve] == [0, 64, 128, 192]
@@ -340,26 +351,16 @@ def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, obser
         Training(settings, tmp_path / "parts", "cpu")
 
 
-@pytest.mark.parametrize("name", NETWORKS)
-def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
-    """The trap of the searches: the largest cube must wait, or the other two find no room."""
-    creation.box((1, 1, 1)).export(tmp_path / "cube.stl")
-    library = ShapeLibrary.open(tmp_path)
-    big, middle, small = (cube_of(side).scale for side in (60, 52, 48))
-    ref = LibraryRef.of(library)
-    pack = Pack(
-        ref,
-        (100, 60, 60),
-        (),
-        0.0,
-        outside=tuple(OutsideItem("cube", scale) for scale in (big, middle, small)),
-    )
-    write_packs(tmp_path / "trap.jsonl", [pack])
-    settings = replace(
+def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings:
+    """Settings of a short training on a single task of cubes."""
+    creation.box((1, 1, 1)).export(folder / "cube.stl")
+    items = tuple(OutsideItem("cube", cube_of(side).scale) for side in sides)
+    pack = Pack(LibraryRef.of(ShapeLibrary.open(folder)), cells, (), 0.0, outside=items)
+    write_packs(folder / "cubes.jsonl", [pack])
+    return replace(
         TINY,
-        packs=str(tmp_path / "trap.jsonl"),
-        library=str(tmp_path),
-        network=replace(SMALL, network=name),
+        packs=str(folder / "cubes.jsonl"),
+        library=str(folder),
         learning_rate=3e-3,
         envs=8,
         rollout_steps=16,
@@ -368,10 +369,56 @@ def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
         steps=2048,
         validate_every=2048,
     )
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
+    """The trap of the searches: the largest cube must wait, or the other two find no room."""
+    settings = cubes(tmp_path, (60, 52, 48), (100, 60, 60))
+    settings = replace(settings, network=replace(SMALL, network=name))
     done = Training(settings, tmp_path / "run", "cpu")
     done.run()
     both_others = (52**3 + 48**3) / (60**3 + 52**3 + 48**3)
     assert done.curve[-1].validation.mean == pytest.approx(both_others)
+
+
+def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
+    """In the box is room for the largest cube alone, or for a smaller one alone."""
+    settings = cubes(tmp_path, (20, 44, 60), (60, 60, 60))
+    taught = replace(settings, teacher="smallest-first", imitation=2048)
+    for how, first in ((taught, 0), (settings, 2)):
+        folder = tmp_path / f"run-{first}"
+        done = Training(how, folder, "cpu")
+        done.run()
+        env = done._env()
+        env.reset()
+        policy = LearnedShape(folder / "last.safetensors")
+        assert policy(env.unwrapped.episode, np.random.default_rng(0)) == first
+
+
+def test_lessons_are_what_the_teacher_would_choose(library) -> None:
+    teacher = load_policy(Stage.SHAPE, "largest-first")
+    plain = PackItEnv("starter", rotation="aligned", location="blbf", observation="features")
+    env = TaughtEnv(plain, "largest-first")
+    seen, _ = env.reset(seed=0)
+    chosen = []
+    for number in range(8):
+        assert seen in env.observation_space
+        chosen.append(teacher(plain.episode, np.random.default_rng(0)))
+        assert seen[LESSON] == [chosen[-1]]
+        seen, *_ = env.step(int(np.flatnonzero(seen["outside"])[number % 2]))
+    assert len(set(chosen)) > 1
+    env.taught = False
+    seen, _ = env.reset(seed=0)
+    assert seen[LESSON] == [0] != chosen[:1]
+
+
+@pytest.mark.parametrize(
+    "wrong", ["teacher=largest-first", "imitation=64", "teacher=largest-first imitation=999999"]
+)
+def test_a_teacher_and_how_long_it_teaches_belong_together(wrong) -> None:
+    with pytest.raises(SettingsError, match=r"training setting (teacher|imitation) = .* is not"):
+        read_settings(None, wrong.split())
 
 
 @pytest.mark.slow

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from packit_sim import stored
 from packit_sim.box import Box
 from packit_sim.errors import LibraryError, MeshError, UnknownShapeError
-from packit_sim.library import ShapeLibrary, assets_folder
-from packit_sim.quantized import QuantizedMesh
-from packit_sim.shapes import Item, Shape
-from packit_sim.sources import ShapeInfo
-from packit_sim.splits import SPLITS
-from packit_sim.stored import entry
+from packit_sim.geometry.quantized import QuantizedMesh
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries import stored
+from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.libraries.splits import SPLITS
+from packit_sim.libraries.stored import entry
 
 Entry = tuple[QuantizedMesh, ShapeInfo]
 

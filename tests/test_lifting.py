@@ -9,9 +9,9 @@ from trimesh import creation
 
 from packit_sim import lifting
 from packit_sim.box import Box
-from packit_sim.library import ShapeLibrary
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.occupancy import Placed
-from packit_sim.shapes import Item, Shape
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 EVERYDAY = ShapeLibrary.open("everyday")

@@ -11,8 +11,8 @@ import trimesh
 from trimesh import creation, transformations
 
 from packit_sim.errors import MeshError
-from packit_sim.mesh_files import SUFFIXES, read
-from packit_sim.shapes import Shape
+from packit_sim.geometry.shapes import Shape
+from packit_sim.libraries.mesh_files import SUFFIXES, read
 from tests import bad_meshes
 from tests.bad_meshes import BAD, GOOD
 
@@ -126,7 +126,7 @@ def test_bad_files_take_little_time_and_memory(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from packit_sim.errors import MeshError
-from packit_sim.mesh_files import read
+from packit_sim.libraries.mesh_files import read
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for file in sorted(Path(sys.argv[1]).iterdir()):
     try:
@@ -164,11 +164,11 @@ def test_files_that_are_too_large_are_refused(
 ) -> None:
     file = tmp_path / "block.stl"
     BLOCK.export(file)
-    monkeypatch.setattr("packit_sim.mesh_files.MAX_BYTES", 600)
+    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_BYTES", 600)
     with pytest.raises(MeshError, match=r"block\.stl: 684 bytes are too many: at most 600"):
         read(file)
-    monkeypatch.setattr("packit_sim.mesh_files.MAX_BYTES", 10_000)
-    monkeypatch.setattr("packit_sim.mesh_files.MAX_TRIANGLES", 11)
+    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_BYTES", 10_000)
+    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_TRIANGLES", 11)
     with pytest.raises(MeshError, match="12 triangles are too many: at most 11"):
         read(file)
     with pytest.raises(MeshError, match=r"block\.fbx: not a mesh file: its name must end in \.3mf"):

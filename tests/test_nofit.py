@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from packit_sim import caches, nofit, placement
 from packit_sim.box import Box
+from packit_sim.geometry.shapes import Item
 from packit_sim.nofit import MEETINGS, NoFit
 from packit_sim.occupancy import Placed
 from packit_sim.screening import BLOCKED, OPEN
-from packit_sim.shapes import Item
 from tests.zoo import BALL, RING, ZOO, random_item
 
 

@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_sim.env import PackItEnv
-from packit_sim.episode import End
+from packit_sim.datasets.original import Original, read_original
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.episode import End
+from packit_sim.envs.policies import Agent
 from packit_sim.errors import PackFormatError
-from packit_sim.evaluation import play
-from packit_sim.library import ShapeLibrary
-from packit_sim.original import Original, read_original
-from packit_sim.policies import Agent
+from packit_sim.experiments.evaluation import play
+from packit_sim.libraries.library import ShapeLibrary
 
 MUG, CHAIR = "03797390", "03001627"
 HALF = 0.5**0.5

@@ -4,11 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from packit_sim import stored
 from packit_sim.box import Box
-from packit_sim.errors import InfeasibleError, PackFormatError
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import (
+from packit_sim.datasets.packs import (
     LibraryRef,
     Pack,
     load_tasks,
@@ -17,7 +14,10 @@ from packit_sim.packs import (
     verify,
     write_packs,
 )
-from packit_sim.shapes import Item
+from packit_sim.errors import InfeasibleError, PackFormatError
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries import stored
+from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import ZOO
 
 

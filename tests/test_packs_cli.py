@@ -14,16 +14,23 @@ from PIL import Image
 from trimesh import creation
 from typer.testing import CliRunner, Result
 
-from packit_sim import datasheet
-from packit_sim.census import Census, dataset_files, take
-from packit_sim.chromosomes import EvolutionSettings
-from packit_sim.cli import app
+from packit_sim.cli.app import app
+from packit_sim.creation import datasheet
+from packit_sim.creation.census import Census, dataset_files, take
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.generation import Order, generate
+from packit_sim.datasets.original import read_original
+from packit_sim.datasets.packs import (
+    LibraryRef,
+    Pack,
+    PackedItem,
+    load_tasks,
+    read_packs,
+    write_packs,
+)
 from packit_sim.errors import PackFormatError, PackItError
-from packit_sim.generation import Order, generate
-from packit_sim.library import ShapeLibrary
-from packit_sim.original import read_original
-from packit_sim.packs import LibraryRef, Pack, PackedItem, load_tasks, read_packs, write_packs
-from packit_sim.plots import COLORS, MissingMatplotlibError
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.pictures.plots import COLORS, MissingMatplotlibError
 from tests.test_original import CHAIR, GOOD, MUG, pack, write
 
 CUBE = 3**-1.5

@@ -22,8 +22,10 @@ from benchmarks.peers.posed import AXIS_ORDERS, Posed
 from benchmarks.peers.rows import Row, read, summaries, write
 from benchmarks.peers.spectral import Metrics, Spectral, distances
 from benchmarks.peers.validity import Verdict
-from packit_sim import Box, Item, Shape, packings, rotations
-from packit_sim.packs import LibraryRef, Pack, Task
+from packit_sim import Box, Item, Shape
+from packit_sim.datasets import packings
+from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.geometry import rotations
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED, cube_of, random_item
 
 LIBRARY = LibraryRef("zoo", "1", "0")

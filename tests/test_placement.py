@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from packit_sim import caches, placement
 from packit_sim.box import Box
 from packit_sim.errors import InfeasibleError
-from packit_sim.library import ShapeLibrary
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.occupancy import Placed
-from packit_sim.shapes import Item
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, SOUP, ZOO, cube_of, fill, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")

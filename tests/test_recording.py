@@ -6,13 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.env import PackItEnv
-from packit_sim.episode import Stage
-from packit_sim.errors import PackItError
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Task, load_tasks
-from packit_sim.policies import Agent
-from packit_sim.recording import (
+from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.episode import Stage
+from packit_sim.envs.policies import Agent
+from packit_sim.envs.recording import (
     CUT_SHORT,
     MissingMinariError,
     Recorder,
@@ -20,7 +18,9 @@ from packit_sim.recording import (
     record,
     stage_steps,
 )
-from packit_sim.wrappers import flattened
+from packit_sim.envs.wrappers import flattened
+from packit_sim.errors import PackItError
+from packit_sim.libraries.library import ShapeLibrary
 
 minari = pytest.importorskip("minari", reason="Minari comes with the extra record")
 
@@ -341,8 +341,8 @@ def test_an_exception_leaves_nothing(tmp_path) -> None:
 def test_a_process_that_dies_leaves_nothing_at_the_path(tmp_path) -> None:
     code = f"""
 import os, sys
-from packit_sim.env import PackItEnv
-from packit_sim.recording import Recorder
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.recording import Recorder
 assert not {{"minari", "h5py"}} & sys.modules.keys()
 recorder = Recorder(PackItEnv(observation="none", **{SHAPE_ONLY!r}), {str(tmp_path / "r")!r})
 recorder.reset(seed=0)

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim.repair import MAX_HOLE, Repairs, mended
-from packit_sim.shapes import Shape
+from packit_sim.geometry.repair import MAX_HOLE, Repairs, mended
+from packit_sim.geometry.shapes import Shape
 
 
 def turned(mesh: trimesh.Trimesh, triangles: list[int]) -> trimesh.Trimesh:

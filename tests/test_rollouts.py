@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from packit_sim import caches, placement
 from packit_sim.box import Box
-from packit_sim.env import PackItEnv
-from packit_sim.library import ShapeLibrary
-from packit_sim.packs import Task, load_tasks
+from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.envs.env import PackItEnv
+from packit_sim.libraries.library import ShapeLibrary
 
 RESETS = 10_000
 STEPS = 100_000

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim import rotations
+from packit_sim.geometry import rotations
 
 indices = st.integers(0, rotations.COUNT - 1)
 

@@ -6,8 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.env import PackItEnv
-from packit_sim.wrappers import features_only, flattened
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.wrappers import features_only, flattened
 
 pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
 

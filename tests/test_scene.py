@@ -17,13 +17,13 @@ import pytest
 import trimesh
 from PIL import Image
 
-from packit_sim import rendering
 from packit_sim.box import Box
 from packit_sim.errors import RenderError
-from packit_sim.lattice import CONTACT_TOLERANCE, Triple
-from packit_sim.rendering import Camera
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.pictures import rendering
+from packit_sim.pictures.rendering import Camera
 from packit_sim.scene import Scene
-from packit_sim.shapes import Item, Shape
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 pytestmark = pytest.mark.usefixtures("tiny")

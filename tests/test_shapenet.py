@@ -9,8 +9,8 @@ import pytest
 from trimesh import creation
 
 from packit_sim.errors import LibraryError, UnknownShapeError
-from packit_sim.library import ShapeLibrary
-from packit_sim.shapenet import CATEGORIES
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.shapenet import CATEGORIES
 
 MUG, CHAIR, KITE = "03797390", "03001627", "09999999"
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.errors import MeshError
-from packit_sim.shapes import Item, Shape
+from packit_sim.geometry.shapes import Item, Shape
 from tests.zoo import BALL, BOWL, CUBE, RING, SOUP, TILTED, ZOO
 
 shapes = st.sampled_from(ZOO)

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from trimesh import creation
 
-from packit_sim.library import ShapeLibrary
-from packit_sim.splits import SPLITS
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
 from tests.test_cli import packit
 

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import rotations
-from packit_sim.shapes import Shape
-from packit_sim.similarity import SAME, groups
+from packit_sim.geometry import rotations
+from packit_sim.geometry.shapes import Shape
+from packit_sim.geometry.similarity import SAME, groups
 
 
 def _table(leg: float = 0.08, height: float = 0.7) -> trimesh.Trimesh:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim.splits import SPLITS, divide
+from packit_sim.libraries.splits import SPLITS, divide
 
 
 def named(counts: dict[str, int]) -> dict[str, str]:

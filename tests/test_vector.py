@@ -6,10 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.env import PackItEnv
-from packit_sim.evaluation import evaluate, evaluate_batched
-from packit_sim.policies import Agent
-from packit_sim.vector import PackItVectorEnv
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.policies import Agent
+from packit_sim.envs.vector import PackItVectorEnv
+from packit_sim.experiments.evaluation import evaluate, evaluate_batched
 
 SHAPES_ONLY = {"observation": "features", "rotation": "aligned", "location": "blbf"}
 

@@ -11,14 +11,22 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import EvolutionSettings, evolve, placement, stored
+from packit_sim import EvolutionSettings, evolve, placement
 from packit_sim.box import Box
+from packit_sim.datasets.packings import verify_packing, winding_number
+from packit_sim.datasets.packs import (
+    LibraryRef,
+    Pack,
+    dataset_file,
+    manifest_path,
+    read_packs,
+    write_packs,
+)
+from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.errors import PackFormatError
-from packit_sim.library import ShapeLibrary
-from packit_sim.packings import verify_packing, winding_number
-from packit_sim.packs import LibraryRef, Pack, dataset_file, manifest_path, read_packs, write_packs
-from packit_sim.shapes import Item
-from packit_sim.verification import Report, verify_dataset
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries import stored
+from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import HOLLOW, ZOO, random_item
 
 SPLITS = {

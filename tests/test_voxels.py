@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from packit_sim import rotations, voxels
-from packit_sim.lattice import CONTACT_TOLERANCE, FINE
-from packit_sim.library import ShapeLibrary
-from packit_sim.shapes import Item, Shape
-from packit_sim.voxelization import solid_volume, solid_volume_bounds
-from packit_sim.voxels import Voxels
+from packit_sim.geometry import rotations, voxels
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.geometry.voxelization import solid_volume, solid_volume_bounds
+from packit_sim.geometry.voxels import Voxels
+from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, ZOO, cube_of
 
 

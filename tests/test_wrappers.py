@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from packit_sim.env import PackItEnv
-from packit_sim.wrappers import features_only, flattened
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.wrappers import features_only, flattened
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 

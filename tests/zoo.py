@@ -7,7 +7,7 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.box import Box
-from packit_sim.shapes import Item, Shape
+from packit_sim.geometry.shapes import Item, Shape
 
 
 def _bowl() -> trimesh.Trimesh:

@@ -1,6 +1,6 @@
 """Agents that play PackIt: policies for its sub-tasks."""
 
-from packit_agents.locations import (
+from packit_agents.heuristics.locations import (
     BLBF,
     DBLF,
     HeightmapMinimisation,
@@ -8,10 +8,11 @@ from packit_agents.locations import (
     MaximalContact,
     RandomLocation,
 )
-from packit_agents.rotations import Aligned, FirstFit, Lowest, RandomRotation
-from packit_agents.shapes import (
+from packit_agents.heuristics.rotations import Aligned, FirstFit, Lowest, RandomRotation
+from packit_agents.heuristics.shapes import (
     LargestBoxFirst,
     LargestFirst,
+    LargestFittingFirst,
     LongestFirst,
     RandomShape,
     SmallestFirst,
@@ -25,6 +26,7 @@ __all__ = [
     "HeightmapMinimisation",
     "LargestBoxFirst",
     "LargestFirst",
+    "LargestFittingFirst",
     "LeastEmpty",
     "LongestFirst",
     "Lowest",

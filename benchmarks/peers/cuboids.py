@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.peers.posed import AXIS_ORDERS, Posed
-from packit_sim import rotations
-from packit_sim.lattice import CELL
-from packit_sim.packs import Task
+from packit_sim.datasets.packs import Task
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL
 
 MILLIMETRES = 10**7
 """A box unit as the packer sees it, which counts in whole ones; lengths are rounded up to them."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import rotations
-from packit_sim.lattice import FINE_PER_CELL
-from packit_sim.shapes import Item
-from packit_sim.voxels import centred
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import FINE_PER_CELL
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import centred
 
 Voxels = npt.NDArray[np.bool_]
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 from benchmarks.peers.grids import profile_turned, profiles
 from benchmarks.peers.posed import ALL_ROTATIONS, Posed, largest_first
 from packit_sim.compiled import kernel
-from packit_sim.lattice import CELL, FINE, FINE_PER_CELL, Triple
-from packit_sim.packs import Task
-from packit_sim.shapes import Item
+from packit_sim.datasets.packs import Task
+from packit_sim.geometry.lattice import CELL, FINE, FINE_PER_CELL, Triple
+from packit_sim.geometry.shapes import Item
 
 Ints = npt.NDArray[np.int64]
 

@@ -12,9 +12,10 @@ import numpy as np
 from benchmarks.peers.grids import Voxels, voxels
 from benchmarks.peers.posed import Posed, largest_first
 from benchmarks.peers.spectral import Metrics
-from packit_sim import placement, rotations
-from packit_sim.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
-from packit_sim.packs import Task
+from packit_sim import placement
+from packit_sim.datasets.packs import Task
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.peers.posed import Posed
-from packit_sim.episode import End, Episode, Stage
-from packit_sim.packs import Task
-from packit_sim.policies import Agent
+from packit_sim.datasets.packs import Task
+from packit_sim.envs.episode import End, Episode, Stage
+from packit_sim.envs.policies import Agent
 
 SEED = 0
 

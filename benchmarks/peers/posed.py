@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import rotations
-from packit_sim.packs import Task
-from packit_sim.shapes import Item
+from packit_sim.datasets.packs import Task
+from packit_sim.geometry import rotations
+from packit_sim.geometry.shapes import Item
 
 AXIS_ORDERS: tuple[int, ...] = tuple(
     sorted(np.unique(rotations.AXES, axis=0, return_index=True)[1].tolist())

@@ -12,11 +12,11 @@ import numpy as np
 
 from benchmarks.peers.posed import Posed
 from benchmarks.peers.validity import Verdict
+from packit_sim.datasets.packs import Task
 from packit_sim.estimates import Comparison, Estimate
-from packit_sim.evaluation import SLACK
+from packit_sim.experiments.evaluation import SLACK
 from packit_sim.files import replace_text
-from packit_sim.lattice import CELLS_PER_UNIT
-from packit_sim.packs import Task
+from packit_sim.geometry.lattice import CELLS_PER_UNIT
 
 DIGITS = 6
 """Of shares and seconds, in the file."""

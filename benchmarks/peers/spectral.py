@@ -21,11 +21,11 @@ from scipy import ndimage
 
 from benchmarks.peers.grids import Voxels, voxels
 from benchmarks.peers.posed import AXIS_ORDERS, Posed, largest_first
-from packit_sim import rotations
 from packit_sim.caches import cached_property
-from packit_sim.lattice import CELL, CELLS_PER_UNIT, Triple
-from packit_sim.packs import Task
-from packit_sim.shapes import Item
+from packit_sim.datasets.packs import Task
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, Triple
+from packit_sim.geometry.shapes import Item
 
 HEIGHT_WEIGHT = 10.0
 """Of the cube of an item's bottom height, against its mean distance from what is there, both in box

@@ -14,9 +14,9 @@ from itertools import combinations
 import numpy as np
 
 from benchmarks.peers.posed import Posed
-from packit_sim.lattice import CELL, Triple
-from packit_sim.packings import _Body, _Loaded, _pair_problems, _wall_problems
-from packit_sim.shapes import Shape
+from packit_sim.datasets.packings import _Body, _Loaded, _pair_problems, _wall_problems
+from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.shapes import Shape
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Policies that follow a rule, for shapes, rotations and locations, and what they measure."""

@@ -1,0 +1,1 @@
+"""Policies that learn: PackNN, its training and its weights."""

@@ -1,0 +1,81 @@
+"""The networks as a policy of sb3-contrib's MaskablePPO."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from sb3_contrib.common.maskable.distributions import MaskableDistribution
+from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3.common.preprocessing import preprocess_obs
+from torch import Tensor
+
+from packit_agents.learning.networks import NetworkSettings, network
+
+
+class ActorCritic(MaskableActorCriticPolicy):
+    """A network for the choice of shapes and another for the value, which share nothing.
+
+    The observations are dicts (see `packit_sim.envs.observations`); there are as many actions as
+    there is room for shapes. settings: of both networks.
+    """
+
+    def __init__(self, *spaces_and_schedule: Any, settings: NetworkSettings, **others: Any) -> None:
+        self._settings = settings
+        super().__init__(*spaces_and_schedule, **others)
+
+    @property
+    def prospects(self) -> int:
+        """Numbers that tell of each shape, 0 where they are not observed."""
+        assert isinstance(self.observation_space, spaces.Dict)
+        told = self.observation_space.spaces.get("prospects")
+        return 0 if told is None or told.shape is None else told.shape[1]
+
+    def _build(self, lr_schedule: Any) -> None:
+        self.actor = network(self._settings, self.prospects)
+        self.critic = network(self._settings, self.prospects, value=True)
+        self.optimizer = self.optimizer_class(
+            self.parameters(),
+            lr=lr_schedule(1),  # type: ignore[call-arg]
+            **self.optimizer_kwargs,
+        )
+
+    def forward(
+        self, obs: Any, deterministic: bool = False, action_masks: Any = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        distribution = self.get_distribution(obs, action_masks)
+        actions = distribution.get_actions(deterministic=deterministic)
+        return actions, self.predict_values(obs), distribution.log_prob(actions)
+
+    def evaluate_actions(
+        self, obs: Any, actions: Tensor, action_masks: Any = None
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        distribution = self.get_distribution(obs, action_masks)
+        return self.predict_values(obs), distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Any, action_masks: Any = None) -> MaskableDistribution:
+        logits = self.actor(self._seen(obs))
+        distribution = self.action_dist.proba_distribution(action_logits=logits)
+        if action_masks is not None:
+            distribution.apply_masking(action_masks)
+        return distribution
+
+    def predict_values(self, obs: Any) -> Tensor:
+        values: Tensor = self.critic(self._seen(obs))
+        return values
+
+    def _seen(self, obs: Any) -> dict[str, Tensor]:
+        seen = preprocess_obs(obs, self.observation_space, normalize_images=False)
+        assert isinstance(seen, dict)
+        return seen
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "settings": self._settings}
+
+
+def on_device(name: str) -> torch.device:
+    """The device of this name; for "auto" the GPU where there is one."""
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)

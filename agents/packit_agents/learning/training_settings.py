@@ -1,0 +1,167 @@
+"""What a training of PackNN is: settings, from a file and from the command line."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from packit_agents.learning.networks import NetworkSettings
+from packit_sim.errors import PackItError
+
+
+class SettingsError(PackItError, ValueError):
+    """Settings that are not possible, or not known."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a training is; the defaults are the paper's where it tells them, but for the rate.
+
+    network: of the policy, and of the value.
+    observation: "features", or "prospects".
+    packs, split, library: the tasks; packs may be "fresh", the split is then the library's.
+    validation_packs, validation: those that say which weights are the best, a dataset and its
+        split; without the first a split of the same packs. validation_tasks: the first so many.
+    validate_every: steps.
+    easy: PackIt-Easy.
+    steps: Shape-Selection steps in all.
+    teacher: name of the shape policy that is imitated for the first so many steps, `imitation`.
+    learning_rate: at first; it falls linearly to 0 where `annealed`.
+    envs, rollout_steps: environments, and steps of each between two updates.
+    minibatch, epochs, gamma, gae_lambda, clip, entropy, value: of PPO.
+    seed: says all, on one machine.
+    """
+
+    network: NetworkSettings = field(default_factory=NetworkSettings)
+    observation: Literal["features", "prospects"] = "features"
+    packs: str = "everyday-v1"
+    split: str | None = "train"
+    validation_packs: str | None = None
+    validation: str | None = "validation"
+    library: str = "everyday"
+    easy: bool = False
+    steps: int = 200_000
+    teacher: str | None = None
+    imitation: int = 0
+    learning_rate: float = 3e-4
+    annealed: bool = True
+    envs: int = 8
+    rollout_steps: int = 64
+    minibatch: int = 64
+    epochs: int = 4
+    gamma: float = 1.0
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.01
+    value: float = 0.5
+    validate_every: int = 10_000
+    validation_tasks: int = 80
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raises ValueError that names the setting that is out of range."""
+        checks = {
+            "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
+            "observation": self.observation in ("features", "prospects"),
+            "steps": self.steps >= 1,
+            "teacher": (self.teacher is None) == (self.imitation == 0),
+            "imitation": 0 <= self.imitation <= self.steps,
+            "learning_rate": 0 < self.learning_rate < math.inf,
+            "envs": self.envs >= 1,
+            "rollout_steps": self.rollout_steps >= 2,
+            "minibatch": self.minibatch >= 2,
+            "epochs": self.epochs >= 1,
+            "gamma": 0 <= self.gamma <= 1,
+            "gae_lambda": 0 <= self.gae_lambda <= 1,
+            "clip": self.clip > 0,
+            "entropy": self.entropy >= 0,
+            "value": self.value >= 0,
+            "validate_every": self.validate_every >= 1,
+            "validation_tasks": self.validation_tasks >= 1,
+        }
+        for name, holds in checks.items():
+            if not holds:
+                raise ValueError(
+                    f"training setting {name} = {getattr(self, name)!r} is not possible"
+                )
+
+    @property
+    def iteration(self) -> int:
+        """Steps between two updates, of all environments together."""
+        return self.envs * self.rollout_steps
+
+
+def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettings:
+    """Settings from a TOML file, and from NAME=VALUE, which win; names as of the fields.
+
+    Those of the network are `network.width` and so on, in TOML a table. Raises SettingsError that
+    names the setting and the valid choices.
+    """
+    told: dict[str, Any] = {}
+    if config is not None:
+        try:
+            told = _flat(tomllib.loads(config.read_text()))
+        except (OSError, ValueError) as error:
+            raise SettingsError(f"settings can't be read from {config}: {error}") from None
+    for change in changes:
+        name, equals, value = change.partition("=")
+        if not equals:
+            raise SettingsError(f"{change!r} is no setting: give NAME=VALUE, such as steps=100000")
+        told[name] = _value(value)
+    defaults = _flat(asdict(TrainingSettings()))
+    for name in told:
+        if name not in defaults:
+            raise SettingsError(f"there is no setting {name!r}: choose from {', '.join(defaults)}")
+    kinds = get_type_hints(TrainingSettings), get_type_hints(NetworkSettings)
+    parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+    for name, value in told.items():
+        of_network = name.startswith("network.")
+        short = name.removeprefix("network.")
+        parts[of_network][short] = _checked(name, value, kinds[of_network][short])
+    try:
+        return TrainingSettings(**parts[0], network=NetworkSettings(**parts[1]))
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+
+
+def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of the network as network.NAME."""
+    network = told.get("network", {})
+    rest = {name: value for name, value in told.items() if name != "network"}
+    if not isinstance(network, Mapping):
+        raise ValueError("network is a table, with the settings of the network")
+    return {**rest, **{f"network.{name}": value for name, value in network.items()}}
+
+
+def _value(text: str) -> Any:
+    """A number, true, false, or none, else the text itself."""
+    words = {"true": True, "false": False, "none": None}
+    if text.lower() in words:
+        return words[text.lower()]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _checked(name: str, value: Any, kind: Any) -> Any:
+    """A value as what the setting is. Raises SettingsError where it is something else."""
+    choices = get_args(kind) or (kind,)
+    if get_origin(kind) is Literal:
+        if value not in choices:
+            raise SettingsError(
+                f"setting {name} = {value!r} is not known: choose from {', '.join(choices)}"
+            )
+        return value
+    if float in choices and type(value) is int:
+        return float(value)
+    if type(value) not in choices:
+        names = " or ".join("none" if c is type(None) else c.__name__ for c in choices)
+        raise SettingsError(f"setting {name} = {value!r} must be of type {names}")
+    return value

@@ -1,0 +1,72 @@
+"""Weights of networks as safetensors, with what it takes to build the network: data, never code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import nn
+
+from packit_agents.learning.networks import NetworkSettings, network
+from packit_sim.errors import PackItError
+from packit_sim.files import replacing
+
+FORMAT = "packit-network"
+VERSION = 1
+
+
+class WeightsError(PackItError, ValueError):
+    """A file that holds no weights that this version can load."""
+
+
+def write_weights(
+    path: Path, net: nn.Module, settings: NetworkSettings, prospects: int, made: Mapping[str, Any]
+) -> None:
+    """Writes a network, whole or not at all. made: how it came to be, in JSON's types."""
+    told = {
+        "format": FORMAT,
+        "version": str(VERSION),
+        "network": json.dumps(asdict(settings)),
+        "prospects": str(prospects),
+        "made": json.dumps(made),
+    }
+    tensors = {name: tensor.cpu().contiguous() for name, tensor in net.state_dict().items()}
+    with replacing(path) as file:
+        file.write(save(tensors, told))
+
+
+def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
+    """A network, ready to be asked, its `prospects`, and how it was made.
+
+    Raises WeightsError that names the file and what is wrong with it.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            told = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except FileNotFoundError:
+        raise WeightsError(f"there are no weights at {path}") from None
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(f"{path} holds no weights, or is damaged: {error}") from None
+    if told.get("format") != FORMAT or told.get("version") != str(VERSION):
+        raise WeightsError(
+            f"{path} is of format {told.get('format')!r}, version {told.get('version')!r}: "
+            f"this one reads {FORMAT!r}, version '{VERSION}'"
+        )
+    try:
+        settings = NetworkSettings(**json.loads(told["network"]))
+        prospects, made = int(told["prospects"]), json.loads(told["made"])
+        net = network(settings, prospects)
+        net.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise WeightsError(f"{path} does not hold what it says: {error}") from None
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise WeightsError(f"{path}: tensor {name!r} holds numbers that are not finite")
+    return net.eval().requires_grad_(False), prospects, made

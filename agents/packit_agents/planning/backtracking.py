@@ -1,0 +1,60 @@
+"""Backtracking over shapes (paper, section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from packit_agents.planning.rollouts import Best, go_on, proposals
+from packit_sim.envs.episode import Episode, State
+from packit_sim.envs.policies import Agent, OnProgress
+
+
+@dataclass(frozen=True)
+class Backtracking:
+    """Depth first: at each end it drops the last choice of a shape, and takes the next best.
+
+    Where there is none left it drops the choice before, too. backtracks: so often, which makes one
+    rollout more; fewer where everything is placed, or every order was tried.
+    """
+
+    backtracks: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where the number is negative."""
+        if self.backtracks < 0:
+            raise ValueError(f"{self.backtracks} backtracks are not possible: choose 0 or more")
+
+    @classmethod
+    def parse(cls, value: str) -> Backtracking:
+        """Of "8", the backtracks. Raises ValueError that says so."""
+        if not value.isdecimal():
+            raise ValueError(
+                f"its value is the number of backtracks, such as backtrack=8, not {value!r}"
+            )
+        return cls(int(value))
+
+    def __call__(
+        self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
+    ) -> None:
+        best = Best(on_progress)
+        path: list[tuple[State, list[int]]] = []
+        while best.rollouts <= self.backtracks:
+            while episode.end is None:
+                ranked = [shape for shape, _ in proposals(agent, episode, rng)]
+                path.append((episode.state(), ranked[1:]))
+                episode.step(ranked[0])
+                go_on(agent, episode, rng)
+            best.add(episode)
+            if best.is_complete:
+                break
+            while path and not path[-1][1]:
+                path.pop()
+            if not path:
+                break
+            state, others = path[-1]
+            episode.restore(state)
+            episode.step(others.pop(0))
+            go_on(agent, episode, rng)
+        best.restore(episode)

@@ -1,0 +1,220 @@
+"""The command line: `packit`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from packit_sim.cli import packs as packs_cli
+from packit_sim.cli import shapes as shapes_cli
+from packit_sim.cli.console import (
+    LibraryOption,
+    PacksArgument,
+    SeedOption,
+    SplitOption,
+    console,
+    make_room,
+    progress_bars,
+)
+from packit_sim.cli.evaluate import HEURISTICS, compare_command, evaluate_command, evaluate_shown
+from packit_sim.cli.generate import generate_command
+from packit_sim.cli.reproduce import reproduce_command
+from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.creation.evolution import Evolution, Generation, evolve
+from packit_sim.datasets.packings import verify_packing
+from packit_sim.datasets.packs import (
+    Pack,
+    dataset_file,
+    dataset_path,
+    read_packs,
+    verify,
+    write_packs,
+)
+from packit_sim.datasets.verification import verify_dataset
+from packit_sim.envs.policies import Agent
+from packit_sim.errors import PackItError
+from packit_sim.experiments.results import Rollout
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.pictures.rendering import MAX_SIDE
+from packit_sim.scene import Scene
+
+DEMO_SEED = 7
+"""Of a pool with few slender things in it, so that the demo's box gets full."""
+
+DEMO_SIZE = (0.65, 0.65)
+"""The demo's size factor: about 25 items fill a box, and a short evolution gets somewhere."""
+
+app = typer.Typer(
+    help="Pack real 3D shapes into a box, exactly.", no_args_is_help=True, add_completion=False
+)
+app.add_typer(shapes_cli.app, name="shapes")
+app.add_typer(packs_cli.app, name="packs")
+app.command("generate")(generate_command)
+app.command("evaluate")(evaluate_command)
+app.command("compare")(compare_command)
+app.command("reproduce")(reproduce_command)
+for _command in entry_points(group="packit_sim.commands"):
+    app.command(_command.name)(_command.load())
+
+
+def main() -> None:
+    """Runs `packit`; a user's error is one line on stderr and exit code 2."""
+    try:
+        app()
+    except (PackItError, OSError) as error:
+        message = f"[bold red]error:[/] {escape(str(error))}"
+        Console(stderr=True).print(message, highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for what the demo makes.")] = Path("demo"),
+    seed: SeedOption = DEMO_SEED,
+    generations: Annotated[int, typer.Option(min=0, help="Of the short evolution.")] = 20,
+) -> None:
+    """Evolves a pack, takes it apart, lets the heuristic agents pack it again, and draws it."""
+    started = time.perf_counter()
+    make_room(out / "pack.jsonl")
+    library = ShapeLibrary.open("everyday")
+    console.print(
+        f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
+        f"in {len(library.categories)} categories"
+    )
+    settings = EvolutionSettings(generations=generations, size_range=DEMO_SIZE)
+    pack = _evolve(library, seed, settings, "evolving").best
+    task = pack.task(library)
+    agents = [Agent.from_name(name) for name in HEURISTICS]
+    rollouts = evaluate_shown(agents, [task], seed)
+    packs = [pack, *(rollout.pack for rollout in rollouts)]
+    problems = _verify(packs, library)
+
+    console.print(_rollout_table(pack, rollouts, problems))
+    write_packs(out / "pack.jsonl", [pack])
+    write_packs(out / "results.jsonl", [rollout.pack for rollout in rollouts])
+    ranked = sorted(rollouts, key=lambda rollout: rollout.total)
+    pictures = {"truth": pack, "best": ranked[-1].pack, "worst": ranked[0].pack}
+    written = [out / "pack.jsonl", out / "results.jsonl"]
+    for name, shown in pictures.items():
+        renderer = _render(shown, library, out / f"{name}.png", 512)
+        written.append(out / f"{name}.png")
+    for path in written:
+        console.print(f"wrote {path}")
+    console.print(
+        f"Pictures by the {renderer} renderer. Done in {time.perf_counter() - started:.0f} s."
+    )
+    if any(problems):
+        raise typer.Exit(1)
+
+
+@app.command("verify")
+def verify_command(
+    packs: PacksArgument, split: SplitOption = None, library: LibraryOption = "everyday"
+) -> None:
+    """Checks packs, all of a dataset or one split, against the oracle; exit code 1 if one is wrong.
+
+    Also a packing that another tool made: a .json file of meshes and poses (see the README).
+    """
+    if packs.endswith(".json"):
+        report = verify_packing(packs)
+        verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
+    else:
+        with progress_bars() as progress:
+            bar = progress.add_task("verifying", total=None, note="")
+            report = verify_dataset(
+                dataset_file(packs, split) if split else dataset_path(packs),
+                ShapeLibrary.open(library),
+                lambda done, total: progress.update(bar, completed=done, total=total),
+            )
+        verdict = f"{report.packs - report.broken} of {report.packs} packs hold"
+    for problem in report.problems:
+        console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
+    console.print(verdict)
+    if not report.holds:
+        raise typer.Exit(1)
+
+
+@app.command()
+def render(
+    packs: PacksArgument,
+    out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
+    split: SplitOption = None,
+    pack: Annotated[int, typer.Option(min=0, help="Which pack of the dataset.")] = 0,
+    size: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
+    library: LibraryOption = "everyday",
+) -> None:
+    """Draws a pack."""
+    opened = ShapeLibrary.open(library)
+    read = read_packs(dataset_file(packs, split))
+    if pack >= len(read):
+        raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
+    make_room(out)
+    renderer = _render(read[pack], opened, out, size)
+    console.print(f"wrote {out} by the {renderer} renderer")
+
+
+def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label: str) -> Evolution:
+    with progress_bars() as progress:
+        bar = progress.add_task(label, total=settings.generations + 1, note="first generation")
+
+        def show(generation: Generation) -> None:
+            note = f"density {generation.best:.3f}, {len(generation.pack.items)} items"
+            progress.update(bar, completed=generation.number + 1, note=note)
+
+        evolution = evolve(library, seed, settings, show)
+        progress.update(bar, total=len(evolution.densities))
+    return evolution
+
+
+def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:
+    """The problems of each pack."""
+    with progress_bars() as progress:
+        bar = progress.add_task("verifying", total=len(packs), note="")
+        problems = []
+        for pack in packs:
+            problems.append(verify(pack, library))
+            progress.advance(bar)
+    return problems
+
+
+def _render(pack: Pack, library: ShapeLibrary, path: Path, size: int) -> str:
+    """Draws a pack and returns the name of the renderer that did."""
+    with Scene(pack.replay(library)) as scene:
+        snapshot = scene.snapshot(size, size)
+    snapshot.save(path)
+    return snapshot.renderer
+
+
+def _rollout_table(
+    truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
+) -> Table:
+    """What each agent made of one task; the ground truth, whose problems come first, leads."""
+    columns = ("agent", "return", "items", "density", "oracle", "ended")
+    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+
+    def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
+        table.add_row(
+            name,
+            f"{total:.3f}",
+            f"{len(pack.items)}/{len(truth.items)}",
+            f"{pack.density:.3f}",
+            "; ".join(found) or "holds",
+            why,
+        )
+
+    add("[bold]ground truth[/]", 1.0, truth, problems[0], "evolved")
+    played = zip(rollouts, problems[1:], strict=True)
+    for rollout, found in sorted(played, key=lambda row: -row[0].total):
+        add(rollout.agent, rollout.total, rollout.pack, found, str(rollout.end))
+    table.caption = "one task, played once by each agent"
+    return table

@@ -1,0 +1,1 @@
+"""How packs come to be: chromosomes, evolution, whole datasets, and their description."""

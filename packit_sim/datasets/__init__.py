@@ -1,0 +1,1 @@
+"""Packs as files: written, read, verified, and those that other tools wrote."""

@@ -1,0 +1,438 @@
+"""Whole datasets, checked by nothing that made them.
+
+Of the geometry only the oracle decides (`placement.conflicts`): no mask and no search of the
+engine, no `Box`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim import placement
+from packit_sim.datasets.packs import FORMAT, WHOLE, Pack, PackedItem, manifest_path, verify
+from packit_sim.errors import (
+    LibraryError,
+    PackFormatError,
+    PackItError,
+    UnknownShapeError,
+)
+from packit_sim.geometry.lattice import CELLS_PER_UNIT, STEP, Triple
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.splits import SPLITS
+from packit_sim.occupancy import Placed
+
+EVOLVED = "evolution"
+"""Who makes packs whose every item stands at its bottom-left-back-fill location: made["by"]."""
+
+SCALE_SLACK = 1e-12
+"""How far, relatively, an item's scale may be from one of its settings': rounding of products."""
+
+MAX_LENGTH = 1e30
+"""Of boxes, meshes and poses of other tools, in any unit; none may be below its inverse."""
+
+WITNESSES = 512
+"""Cells of an item, of either kind, that are asked about all locations before the oracle is."""
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is wrong, as a sentence that names the item where it is about one.
+
+    pack: its number in the file from 0, as `read_packs` counts; None where it is about the file.
+    """
+
+    file: Path
+    pack: int | None
+    sentence: str
+
+    def __str__(self) -> str:
+        where = f"{self.file}" if self.pack is None else f"{self.file}, pack {self.pack}"
+        return f"{where}: {self.sentence}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was checked, and all that is wrong with it.
+
+    files, packs, items: how many; a pack that can't be read counts, its items don't.
+    volume: of the items whose shapes could be had, room: of their boxes, in box units cubed, or in
+    those of the packing's file.
+    """
+
+    problems: tuple[Problem, ...]
+    files: int
+    packs: int
+    items: int
+    volume: float
+    room: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.problems
+
+    @property
+    def broken(self) -> int:
+        """How many packs have a problem of their own."""
+        return len({(p.file, p.pack) for p in self.problems if p.pack is not None})
+
+    @property
+    def density(self) -> float:
+        """The volume over the room: the mean density, where the boxes are alike."""
+        return self.volume / self.room if self.room else 0.0
+
+
+def verify_dataset(
+    path: Path | str,
+    library: ShapeLibrary,
+    on_pack: Callable[[int, int], None] = lambda done, total: None,
+) -> Report:
+    """Checks a dataset, and goes on after each problem, so that one run tells them all.
+
+    path: one JSON Lines file, or a folder with one for each split ("train.jsonl") or "packs.jsonl".
+    library: that of its shapes, whole. on_pack is called with how many packs are checked, and of
+    how many.
+
+    - Each line is a pack, no field of which comes twice; the manifest tells the file's digest,
+      number of packs and libraries, and no manifest stands without its file.
+    - Each pack holds by `packs.verify`: library, items inside and without conflict, density.
+    - It has no more items than its recorded pool, each at one of its recorded scales, in the box
+      of its recorded settings.
+    - Evolved packs: no item could have stood at any location before its own in the order of
+      bottom-left-back fill, among those placed before it. Cells that prove a conflict are asked
+      first, and the oracle about each location that is left.
+    - No two packs are the same, within a file or between two, in whatever order their items are;
+      no seed comes twice in a file. Kept packs of one evolution (made["after"]) may be the same,
+      and so may what agents made of a task (made["task"]).
+    - The shapes are of the split that a folder's file is named for, or that the manifest or the
+      pack's `made` tells.
+
+    Raises PackFormatError where there is no such file, or a folder without any.
+    """
+    path = Path(path)
+    files = sorted(path.glob("*.jsonl")) if path.is_dir() else [path]
+    if not files:
+        raise PackFormatError(f"{path} is a folder without packs: it has no .jsonl file")
+    checking = _Checking(library)
+    read_in = [_ReadIn(file, checking) for file in files]
+    if path.is_dir():
+        _check_folder(path, files, checking)
+    total = sum(len(found.packs) for found in read_in)
+    done = 0
+    for found in read_in:
+        manifest = _check_manifest(found, checking)
+        named = found.file.stem if path.is_dir() and found.file.stem in SPLITS else None
+        for number, pack in found.packs:
+            for sentence in checking.pack_problems(pack, (named, manifest.get("split"))):
+                checking.tell(found.file, number, sentence)
+            for sentence in checking.repeated(found.file, number, pack):
+                checking.tell(found.file, number, sentence)
+            done += 1
+            on_pack(done, total)
+    return Report(
+        tuple(checking.problems),
+        len(files),
+        sum(found.count for found in read_in),
+        sum(len(pack.items) for found in read_in for _, pack in found.packs),
+        checking.volume,
+        checking.room,
+    )
+
+
+class _Checking:
+    """What a check of a dataset has found so far."""
+
+    def __init__(self, library: ShapeLibrary) -> None:
+        self.library = library
+        self.problems: list[Problem] = []
+        self.volume = self.room = 0.0
+        self._same: dict[tuple[Any, ...], list[tuple[Path, int, Mapping[str, Any]]]] = {}
+        self._seeds: dict[tuple[Path, str], int] = {}
+        self._split = cache(library.split)
+
+    def tell(self, file: Path, pack: int | None, sentence: str) -> None:
+        self.problems.append(Problem(file, pack, sentence))
+
+    def pack_problems(self, pack: Pack, told: Iterable[object]) -> Iterator[str]:
+        """All that is wrong with one pack. told: which split it is of, by what knows it."""
+        if not pack.items:
+            yield "it holds no items"
+        yield from _settings_problems(pack)
+        splits = dict.fromkeys(s for s in (*told, pack.made.get("split")) if s is not None)
+        if len(splits) > 1:
+            yield f"it is told to be of several splits: {', '.join(map(repr, splits))}"
+        for split in splits:
+            yield from self._split_problems(pack, split)
+        try:
+            yield from verify(pack, self.library)
+            placed = pack.placed(self.library)
+        except (PackFormatError, UnknownShapeError):
+            return  # verify has told
+        except PackItError as error:
+            yield str(error)
+            return
+        self.volume += sum(p.item.volume for p in placed)
+        self.room += math.prod(pack.cells) / CELLS_PER_UNIT**3
+        if pack.made.get("by") == EVOLVED:
+            yield from _order_problems(pack.cells, placed)
+
+    def repeated(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
+        """Which pack before it is the same, or has its seed."""
+        made = pack.made
+        items = sorted(pack.items, key=lambda i: (i.location, i.shape, i.rotation, i.scale))
+        same = self._same.setdefault((pack.library, pack.cells, *items), [])
+        for other_file, other, other_made in same:
+            if _may_be_alike(made, other_made):
+                continue
+            where = f"pack {other}" if other_file == file else f"pack {other} of {other_file.name}"
+            yield f"it is the same as {where}"
+            break
+        same.append((file, number, made))
+        if "seed" in made:
+            of = json.dumps([made.get(key) for key in ("by", "seed", "task", "after")])
+            if (file, of) in self._seeds:
+                yield f"its seed {made['seed']!r} is that of pack {self._seeds[file, of]}"
+            self._seeds.setdefault((file, of), number)
+
+    def _split_problems(self, pack: Pack, split: object) -> Iterator[str]:
+        if split not in SPLITS:
+            yield f"it is told to be of split {split!r}: choose from {', '.join(SPLITS)}"
+            return
+        try:
+            own = self._split(str(split))
+        except LibraryError as error:
+            yield str(error)
+            return
+        for n, item in enumerate(pack.items):
+            if item.shape in self.library and item.shape not in own:
+                others = [name for name in SPLITS if item.shape in self._split(name)]
+                yield (
+                    f"{named(n, item.shape)} is a shape of split "
+                    f"{' and '.join(others) or 'none'}, the pack is of {split}"
+                )
+
+
+class _ReadIn:
+    """A dataset's file as it was read. packs: each readable one and its number. count: of all."""
+
+    def __init__(self, file: Path, checking: _Checking) -> None:
+        self.file = file
+        try:
+            self.data = file.read_bytes()
+        except OSError as error:
+            raise PackFormatError(f"packs can't be read from {file}: {error.strerror}") from None
+        self.packs: list[tuple[int, Pack]] = []
+        self.count = 0
+        for number, line in enumerate(self.data.split(b"\n"), start=1):
+            if not line.strip():
+                continue
+            try:
+                text = line.decode()
+                pack = Pack.from_json(text)
+                json.loads(text, object_pairs_hook=_refuse_doubles)
+            except (ValueError, OverflowError, RecursionError) as error:
+                checking.tell(file, self.count, f"line {number}: {error}")
+            else:
+                self.packs.append((self.count, pack))
+            self.count += 1
+        if not self.count:
+            checking.tell(file, None, "it holds no packs")
+        elif not self.data.endswith(b"\n"):
+            checking.tell(file, None, "its last line has no end")
+
+
+def _check_folder(folder: Path, files: Sequence[Path], checking: _Checking) -> None:
+    names = SPLITS if any(file.stem in SPLITS for file in files) else (WHOLE,)
+    for file in files:
+        if file.stem not in names:
+            choices = ", ".join(names)
+            checking.tell(file, None, f"a file of this folder can't have this name: {choices}")
+    described = {manifest_path(file) for file in files}
+    for manifest in sorted(folder.glob("*.manifest.json")):
+        if manifest not in described:
+            checking.tell(manifest, None, "there is no file that this manifest describes")
+
+
+def _check_manifest(found: _ReadIn, checking: _Checking) -> Mapping[str, Any]:
+    """Holds a manifest against its file, and returns what it tells, nothing where there is none."""
+    path = manifest_path(found.file)
+    try:
+        manifest = json.loads(path.read_bytes())
+    except OSError as error:
+        checking.tell(found.file, None, f"its manifest {path.name}: {error.strerror}")
+        return {}
+    except (ValueError, RecursionError) as error:
+        checking.tell(path, None, f"not JSON: {error}")
+        return {}
+    if not isinstance(manifest, dict):
+        checking.tell(path, None, f"a manifest is a JSON object, not {type(manifest).__name__}")
+        return {}
+    expected: dict[str, Any] = {
+        "format": FORMAT,
+        "packs": found.count,
+        "sha256": hashlib.sha256(found.data).hexdigest(),
+    }
+    if len(found.packs) == found.count:
+        libraries = dict.fromkeys(pack.library for _, pack in found.packs)
+        expected["libraries"] = [asdict(ref) for ref in libraries]
+    for key, value in expected.items():
+        if key not in manifest:
+            checking.tell(path, None, f"field {key!r} is missing")
+        elif type(manifest[key]) is not type(value) or manifest[key] != value:
+            told = f"field {key!r} is {manifest[key]!r}, of {found.file.name} it is {value!r}"
+            checking.tell(path, None, told)
+    if not isinstance(manifest.get("version"), str):
+        told = f"field 'version' is {manifest.get('version')!r}: it must be text"
+        checking.tell(path, None, told)
+    return manifest
+
+
+def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    fields: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in fields:
+            raise PackFormatError(f"field {key!r} comes twice")
+        fields[key] = value
+    return fields
+
+
+def _may_be_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two packs may have the same items: kept ones of an evolution, or agents' attempts."""
+    kept = "after" in one and "after" in other and one.get("seed") == other.get("seed")
+    return kept or ("task" in one and "task" in other)
+
+
+def _settings_problems(pack: Pack) -> Iterator[str]:
+    """Where a pack is not as its record `made` says that it was made."""
+    made = pack.made
+    if made.get("by") == EVOLVED and not _is_whole(made.get("seed")):
+        yield f"field 'made.seed' is {made.get('seed')!r}: it must be a whole number"
+    settings = made.get("settings", {})
+    if not isinstance(settings, dict):
+        yield f"field 'made.settings' is {settings!r}: it must be an object"
+        return
+    if "pool" in settings:
+        pool = settings["pool"]
+        if not _is_whole(pool):
+            yield f"field 'made.settings.pool' is {pool!r}: it must be a whole number"
+        elif len(pack.items) > pool:
+            yield f"it holds {len(pack.items)} items, more than its pool of {pool}"
+    if "cells" in settings and settings["cells"] != list(pack.cells):
+        yield f"its box has {list(pack.cells)} cells, its settings say {settings['cells']!r}"
+    size = made.get("size", 1.0)
+    if not _is_positive(size):
+        yield f"field 'made.size' is {size!r}: it must be more than 0"
+        return
+    if "size" in made and "size_range" in settings:
+        ends = settings["size_range"]
+        if not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_positive, ends))):
+            yield f"field 'made.settings.size_range' is {ends!r}: it must be two numbers above 0"
+        elif not ends[0] <= size <= ends[1]:
+            yield f"its size {size!r} is outside its settings' range {ends!r}"
+    if "scales" in settings:
+        scales = settings["scales"]
+        if not (isinstance(scales, list) and scales and all(map(_is_positive, scales))):
+            yield f"field 'made.settings.scales' is {scales!r}: it must be numbers above 0"
+            return
+        yield from _scale_problems(pack.items, scales, size)
+
+
+def _scale_problems(
+    items: Sequence[PackedItem], scales: Sequence[float], size: float
+) -> Iterator[str]:
+    possible = [scale * size**3 for scale in scales]
+    for n, item in enumerate(items):
+        if not any(math.isclose(item.scale, scale, rel_tol=SCALE_SLACK) for scale in possible):
+            yield (
+                f"{named(n, item.shape)} has scale {item.scale!r}, "
+                f"which is none of its settings' {scales!r} at size {size!r}"
+            )
+
+
+def _order_problems(cells: Triple, placed: Sequence[Placed]) -> Iterator[str]:
+    """Which items could have stood before where they do, in the order of bottom-left-back fill."""
+    outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
+    before: list[Placed] = []
+    for n, candidate in enumerate(placed):
+        if not placement.is_inside(cells, candidate):
+            continue
+        free = _earlier(outer, inner, before, candidate)
+        if free is not None:
+            yield (
+                f"{named(n, candidate.item.shape.id)} stands at {candidate.location}, "
+                f"but bottom-left-back fill puts it at {free}"
+            )
+        where = tuple(
+            slice(start, stop) for start, stop in zip(candidate.start, candidate.stop, strict=True)
+        )
+        outer[where] |= candidate.item.outer
+        inner[where] |= candidate.item.inner
+        before.append(candidate)
+
+
+def _earlier(
+    outer: npt.NDArray[np.bool_],
+    inner: npt.NDArray[np.bool_],
+    placed: Sequence[Placed],
+    candidate: Placed,
+) -> Triple | None:
+    """The first location before the candidate's in (z, x, y) that the oracle finds feasible.
+
+    outer, inner: bool over the box's cells, those of the items placed. A cell that is inner for one
+    item and outer for another holds a fine cell that is so, and proves a conflict; which of the
+    item's cells are asked has no part in the answer, since where they prove none the oracle is.
+    """
+    item, (i, j, k) = candidate.item, candidate.location
+    nx, ny = ((outer.shape[axis] - item.cells[axis]) // STEP + 1 for axis in (0, 1))
+    z, x, y = np.unravel_index(np.arange((k * nx + i) * ny + j), (k + 1, nx, ny))
+    left = np.column_stack([x, y, z])
+    rng = np.random.default_rng(0)
+    for own, theirs in ((item.inner, outer), (item.outer, inner)):
+        cells = rng.permutation(np.argwhere(own))[:WITNESSES]
+        offsets = np.ravel_multi_index(tuple(cells.T), theirs.shape)
+        for some in np.array_split(offsets, range(8, len(offsets), 8)):
+            base = np.ravel_multi_index(tuple(left.T * STEP), theirs.shape)
+            left = left[~theirs.ravel()[base[:, None] + some].any(axis=1)]
+    asked = list(placed)
+    for x, y, z in left.tolist():
+        at = Placed(item, (x, y, z))
+        for n, other in enumerate(asked):
+            if placement.conflicts(other, at):
+                asked.insert(0, asked.pop(n))
+                break
+        else:
+            return at.location
+    return None
+
+
+def named(number: int, name: str) -> str:
+    """An item as problems name it."""
+    return f"item {number} ({name!r})"
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of JSON is a number, and not beyond `MAX_LENGTH`."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < MAX_LENGTH
+
+
+def _is_positive(value: object) -> bool:
+    return is_number(value) and value > 0  # type: ignore[operator]
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)

@@ -1,0 +1,1 @@
+"""The game played on a task, and Gymnasium's face of it."""

@@ -1,0 +1,82 @@
+"""PackNN's voxel features: mean occupancies of small cubes (paper, section 4.2).
+
+Counted from words of cells, and for a box from the words that changed: not from all its cells.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.compiled import kernel
+from packit_sim.geometry.bits import Words, lowest_bit
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.voxels import Voxels
+
+_1 = np.uint64(1)
+
+Means = npt.NDArray[np.float32]
+
+
+class CubeMeans:
+    """Divides a grid of so many cells an axis into cubes, as nearly alike as can be."""
+
+    def __init__(self, cells: Triple, cubes: int) -> None:
+        edges = [np.arange(cubes + 1) * count // cubes for count in cells]
+        self._cells = cells
+        self._bins = np.zeros((3, max(cells)), dtype=np.int64)
+        for axis, (ends, count) in enumerate(zip(edges, cells, strict=True)):
+            self._bins[axis, :count] = np.searchsorted(ends, np.arange(count), side="right") - 1
+        x, y, z = (np.diff(ends) for ends in edges)
+        self._sizes = (x[:, None, None] * y[:, None] * z).astype(np.float32)
+
+    def of_item(self, voxels: Voxels) -> Means:
+        """(cubes, cubes, cubes) share of outer cells, of an item in the middle of the grid."""
+        counts = np.zeros(self._sizes.shape, dtype=np.int32)
+        corner = (np.array(self._cells) - voxels.cells) // 2
+        _count(voxels.outer, voxels.bricks, corner, self._bins, counts)
+        return counts.astype(np.float32) / self._sizes
+
+    def of_box(self, words: Words, before: Words, counts: npt.NDArray[np.int32]) -> Means:
+        """(cubes, cubes, cubes) share of outer cells, of a box with these words [x, y, z].
+
+        before, counts: of the last time; they are brought up to date. Both are 0 at first.
+        """
+        _count_changes(words, before, self._bins, counts)
+        return counts.astype(np.float32) / self._sizes
+
+
+@kernel
+def _count(words, bricks, corner, bins, counts):
+    """Adds the cells of bricks to the cubes that they are in."""
+    for n in range(len(words)):
+        x = corner[0] + 4 * bricks[n, 0]
+        y = corner[1] + 4 * bricks[n, 1]
+        z = corner[2] + 4 * bricks[n, 2]
+        word = words[n]
+        while word:
+            bit = lowest_bit(word)
+            word &= word - _1
+            counts[
+                bins[0, x + (bit >> 4)], bins[1, y + (bit >> 2 & 3)], bins[2, z + (bit & 3)]
+            ] += 1
+
+
+@kernel
+def _count_changes(words, before, bins, counts):
+    """Adds the cells that are new, takes off those that are gone, and remembers the words."""
+    nx, ny, nz = words.shape
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                changed = words[x, y, z] ^ before[x, y, z]
+                while changed:
+                    bit = lowest_bit(changed)
+                    changed &= changed - _1
+                    change = 1 if words[x, y, z] >> np.uint64(bit) & _1 else -1
+                    counts[
+                        bins[0, 4 * x + (bit >> 4)],
+                        bins[1, 4 * y + (bit >> 2 & 3)],
+                        bins[2, 4 * z + (bit & 3)],
+                    ] += change
+                before[x, y, z] = words[x, y, z]

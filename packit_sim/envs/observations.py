@@ -1,0 +1,268 @@
+"""What an agent sees of an episode, as arrays (paper, sections 4.1 and 4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from packit_sim.envs.episode import Episode, Stage
+from packit_sim.envs.features import CubeMeans
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import centred
+from packit_sim.occupancy import Placed
+
+Observation = dict[str, Any]
+
+BOX_CUBES = 10
+"""Cubes along each axis of the box whose mean occupancy is a feature (the released settings)."""
+
+SHAPE_CUBES = 8
+"""Cubes along each axis of a shape."""
+
+PROSPECTS = 8
+"""Numbers that tell how a shape would sit, were it the next."""
+
+
+_FIELDS = {Stage.ROTATION: "rotations", Stage.LOCATION: "locations"}
+
+
+class Observer:
+    """Observes the episodes of tasks of up to `max_shapes` items in boxes of so many cells an axis.
+
+    An observation is a dict:
+        stage: int, 0 shape, 1 rotation, 2 location.
+        chosen: int, the chosen shape, or max_shapes before one is.
+        outside: bool (max_shapes,), which shapes are still outside.
+        rotations: bool (24,), those that the chosen shape can be turned to, at that stage; then the
+            one that was chosen; none before.
+        locations: bool (x, y, z) over the grid's nodes, in the same way: the plausible ones.
+        volumes: float64 (max_shapes,), each shape's volume in box units cubed, 0 for none.
+        action_mask: int8 (actions,), 1 for a valid action.
+    `rotations` and `locations` are there where their stages are among `stages`: those that an
+    agent plays, or needs to know the outcome of. An observation's arrays share no memory with those
+    of the one before it, as Gymnasium's checker demands.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        self._cells = cells
+        self._max_shapes = max_shapes
+        self._stages = stages
+        self._volumes = np.zeros(max_shapes)
+        self._episode: Episode | None = None
+        self.space = spaces.Dict(
+            {
+                "stage": spaces.Discrete(len(Stage)),
+                "chosen": spaces.Discrete(max_shapes + 1),
+                "outside": _bools(max_shapes),
+                "volumes": spaces.Box(0.0, (max(cells) * CELL) ** 3, (max_shapes,), np.float64),
+                "action_mask": spaces.MultiBinary(actions),
+                **{_FIELDS[stage]: _bools(*self._choices(stage)) for stage in stages},
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        """The observation of an episode as it stands."""
+        if episode is not self._episode:
+            self._episode = episode
+            self._volumes = np.zeros(self._max_shapes)
+            self._volumes[: len(episode.task.items)] = [i.volume for i in episode.task.items]
+            self._begin(episode)
+        outside = np.zeros(self._max_shapes, dtype=bool)
+        outside[: len(episode.outside)] = episode.outside
+        return {
+            "stage": int(episode.stage),
+            "chosen": self._max_shapes if episode.shape is None else episode.shape,
+            "outside": outside,
+            "volumes": self._volumes.copy(),
+            "action_mask": action_mask.astype(np.int8),
+            **{_FIELDS[stage]: self._possible(episode, stage) for stage in self._stages},
+        }
+
+    def _choices(self, stage: Stage) -> tuple[int, ...]:
+        return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self._cells)
+
+    def _possible(self, episode: Episode, stage: Stage) -> npt.NDArray[np.bool_]:
+        """What may be chosen at a stage, if that is the next; what was, if it is over."""
+        shape = self._choices(stage)
+        if episode.end is None and episode.stage is stage:
+            return episode.action_mask().reshape(shape)
+        possible = np.zeros(shape, dtype=bool)
+        chosen = episode.rotation if stage is Stage.ROTATION else episode.location
+        if chosen is not None:
+            possible[chosen] = True
+        return possible
+
+    def _begin(self, episode: Episode) -> None:
+        """Looks at the shapes of a new episode."""
+
+
+class VoxelObserver(Observer):
+    """Adds voxels, at cells of 1/100, to what `Observer` sees.
+
+        box: bool (x, y, z) over the box's cells, the placed items' outer cells.
+        shapes: bool (max_shapes, m, m, m), m the box's most cells an axis: each shape's outer cells
+            in canonical orientation, centred; False where there is no shape. Read-only, and the
+            same array in every other observation of an episode.
+        item: bool (m, m, m), the chosen shape in the chosen rotation; False before.
+    One step allocates box and item, 2 MB in the box of 100 cells, and the mask.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
+        m = max(cells)
+        self._item_shape = (m, m, m)
+        self._shapes: list[npt.NDArray[np.bool_]] = []
+        self.space = spaces.Dict(
+            {
+                **self.space.spaces,
+                "box": _bools(*cells),
+                "shapes": _bools(max_shapes, m, m, m),
+                "item": _bools(m, m, m),
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        self._shapes.reverse()
+        item = np.zeros(self._item_shape, dtype=bool)
+        if episode.choice is not None and episode.rotation is not None:
+            item = centred(episode.choice.item.outer, self._item_shape)
+        return {**seen, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
+
+    def _begin(self, episode: Episode) -> None:
+        shapes = np.zeros((self._max_shapes, *self._item_shape), dtype=bool)
+        for n, item in enumerate(episode.task.items):
+            shapes[n] = centred(item.outer, self._item_shape)
+        self._shapes = [shapes, shapes.copy()]
+        for copy in self._shapes:
+            copy.setflags(write=False)
+
+
+class FeatureObserver(Observer):
+    """Adds PackNN's features, mean occupancies of small cubes, to what `Observer` sees.
+
+    box: float32 (10, 10, 10), of the box's outer cells.
+    shapes: float32 (max_shapes, 8, 8, 8), of each shape's, as in `VoxelObserver`.
+    extents: float32 (max_shapes, 3), each shape's in canonical orientation, in box units.
+    item: float32 (8, 8, 8), of the chosen shape in the chosen rotation; 0 before.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
+        m = max(cells)
+        self._item_means = CubeMeans((m, m, m), SHAPE_CUBES)
+        self._box_means = CubeMeans(cells, BOX_CUBES)
+        self._words = np.zeros(grid_nodes(cells), dtype=np.uint64)
+        self._counts = np.zeros([BOX_CUBES] * 3, dtype=np.int32)
+        self._shapes = np.zeros((max_shapes, *[SHAPE_CUBES] * 3), dtype=np.float32)
+        self._extents = np.zeros((max_shapes, 3), dtype=np.float32)
+        self.space = spaces.Dict(
+            {
+                **self.space.spaces,
+                "box": spaces.Box(0, 1, self._counts.shape, np.float32),
+                "shapes": spaces.Box(0, 1, self._shapes.shape, np.float32),
+                "extents": spaces.Box(0, max(cells) * CELL, self._extents.shape, np.float32),
+                "item": spaces.Box(0, 1, self._shapes.shape[1:], np.float32),
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
+        if episode.choice is not None and episode.rotation is not None:
+            item = self._item_means.of_item(episode.choice.item.voxels)
+        return {
+            **seen,
+            "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
+            "shapes": self._shapes.copy(),
+            "extents": self._extents.copy(),
+            "item": item,
+        }
+
+    def _begin(self, episode: Episode) -> None:
+        self._shapes[:] = 0
+        self._extents[:] = 0
+        for n, item in enumerate(episode.task.items):
+            self._shapes[n] = self._item_means.of_item(item.voxels)
+            self._extents[n] = item.extents
+
+
+class ProspectObserver(FeatureObserver):
+    """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
+
+    prospects: float32 (max_shapes, 8), in the aligned rotation and at the bottom-left-back-fill
+    location: whether there is room (1 or 0), the min corner there and the extents (x, y, z each, as
+    shares of the box's sides), and the volume as a share of the box's. All 0 for a shape that is
+    not outside; the corner is 0 where there is no room.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
+        self._size = np.array(cells) * CELL
+        self._items: list[Item] = []
+        self._locations: dict[int, Triple | None] = {}
+        self._placed: tuple[Placed, ...] = ()
+        limit = np.full((max_shapes, PROSPECTS), np.inf, dtype=np.float32)
+        self.space = spaces.Dict(
+            {**self.space.spaces, "prospects": spaces.Box(np.zeros_like(limit), limit)}
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        seen = super().observe(episode, action_mask)
+        self._look(episode)
+        prospects = np.zeros((self._max_shapes, PROSPECTS), dtype=np.float32)
+        for n in np.flatnonzero(episode.outside).tolist():
+            item, location = self._items[n], self._locations[n]
+            prospects[n, 4:7] = item.extents / self._size
+            prospects[n, 7] = item.volume / self._size.prod()
+            if location is not None:
+                prospects[n, 0] = 1
+                prospects[n, 1:4] = np.array(location) * STEP * CELL / self._size
+        return {**seen, "prospects": prospects}
+
+    def _begin(self, episode: Episode) -> None:
+        super()._begin(episode)
+        self._items = [
+            item.turned(rotations.by_alignment(item.extents)[0]) for item in episode.task.items
+        ]
+        self._locations.clear()
+        self._placed = ()
+
+    def _look(self, episode: Episode) -> None:
+        """Finds the locations; where the box only got fuller, anew only those that are taken."""
+        box = episode.box
+        if box.placed[: len(self._placed)] != self._placed:
+            self._locations.clear()
+        self._placed = box.placed
+        for n in np.flatnonzero(episode.outside).tolist():
+            known = n in self._locations
+            before = self._locations.get(n)
+            if not known or (before and not box.is_feasible(self._items[n], before)):
+                self._locations[n] = box.blbf(self._items[n])
+
+
+OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
+    "voxels": VoxelObserver,
+    "features": FeatureObserver,
+    "prospects": ProspectObserver,
+    "none": Observer,
+}
+"""What the environment's setting `observation` can be."""
+
+
+def _bools(*shape: int) -> spaces.Box:
+    return spaces.Box(0, 1, shape, np.bool_)  # type: ignore[arg-type]

@@ -1,0 +1,158 @@
+"""What agents made of tasks: rollouts, and files of them.
+
+A file of results is a file of packs (see `packs`), the boxes as the agents left them: each tells in
+`made` how it came to be, so that it can be repeated, and can be verified and drawn like any pack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from packit_sim.datasets.packs import Pack, Task, read_packs, write_packs
+from packit_sim.envs.episode import End, Episode
+from packit_sim.errors import PackItError
+
+RESULTS_FORMAT = 1
+"""Version of what `made` of a rollout's pack holds, which it tells as "results"."""
+
+
+class ResultsError(PackItError, ValueError):
+    """A file that holds no results, or results of something else."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What is played. easy: PackIt-Easy. kinematic: items come straight down from the open top."""
+
+    easy: bool = False
+    kinematic: bool = False
+
+
+PACKIT = Rules()
+"""The paper's game."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode that was played.
+
+    agent: its name. task: the number of the task. task_digest: tells it from others. seed: of the
+    evaluation. total: the return. end: why it was over. pack: the box as the agent left it.
+    seconds: that it took, on a machine that may have done other things as well; two rollouts are
+    equal whatever it was.
+    """
+
+    agent: str
+    task: int
+    task_digest: str
+    seed: int
+    rules: Rules
+    total: float
+    end: End
+    pack: Pack
+    seconds: float = field(compare=False)
+
+    @classmethod
+    def of(
+        cls, episode: Episode, agent: str, number: int, seed: int, rules: Rules, seconds: float
+    ) -> Rollout:
+        """The record of an episode that is over."""
+        assert episode.end is not None
+        made = {
+            "results": RESULTS_FORMAT,
+            "by": agent,
+            "task": number,
+            "task_digest": episode.task.digest,
+            "seed": seed,
+            **asdict(rules),
+            "return": episode.total,
+            "end": str(episode.end),
+        }
+        pack = Pack.of(episode.box, episode.task.pack.library, **made)
+        return cls(
+            agent,
+            number,
+            episode.task.digest,
+            seed,
+            rules,
+            episode.total,
+            episode.end,
+            pack,
+            seconds,
+        )
+
+    def to_pack(self) -> Pack:
+        """The pack with all that `from_pack` reads."""
+        return replace(self.pack, made={**self.pack.made, "seconds": round(self.seconds, 6)})
+
+    @classmethod
+    def from_pack(cls, pack: Pack) -> Rollout:
+        """Raises ResultsError where the pack is no rollout's, or of another version."""
+        made = dict(pack.made)
+        if made.get("results") != RESULTS_FORMAT:
+            raise ResultsError(
+                f"field 'made.results' is {made.get('results')!r}: this version reads "
+                f"{RESULTS_FORMAT}, which `packit evaluate --out` writes"
+            )
+        seconds = _get(made, "seconds", float)
+        del made["seconds"]
+        return cls(
+            _get(made, "by", str),
+            _get(made, "task", int),
+            _get(made, "task_digest", str),
+            _get(made, "seed", int),
+            Rules(_get(made, "easy", bool), _get(made, "kinematic", bool)),
+            _get(made, "return", float),
+            End(_get(made, "end", str)),
+            replace(pack, made=made),
+            seconds,
+        )
+
+
+def read_results(path: Path | str) -> list[Rollout]:
+    """Raises ResultsError, or PackFormatError, that name the file, the line and what is wrong."""
+    rollouts = []
+    for number, pack in enumerate(read_packs(path), start=1):
+        try:
+            rollouts.append(Rollout.from_pack(pack))
+        except ValueError as error:
+            raise ResultsError(f"{path}, pack {number}: {error}") from None
+    return rollouts
+
+
+def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
+    """Writes them, whole or not at all."""
+    write_packs(path, [rollout.to_pack() for rollout in rollouts])
+
+
+def check_same(
+    path: Path, rollouts: Iterable[Rollout], tasks: Sequence[Task], seed: int, rules: Rules
+) -> None:
+    """Raises ResultsError where results are not of these tasks, this seed and these rules."""
+    for rollout in rollouts:
+        known = rollout.task < len(tasks)
+        facts = {
+            "seed": (rollout.seed, seed),
+            "rules": (rollout.rules, rules),
+            f"task {rollout.task}": (
+                rollout.task_digest,
+                tasks[rollout.task].digest if known else rollout.task_digest,
+            ),
+        }
+        for name, (theirs, ours) in facts.items():
+            if theirs != ours:
+                raise ResultsError(
+                    f"{path} holds results with {name} {theirs}, not {ours}: choose another file"
+                )
+
+
+def _get(made: Mapping[str, Any], key: str, kind: type) -> Any:
+    value = made.get(key)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        raise ResultsError(f"field 'made.{key}' is {value!r}: it must be of type {kind.__name__}")
+    return value

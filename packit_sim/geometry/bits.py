@@ -1,0 +1,98 @@
+"""Words of 4 x 4 x 4 bits: bit `16 * x + 4 * y + z` stands for the place (x, y, z).
+
+A cell's 64 fine cells are one such word, and so are the 64 cells of a brick.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba.extending import intrinsic
+
+from packit_sim.compiled import kernel
+from packit_sim.geometry import rotations
+
+Words = npt.NDArray[np.uint64]
+
+FULL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
+
+STRIDES: npt.NDArray[np.int64] = np.array((16, 4, 1))
+"""By how many bits neighbours along x, y and z are apart."""
+
+LOW: Words = np.array(
+    (0x0000_0000_0000_FFFF, 0x000F_000F_000F_000F, 0x1111_1111_1111_1111), dtype=np.uint64
+)
+"""The bits at place 0 along x, y and z."""
+
+HIGH: Words = LOW << (3 * STRIDES).astype(np.uint64)
+"""The bits at place 3 along x, y and z."""
+
+for _table in (STRIDES, LOW, HIGH):
+    _table.setflags(write=False)
+
+
+@intrinsic
+def lowest_bit(context: Any, word: Any) -> Any:
+    """Number of the lowest bit set in a word that is not 0, for kernels."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return numba.int64(numba.uint64), generate
+
+
+@intrinsic
+def count_bits(context: Any, word: Any) -> Any:
+    """How many bits of a word are set, for kernels."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return numba.int64(numba.uint64), generate
+
+
+@cache
+def turning_swaps(rotation: int) -> Words:
+    """(n, 2): how the bits of a word move under one of the 24 rotations.
+
+    Each row is a shift and a mask: the bits in the mask are exchanged with those a shift higher.
+    What a rotation does to a place is to exchange and to complement the six bits of its number,
+    and each of these exchanges bits of the word that are a fixed distance apart.
+    """
+    axes, signs = rotations.AXES[rotation].tolist(), rotations.SIGNS[rotation].tolist()
+    number = np.arange(64)
+    swaps: list[tuple[int, npt.NDArray[np.bool_]]] = []
+    now = [0, 1, 2]
+    for d in range(3):
+        other = now.index(axes[d])
+        if other != d:
+            for half in (1, 2):
+                high, low = int(STRIDES[d]) * half, int(STRIDES[other]) * half
+                swaps.append((high - low, (number & high == 0) & (number & low != 0)))
+            now[d], now[other] = now[other], now[d]
+    for d in range(3):
+        if signs[d] < 0:
+            for half in (1, 2):
+                distance = int(STRIDES[d]) * half
+                swaps.append((distance, number & distance == 0))
+    table = np.zeros((len(swaps), 2), dtype=np.uint64)
+    for n, (shift, places) in enumerate(swaps):
+        table[n] = shift, np.bitwise_or.reduce(np.uint64(1) << number[places].astype(np.uint64))
+    table.setflags(write=False)
+    return table
+
+
+@kernel
+def turn_words(words, swaps):
+    """Turns words (n,) in place."""
+    for s in range(len(swaps)):
+        shift, mask = swaps[s]
+        for n in range(len(words)):
+            word = words[n]
+            moved = (word >> shift ^ word) & mask
+            words[n] = word ^ moved ^ moved << shift

@@ -1,0 +1,67 @@
+"""Meshes as a stored library keeps them: compact, and the same bits on every machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from packit_sim.geometry.shapes import Shape
+
+LATTICE_STEPS = 65535
+"""Steps of the bounding box's lattice along each axis: vertices are stored as uint16."""
+
+
+@dataclass(frozen=True, eq=False)
+class QuantizedMesh:
+    """A canonical mesh on the lattice of its bounding box: what a stored library keeps of it.
+
+    vertices: (n, 3) uint16, from 0 to 65535 along each axis. faces: (m, 3) uint16, or uint32 where
+    there are more vertices. extents: (3,) float64, canonical.
+    """
+
+    vertices: npt.NDArray[np.uint16]
+    faces: npt.NDArray[np.unsignedinteger[Any]]
+    extents: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, shape: Shape) -> QuantizedMesh:
+        """The mesh on the lattice, less the triangles that lose their area there.
+
+        Vertices move by up to half a step. Raises MeshError where nothing solid is left.
+        """
+        while True:
+            low, extents = shape.mesh.bounds[0], np.array(shape.mesh.extents, dtype=np.float64)
+            lattice = np.rint((shape.mesh.vertices - low) / extents * LATTICE_STEPS).astype(int)
+            on_lattice = trimesh.Trimesh(lattice, shape.mesh.faces, process=False)
+            on_lattice.merge_vertices(digits_vertex=0)
+            a, b, c = on_lattice.vertices[on_lattice.faces].astype(int).swapaxes(0, 1)
+            on_lattice.update_faces(np.cross(b - a, c - a).any(axis=1))
+            on_lattice.update_faces(on_lattice.unique_faces())
+            on_lattice.remove_unreferenced_vertices()
+            vertices = on_lattice.vertices.astype(np.uint16)
+            if len(vertices) and (np.ptp(vertices, axis=0) == LATTICE_STEPS).all():
+                index = np.uint16 if len(vertices) <= LATTICE_STEPS else np.uint32
+                return cls(vertices, on_lattice.faces.astype(index), extents)
+            left = trimesh.Trimesh(on_lattice.vertices * extents, on_lattice.faces, process=False)
+            shape = Shape.from_mesh(left, shape.id, shape.category)
+
+    @classmethod
+    def load(cls, file: Path) -> QuantizedMesh:
+        """Raises whatever a file that is no such mesh makes numpy and zipfile raise."""
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+            return cls(arrays["vertices"], arrays["faces"], arrays["extents"])
+
+    def save(self, file: Path) -> None:
+        """Write it as npz, making the folders on the way."""
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(file, vertices=self.vertices, faces=self.faces, extents=self.extents)
+
+    def mesh(self) -> trimesh.Trimesh:
+        """The canonical mesh: exactly centred, the same bits on every machine."""
+        vertices = (self.vertices / LATTICE_STEPS - 0.5) * self.extents
+        return trimesh.Trimesh(vertices, self.faces.astype(np.int64), process=False)

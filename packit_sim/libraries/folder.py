@@ -1,0 +1,69 @@
+"""A folder of mesh files as a source of shapes: just as they come."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+from packit_sim.caches import cached_property
+from packit_sim.errors import LibraryError
+from packit_sim.libraries import mesh_files
+from packit_sim.libraries.sources import Candidate, Source
+
+UNCATEGORISED = "uncategorised"
+"""Category of mesh files that are in no subfolder."""
+
+
+class MeshFolder(Source):
+    """Mesh files in a folder: the id is the path without its suffix, the category the subfolder.
+
+    Where two would have one id, as mug.obj and mug.stl, each keeps its suffix. Hidden files and
+    folders are left alone. The digest is of the files' content.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Raises LibraryError where there is no mesh file."""
+        files = [
+            file
+            for file in sorted(folder.rglob("*"))
+            if file.suffix.lower() in mesh_files.SUFFIXES
+            and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+            and file.is_file()
+        ]
+        if not files:
+            raise LibraryError(
+                f"{folder}: neither library.json nor a mesh file ({', '.join(mesh_files.SUFFIXES)})"
+            )
+        count = Counter(file.with_suffix("") for file in files)
+        self._files = {
+            (file.with_suffix("") if count[file.with_suffix("")] == 1 else file)
+            .relative_to(folder)
+            .as_posix(): file
+            for file in files
+        }
+        categories = {id: id.rpartition("/")[0] or UNCATEGORISED for id in self._files}
+        super().__init__(folder, folder.resolve().name, "", categories)
+
+    @property
+    def locator(self) -> str:
+        return f"folder:{self.path}"
+
+    @cached_property
+    def digest(self) -> str:
+        sha = hashlib.sha256()
+        for id, file in sorted(self._files.items()):
+            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            sha.update(f"{id} {content}\n".encode())
+        return sha.hexdigest()
+
+    def candidate(self, id: str) -> Candidate:
+        file = self._files[id]
+        return Candidate(
+            id,
+            self.categories[id],
+            partial(mesh_files.read, file),
+            title=file.stem,
+            source=str(file),
+        )

@@ -1,0 +1,182 @@
+"""Shape libraries: shapes by id, in categories, whole or one split of them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from packit_sim.errors import LibraryError, UnknownShapeError
+from packit_sim.geometry.shapes import Shape
+from packit_sim.libraries.folder import MeshFolder
+from packit_sim.libraries.shapenet import TAXONOMY, ShapeNet
+from packit_sim.libraries.sources import ShapeInfo, Source, listed
+from packit_sim.libraries.splits import SPLITS
+from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
+
+SCHEMES = ("folder", "shapenet")
+"""What may stand before a colon and a path, to say what is there."""
+
+
+def assets_folder() -> Path:
+    """The folder of the data that comes with PackIt-Sim, in a wheel or in a checkout.
+
+    Raises LibraryError where there is neither.
+    """
+    package = Path(__file__).resolve().parents[1]
+    candidates = (package / "assets", package.parent / "assets")
+    for folder in candidates:
+        if folder.is_dir():
+            return folder
+    raise LibraryError(f"the installation is incomplete: found neither of {listed(candidates)}")
+
+
+class ShapeLibrary:
+    """Shapes by id, in categories: `library[id]` is a Shape; iterates over ids.
+
+    name, version, digest: what packs refer to, the same for a library and its splits. path: its
+    folder. ids: sorted. categories: the ids of each category, both sorted. missing: why there is no
+    shape, for ids that one would expect. Safe to share among threads, and cheap to send to another
+    process, which opens it again.
+    """
+
+    def __init__(self, source: Source, split: str | None = None) -> None:
+        """Takes all of a source, or one of its splits; `open` finds out which source it is."""
+        self.source = source
+        self._split = split
+        self.ids = tuple(sorted(source.splits[split] if split else source.categories))
+        self._ids = frozenset(self.ids)
+        names = sorted({source.categories[id] for id in self.ids})
+        members: dict[str, list[str]] = {name: [] for name in names}
+        for id in self.ids:
+            members[source.categories[id]].append(id)
+        self.categories: Mapping[str, tuple[str, ...]] = MappingProxyType(
+            {name: tuple(ids) for name, ids in members.items()}
+        )
+
+    @staticmethod
+    def open(source: str | Path, *, seed: int = 0) -> ShapeLibrary:
+        """The library of this name or at this path.
+
+        source: the name of a built-in library ("everyday"); the path of a stored library or of a
+        folder of mesh files; or "folder:PATH" or "shapenet:PATH", which say what is there. In a
+        folder of mesh files the id is the path without its suffix, and the category the subfolder.
+        seed: of the splits that ShapeNet is divided into; the others have theirs or none. Raises
+        LibraryError where there is no such library or it is damaged.
+        """
+        return ShapeLibrary(_source(source, seed))
+
+    def split(self, name: str) -> ShapeLibrary:
+        """The same library with the shapes of one split only: "train", "test" or "validation".
+
+        Raises LibraryError where there is no such split, or the library has none: folders of mesh
+        files must be imported first, so that doubles are found.
+        """
+        if name not in SPLITS:
+            raise LibraryError(f"no split {name!r}: choose from {', '.join(SPLITS)}")
+        return ShapeLibrary(self.source, name)
+
+    @property
+    def name(self) -> str:
+        return self.source.name
+
+    @property
+    def version(self) -> str:
+        return self.source.version
+
+    @property
+    def path(self) -> Path:
+        return self.source.path
+
+    @property
+    def missing(self) -> Mapping[str, str]:
+        return MappingProxyType(self.source.missing)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256, in hex, of the ids and the digests of their geometry, or of their mesh files."""
+        return self.source.digest
+
+    def info(self, id: str) -> ShapeInfo:
+        """What is known about a shape. Raises UnknownShapeError, and whatever loading it raises."""
+        self._require(id)
+        return self.source.info(id)
+
+    def __getitem__(self, id: str) -> Shape:
+        """The shape of this id.
+
+        Raises UnknownShapeError where there is none, MeshError where its mesh file is no shape, and
+        LibraryError where its stored mesh is not the one that was written.
+        """
+        self._require(id)
+        return self.source.shape(id)
+
+    def __contains__(self, id: object) -> bool:
+        return id in self._ids
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.ids)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __repr__(self) -> str:
+        split = f", {self._split}" if self._split else ""
+        return (
+            f"ShapeLibrary({self.name!r}{split}, {len(self)} shapes "
+            f"in {len(self.categories)} categories)"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How to open it in any folder, and if it is built in, wherever PackIt-Sim is installed."""
+        if self.path.parent == assets_folder():
+            locator = self.path.name
+        else:
+            scheme = self.source.locator.removesuffix(str(self.path))
+            locator = f"{scheme}{self.path.absolute()}"
+        return _reopened, (locator, self.source.seed, self._split)
+
+    def _require(self, id: str) -> None:
+        if id in self._ids:
+            return
+        if id in self.source.missing:
+            raise UnknownShapeError(f"no shape {id!r}: {self.source.missing[id]}")
+        close = difflib.get_close_matches(str(id), self.ids, n=3, cutoff=0.4)
+        hint = f"did you mean {listed(close)}?" if close else f"it holds {listed(self.ids)}"
+        split = f" {self._split} of" if self._split else ""
+        raise UnknownShapeError(f"no shape {id!r} in{split} library {self.name!r}: {hint}")
+
+
+def builtin_names() -> tuple[str, ...]:
+    """Names of the libraries that come with PackIt-Sim."""
+    return tuple(sorted(file.parent.name for file in assets_folder().glob(f"*/{CATALOGUE}")))
+
+
+def _source(source: str | Path, seed: int) -> Source:
+    if isinstance(source, str) and source in builtin_names():
+        return StoredLibrary(assets_folder() / source)
+    scheme, colon, path = str(source).partition(":")
+    if not (colon and isinstance(source, str) and scheme in SCHEMES):
+        scheme, path = "", str(source)
+    folder = Path(path)
+    if not path or not folder.is_dir():
+        raise LibraryError(
+            f"no shape library {str(source)!r}: it is neither built in "
+            f"({', '.join(builtin_names())}) nor a folder"
+        )
+    if scheme == "shapenet":
+        return ShapeNet(folder, seed)
+    if scheme == "folder":
+        return MeshFolder(folder)
+    if (folder / CATALOGUE).exists():
+        return StoredLibrary(folder)
+    if (folder / TAXONOMY).exists():
+        raise LibraryError(f"{folder}: looks like ShapeNet: open it as 'shapenet:{folder}'")
+    return MeshFolder(folder)
+
+
+def _reopened(locator: str, seed: int, split: str | None) -> ShapeLibrary:
+    library = ShapeLibrary.open(locator, seed=seed)
+    return library.split(split) if split else library

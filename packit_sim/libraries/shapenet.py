@@ -1,0 +1,186 @@
+"""ShapeNetCore as a source of shapes: versions 1 and 2, OBJ or GLB."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from packit_sim.caches import cached_property
+from packit_sim.errors import LibraryError
+from packit_sim.libraries import mesh_files, splits
+from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.sources import Candidate, Source
+
+TAXONOMY = "taxonomy.json"
+
+FILES = (
+    "models/model_normalized.obj",
+    "models/model_normalized.glb",
+    "models/model.obj",
+    "models/model.glb",
+    "model.obj",
+    "model.glb",
+)
+"""Where a model's folder may have its mesh: version 2 first, then version 1."""
+
+CATEGORIES = {
+    "02691156": "airplane",
+    "02747177": "trash-bin",
+    "02773838": "bag",
+    "02801938": "basket",
+    "02808440": "bathtub",
+    "02818832": "bed",
+    "02828884": "bench",
+    "02834778": "bicycle",
+    "02843684": "birdhouse",
+    "02858304": "boat",
+    "02871439": "bookshelf",
+    "02876657": "bottle",
+    "02880940": "bowl",
+    "02924116": "bus",
+    "02933112": "cabinet",
+    "02942699": "camera",
+    "02946921": "can",
+    "02954340": "cap",
+    "02958343": "car",
+    "02992529": "cellphone",
+    "03001627": "chair",
+    "03046257": "clock",
+    "03085013": "keyboard",
+    "03207941": "dishwasher",
+    "03211117": "display",
+    "03261776": "earphone",
+    "03325088": "faucet",
+    "03337140": "file-cabinet",
+    "03467517": "guitar",
+    "03513137": "helmet",
+    "03593526": "jar",
+    "03624134": "knife",
+    "03636649": "lamp",
+    "03642806": "laptop",
+    "03691459": "loudspeaker",
+    "03710193": "mailbox",
+    "03759954": "microphone",
+    "03761084": "microwave",
+    "03790512": "motorcycle",
+    "03797390": "mug",
+    "03928116": "piano",
+    "03938244": "pillow",
+    "03948459": "pistol",
+    "03991062": "flowerpot",
+    "04004475": "printer",
+    "04074963": "remote",
+    "04090263": "rifle",
+    "04099429": "rocket",
+    "04225987": "skateboard",
+    "04256520": "sofa",
+    "04330267": "stove",
+    "04379243": "table",
+    "04401088": "telephone",
+    "04460130": "tower",
+    "04468005": "train",
+    "04530566": "watercraft",
+    "04554684": "washer",
+}
+"""Our name for each synset of ShapeNetCore; `taxonomy.json` names any other."""
+
+
+class ShapeNet(Source):
+    """A folder of synset folders of models, as ShapeNetCore comes (Chang et al., 2015).
+
+    Ids are `category/model`. A model that is in two synsets is one object, one group. Models
+    without a mesh file are `missing`. The digest is of ids and file sizes: to hash 51,000 files
+    takes too long.
+    """
+
+    def __init__(self, folder: Path, seed: int = 0) -> None:
+        """seed: of the splits. Raises LibraryError where the folder holds no models."""
+        names = _names(folder / TAXONOMY)
+        self._files: dict[str, Path] = {}
+        categories: dict[str, str] = {}
+        missing: dict[str, str] = {}
+        synsets = [path for path in sorted(folder.iterdir()) if _is_synset(path)]
+        for synset in synsets:
+            category = CATEGORIES.get(synset.name) or names.get(synset.name, synset.name)
+            for model in sorted(synset.iterdir()):
+                id = f"{category}/{model.stem}"
+                file = _mesh_file(model)
+                if file is not None:
+                    self._files[id] = file
+                    categories[id] = category
+                elif model.is_dir():
+                    missing[id] = f"{model}: holds none of {', '.join(FILES)}"
+        if not categories:
+            raise LibraryError(
+                f"{folder}: not laid out as ShapeNetCore is: it holds {len(synsets)} synset "
+                "folders (eight digits, as 02691156) and no model with a mesh file in them"
+            )
+        super().__init__(folder, "shapenet", "", categories, missing, seed)
+
+    @property
+    def locator(self) -> str:
+        return f"shapenet:{self.path}"
+
+    @cached_property
+    def digest(self) -> str:
+        sha = hashlib.sha256()
+        for id, file in sorted(self._files.items()):
+            sha.update(f"{id} {file.stat().st_size}\n".encode())
+        return sha.hexdigest()
+
+    @cached_property
+    def splits(self) -> dict[str, tuple[str, ...]]:
+        """The paper's three subsets: of each category 100 shapes each, or a third."""
+        groups = {id: self._group(id) for id in self.categories}
+        return splits.divide(self.categories, groups, self.seed)
+
+    def candidate(self, id: str) -> Candidate:
+        file = self._files[id]
+        return Candidate(
+            id,
+            self.categories[id],
+            partial(_read, file),
+            title=id.rpartition("/")[2],
+            licence="LicenseRef-ShapeNet",
+            source=str(file),
+            group=self._group(id),
+        )
+
+    def _group(self, id: str) -> str:
+        return id.rpartition("/")[2]
+
+
+def _read(file: Path) -> RawMesh:
+    """A model's mesh: ShapeNet's are y up, whatever their format, and of no known size."""
+    return RawMesh(mesh_files.read(file).mesh, up="y")
+
+
+def _is_synset(path: Path) -> bool:
+    return len(path.name) == 8 and path.name.isdigit() and path.is_dir()
+
+
+def _mesh_file(model: Path) -> Path | None:
+    """The mesh of what is in a synset folder: of a model's folder, or a GLB by itself."""
+    if model.suffix.lower() in (".glb", ".obj") and model.is_file():
+        return model
+    found = (model / name for name in FILES)
+    return next((file for file in found if file.is_file()), None)
+
+
+def _names(taxonomy: Path) -> dict[str, str]:
+    """The first name of each synset, with hyphens for spaces; none where there is no taxonomy."""
+    if not taxonomy.exists():
+        return {}
+    try:
+        synsets: list[dict[str, Any]] = json.loads(taxonomy.read_text(encoding="utf-8"))
+        return {
+            synset["synsetId"]: synset["name"].split(",")[0].strip().replace(" ", "-")
+            for synset in synsets
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise LibraryError(
+            f"{taxonomy}: can't be read as ShapeNet's taxonomy: {error!r}"
+        ) from error

@@ -1,0 +1,280 @@
+"""Stored libraries: compact, checked, and the same on every machine.
+
+A folder with `library.json` (name, version, digest, and a line of metadata a shape), `splits.json`
+(the ids of each split) and `meshes/<id>.npz`, each a mesh on a lattice of its bounding box.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import tempfile
+import zlib
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import asdict, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+from packit_sim.caches import cached_property
+from packit_sim.errors import LibraryError
+from packit_sim.geometry.quantized import QuantizedMesh
+from packit_sim.geometry.shapes import Shape
+from packit_sim.libraries import splits
+from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.sources import Candidate, ShapeInfo, SizeCm, Source
+
+FORMAT = 2
+"""Number of the stored format that this module writes, and the only one it reads."""
+
+CATALOGUE = "library.json"
+
+_SPLITS = "splits.json"
+_MESHES = "meshes"
+_JSON_TYPES: dict[Any, type] = {"str": str, "int": int, "bool": bool, "float": float}
+_UNREADABLE = (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile, zlib.error)
+_ID = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
+_UNFIT = re.compile(r"[^\w./-]+")
+
+
+class StoredLibrary(Source):
+    """A folder that `write` wrote."""
+
+    is_catalogued = True
+
+    def __init__(self, folder: Path) -> None:
+        """Raises LibraryError where its catalogue is damaged or of another format."""
+        catalogue = folder / CATALOGUE
+        content = _json(catalogue, FORMAT)
+        try:
+            infos = [_info(line) for line in content["shapes"]]
+            digests = {info.id: info.digest for info in infos}
+            name, version, self._digest = (content[k] for k in ("name", "version", "digest"))
+            if not (isinstance(name, str) and isinstance(version, str)):
+                raise TypeError(f"name {name!r}, version {version!r}")
+        except (KeyError, TypeError, ValueError) as error:
+            raise LibraryError(f"{catalogue}: damaged: {error!r}") from error
+        if not digests or len(digests) < len(infos) or _digest(digests) != self._digest:
+            raise LibraryError(
+                f"{catalogue}: damaged: its shapes don't match its digest {self._digest!r:.70}"
+            )
+        self._infos = {info.id: info for info in infos}
+        super().__init__(folder, name, version, {info.id: info.category for info in infos})
+
+    @property
+    def locator(self) -> str:
+        return str(self.path)
+
+    @property
+    def digest(self) -> str:
+        return self._digest
+
+    @cached_property
+    def splits(self) -> Mapping[str, tuple[str, ...]]:
+        file = self.path / _SPLITS
+        content = _json(file, FORMAT)
+        try:
+            found = {name: tuple(content[name]) for name in splits.SPLITS}
+            groups = [{self._infos[id].group for id in ids} for ids in found.values()]
+        except (KeyError, TypeError) as error:
+            raise LibraryError(f"{file}: damaged: {error!r}") from error
+        if sum(map(len, groups)) > len(set().union(*groups)):
+            raise LibraryError(f"{file}: damaged: it has an object in two splits")
+        return found
+
+    def candidate(self, id: str) -> Candidate:
+        info = self._infos[id]
+        return Candidate(
+            id,
+            info.category,
+            partial(_raw, self._file(id)),
+            title=info.title,
+            author=info.author,
+            licence=info.licence,
+            source=info.source,
+            size_cm=info.size_cm,
+            group=info.group,
+        )
+
+    def info(self, id: str) -> ShapeInfo:
+        return self._infos[id]
+
+    def load(self, id: str) -> Shape:
+        """Raises LibraryError where the stored mesh is not the one that was written."""
+        file, info = self._file(id), self._infos[id]
+        try:
+            shape = Shape(QuantizedMesh.load(file).mesh(), id, info.category, info.volume)
+        except _UNREADABLE as error:
+            raise LibraryError(f"{file}: not the mesh of {id!r}: {error!r}") from error
+        if shape.digest != info.digest:
+            raise LibraryError(
+                f"{file}: not the mesh of {id!r}: its digest is {shape.digest}, not {info.digest}"
+            )
+        return shape
+
+    def _file(self, id: str) -> Path:
+        return self.path / _MESHES / f"{id}.npz"
+
+
+def write(
+    path: str | Path,
+    name: str,
+    version: str,
+    shapes: Iterable[tuple[QuantizedMesh, ShapeInfo]],
+    split: Callable[[Mapping[str, ShapeInfo]], Mapping[str, tuple[str, ...]]] | None = None,
+) -> None:
+    """Store a library at path, all of it or nothing; an older one there is replaced.
+
+    split: returns the ids of each split; by default `splits.divide` with seed 0 says. Raises
+    LibraryError where an id is doubled or not `is_id`, where there is nothing to store, or where
+    path holds anything but a stored library.
+    """
+    path = Path(path).absolute()
+    require_replaceable(path)
+    infos: dict[str, ShapeInfo] = {}
+    taken: set[str] = set()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as staging:
+        new, old = Path(staging) / "new", Path(staging) / "old"
+        new.mkdir()
+        for mesh, info in shapes:
+            _require_new_id(info.id, taken)
+            taken.add(info.id.casefold())
+            mesh.save(new / _MESHES / f"{info.id}.npz")
+            infos[info.id] = info
+        if not infos:
+            raise LibraryError(f"{path}: a library needs at least one shape")
+        divided = (split or divide)(infos)
+        (new / CATALOGUE).write_text(_catalogue(name, version, infos), encoding="utf-8")
+        text = json.dumps({"format": FORMAT, **divided}, ensure_ascii=False, indent=1)
+        (new / _SPLITS).write_text(text + "\n", encoding="utf-8")
+        if path.exists():
+            path.rename(old)
+        try:
+            new.rename(path)
+        except OSError:
+            if old.exists():
+                old.rename(path)
+            raise
+
+
+def entry(
+    shape: Shape,
+    title: str = "",
+    author: str = "",
+    licence: str = "",
+    source: str = "",
+    size_cm: SizeCm | None = None,
+    error_bound: float = 0.0,
+) -> tuple[QuantizedMesh, ShapeInfo]:
+    """What `write` stores of a shape; for the rest see `ShapeInfo`. Raises MeshError if flat."""
+    mesh = QuantizedMesh.of(shape)
+    kept = Shape(mesh.mesh(), shape.id, shape.category)
+    read = partial(RawMesh, kept.mesh)
+    candidate = Candidate(shape.id, shape.category, read, title, author, licence, source, size_cm)
+    return mesh, candidate.info(kept, error_bound)
+
+
+def divide(infos: Mapping[str, ShapeInfo], seed: int = 0) -> dict[str, tuple[str, ...]]:
+    """The splits of a library's shapes: every one of them is in one."""
+    return splits.divide(
+        {id: info.category for id, info in infos.items()},
+        {id: info.group for id, info in infos.items()},
+        seed,
+        most=max(1, len(infos)),
+    )
+
+
+def is_id(id: str) -> bool:
+    """Whether a shape may be stored by this id.
+
+    Letters and digits of any script, `_`, `-`, `.` and `/`, each part beginning with a letter, a
+    digit or `_`.
+    """
+    return _ID.fullmatch(id) is not None
+
+
+def as_id(text: str) -> str:
+    """An id as near to any text as can be; "" where nothing of it can be in an id."""
+    parts = (part.strip("-.") for part in _UNFIT.sub("-", text).split("/"))
+    return "/".join(part for part in parts if part)
+
+
+def require_replaceable(path: Path) -> None:
+    """Raises LibraryError where something is at path that is no stored library."""
+    if path.is_dir():
+        known = {CATALOGUE, _SPLITS, _MESHES}
+        strange = sorted({file.name for file in path.iterdir()} - known)
+        if not strange:
+            return
+        raise LibraryError(f"{path}: won't be replaced, it holds more than a library: {strange[0]}")
+    if path.exists():
+        raise LibraryError(f"{path}: won't be replaced, it is a file")
+
+
+def _raw(file: Path) -> RawMesh:
+    try:
+        return RawMesh(QuantizedMesh.load(file).mesh())
+    except _UNREADABLE as error:
+        raise LibraryError(f"{file}: not a stored mesh: {error!r}") from error
+
+
+def _json(file: Path, number: int) -> dict[str, Any]:
+    """A file's JSON object. Raises LibraryError where it holds none of this format."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise LibraryError(f"{file}: can't be read as a shape library: {error}") from error
+    if not isinstance(content, dict) or content.get("format") != number:
+        found = content.get("format") if isinstance(content, dict) else content
+        raise LibraryError(
+            f"{file}: not a shape library of format {number}, its format is {found!r:.40}"
+        )
+    return content
+
+
+def _digest(digests: Mapping[str, str]) -> str:
+    lines = "".join(f"{id} {digests[id]}\n" for id in sorted(digests))
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def _catalogue(name: str, version: str, infos: Mapping[str, ShapeInfo]) -> str:
+    """The content of `library.json`, with each shape on a line of its own."""
+    digest = _digest({id: info.digest for id, info in infos.items()})
+    head = json.dumps(
+        {"format": FORMAT, "name": name, "version": version, "digest": digest}, indent=1
+    )
+    shapes = ",\n".join(
+        json.dumps(asdict(info), ensure_ascii=False) for _, info in sorted(infos.items())
+    )
+    return f'{head[:-2]},\n "shapes": [\n{shapes}\n ]\n}}\n'
+
+
+def _info(line: dict[str, Any]) -> ShapeInfo:
+    """A shape's metadata. Raises KeyError, TypeError or ValueError where it is none."""
+    values = {field.name: line[field.name] for field in fields(ShapeInfo)}
+    for field in fields(ShapeInfo):
+        if field.type in _JSON_TYPES and type(values[field.name]) is not _JSON_TYPES[field.type]:
+            raise TypeError(f"{field.name} {values[field.name]!r} of {values['id']!r}")
+    if values["size_cm"] is not None:
+        x, y, z = map(float, values["size_cm"])
+        values["size_cm"] = (x, y, z)
+    info = ShapeInfo(**values)
+    if not is_id(info.id):
+        raise ValueError(f"shape id {info.id!r}")
+    if not (math.isfinite(info.volume) and 0 < info.volume <= 1):
+        raise ValueError(f"volume {info.volume!r} of {info.id!r}")
+    return info
+
+
+def _require_new_id(id: str, taken: Container[str]) -> None:
+    if not is_id(id):
+        raise LibraryError(
+            f"shape id {id!r} can't be stored: letters, digits, '_', '-', '.' and '/' only, "
+            "each part beginning with a letter, a digit or '_'"
+        )
+    if id.casefold() in taken:
+        raise LibraryError(f"shape id {id!r} is there twice")

@@ -1,0 +1,1 @@
+"""What people look at: PyBullet's camera, contact sheets, the viewer's page, plots."""

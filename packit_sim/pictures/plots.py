@@ -1,0 +1,92 @@
+"""Plots in one style, by matplotlib, which comes with `pip install packit-sim[plot]`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packit_sim.errors import PackItError
+from packit_sim.estimates import Estimate
+from packit_sim.pictures.rendering import save_png
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, which the colour-blind can tell apart; the first three differ most."""
+
+DPI = 150
+"""Pixels an inch of a figure."""
+
+INK = "#4a4f58"
+"""Of what is no data."""
+
+BAND = 0.18
+"""How opaque an interval is around its line."""
+
+_STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "font.size": 10,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+}
+
+
+class MissingMatplotlibError(PackItError, ImportError):
+    """matplotlib is not installed."""
+
+
+def require() -> None:
+    """Raises MissingMatplotlibError where there can be no plots: to ask before there is work."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingMatplotlibError(
+            "plots need matplotlib, which is not installed: pip install 'packit-sim[plot]'"
+        ) from error
+
+
+@contextmanager
+def drawn(
+    path: Path | str, mosaic: Sequence[Sequence[str]], width: float, height: float
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure to draw on, and its axes by the names that the mosaic lays out row by row.
+
+    When the block ends it is written as PNG, whole or not at all; where it raises, nothing is.
+    width, height: in inches of `DPI` pixels. Raises MissingMatplotlibError, and RenderError where
+    the path can't be written.
+    """
+    require()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+        yield figure, figure.subplot_mosaic([list(row) for row in mosaic])
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    save_png(np.ascontiguousarray(pixels), path, "matplotlib")
+
+
+def line(axes: Any, at: Sequence[float], estimates: Sequence[Estimate], **style: Any) -> None:
+    """Means as a line with their intervals as a band; where there is none, the line alone.
+
+    style: what matplotlib's `plot` takes; it must have a color.
+    """
+    means = [estimate.mean for estimate in estimates]
+    low = [e.mean if e.low is None else e.low for e in estimates]
+    high = [e.mean if e.high is None else e.high for e in estimates]
+    axes.plot(at, means, **style)
+    axes.fill_between(at, low, high, color=style["color"], alpha=BAND, linewidth=0)
