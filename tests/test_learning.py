@@ -16,19 +16,24 @@ import torch
 from trimesh import creation
 
 from packit_agents.learning import training
+from packit_agents.learning.heads import LocationHead, RotationHead
 from packit_agents.learning.imitation import LESSON, TaughtEnv
-from packit_agents.learning.learned import LearnedShape, log_probabilities, masked
-from packit_agents.learning.networks import NETWORKS, NetworkSettings, network
+from packit_agents.learning.learned import FIELDS, LearnedShape, log_probabilities, masked
+from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
 from packit_agents.learning.training import Training, TrainingError
 from packit_agents.learning.training_settings import SettingsError, TrainingSettings, read_settings
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
+from packit_sim import placement
 from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import Stage
+from packit_sim.envs.episode import End, Episode, Stage
+from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PROSPECTS, ProspectObserver
 from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
 from packit_sim.experiments.evaluation import evaluate
-from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.lattice import BOX_CELLS, Triple
+from packit_sim.geometry.rotations import turn_array
+from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import cube_of
 
@@ -118,9 +123,8 @@ def test_a_gradient_reaches_every_parameter(name, value) -> None:
 
 def test_masked_shapes_have_probability_0() -> None:
     fields = seen(5, 6)
-    found = np.exp(
-        log_probabilities(made("packnn").float(), {k: v.numpy() for k, v in fields.items()})
-    )
+    arrays = {name: field.numpy() for name, field in fields.items()}
+    found = np.exp(log_probabilities(made("packnn").float(), arrays, arrays["outside"]))
     assert (found[~fields["outside"].numpy()] == 0).all()
     assert np.allclose(found.sum(1), 1)
 
@@ -130,9 +134,77 @@ def test_networks_see_prospects_only_where_they_are_observed() -> None:
     assert plain(doubled(seen(1, 4, prospects=False))).shape == (1, 4)
 
 
+def everything(batch: int, room: int) -> dict[str, torch.Tensor]:
+    """What networks see that choose rotations and locations too, at all three stages."""
+    drawn = torch.Generator().manual_seed(5)
+    return {
+        **seen(batch, room, prospects=False),
+        "stage": torch.arange(batch) % len(Stage),
+        "chosen": torch.zeros(batch, dtype=torch.int64),
+        "item": torch.rand(batch, 8, 8, 8, generator=drawn),
+    }
+
+
+def test_heads_for_all_policies_answer_at_their_stage_alone() -> None:
+    torch.manual_seed(3)
+    net = network(replace(SMALL, policies="all"), 0)
+    assert isinstance(net, AllPolicies)
+    fields = everything(6, 5)
+    logits = net(fields)
+    assert logits.shape == (6, 25**3)
+    for row, (stage, actions) in enumerate([(0, 5), (1, 24), (2, 25**3)] * 2):
+        assert fields["stage"][row] == stage
+        told = logits[row].abs() > 0
+        assert not told[actions:].any() and told[:actions].sum() > actions / 3
+        alone = net({name: field[row : row + 1] for name, field in fields.items()})
+        torch.testing.assert_close(alone[0], logits[row])
+    (logits**2).sum().backward()
+    for key, parameter in net.named_parameters():
+        assert parameter.grad is not None and parameter.grad.abs().sum() > 0, key
+
+
+def test_the_head_for_rotations_sees_the_shape_turned(library) -> None:
+    """Exactly, where it is in the middle of all cubes, which are of 13 cells an axis here."""
+    items = (Item(library[name], 0.3) for name in library)
+    item = next(each for each in items if not any(count % 2 for count in each.cells))
+    means = CubeMeans((104, 104, 104), 8)
+    head = RotationHead(16, 1, 1)
+    upright = torch.from_numpy(means.of_item(item.voxels))
+    for rotation in range(24):
+        turned = means.of_item(item.turned(rotation).voxels)
+        np.testing.assert_allclose(upright.flatten()[head.turned[rotation]], turned.ravel())
+    box = torch.rand(1, 10, 10, 10)
+    plain = head(upright[None], box)[0]
+    again = torch.from_numpy(turn_array(upright.numpy(), 7).copy())
+    assert sorted(head(again[None], box)[0].tolist()) == pytest.approx(sorted(plain.tolist()))
+
+
+def test_the_head_for_locations_can_say_bottom_left_back_fill() -> None:
+    """Its functions of x, y and z alone suffice for the order by z, then x, then y."""
+    head = LocationHead(25, 16, 1, 1)
+    wanted = torch.zeros(3, 9, 25)
+    wanted[:, 0] = -torch.arange(25) * torch.tensor([[25.0], [1.0], [625.0]])
+    with torch.no_grad():
+        head.head.weight.zero_()
+        head.head.bias.copy_(wanted.flatten())
+    logits = head(torch.rand(2, 8, 8, 8), torch.rand(2, 10, 10, 10))[1].reshape(25, 25, 25)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        mask = rng.random((25, 25, 25)) < 0.001
+        best = np.where(mask, logits.detach().numpy(), -np.inf).argmax()
+        assert np.unravel_index(best, mask.shape) == placement.first(mask)
+
+
 @pytest.mark.parametrize(
     "wrong",
-    [{"network": "packer"}, {"width": 0}, {"width": 10}, {"trunk_blocks": -1}, {"heads": 0}],
+    [
+        {"network": "packer"},
+        {"policies": "location"},
+        {"width": 0},
+        {"width": 10},
+        {"trunk_blocks": -1},
+        {"heads": 0},
+    ],
 )
 def test_network_settings_out_of_range_are_named(wrong) -> None:
     with pytest.raises(ValueError, match="network setting"):
@@ -210,6 +282,33 @@ def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, prospects) -
     assert [r.total for r in found] == [r.total for r in other_seed]
     again = pickle.loads(pickle.dumps(agent))
     assert evaluate([again], tasks, seed=0) == found[:2]
+
+
+def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, tmp_path) -> None:
+    settings = replace(SMALL, policies="all")
+    torch.manual_seed(1)
+    net, file = network(settings, 0), tmp_path / "w.safetensors"
+    write_weights(file, net, settings, 0, {})
+    agent = Agent.from_name("/".join([f"learned@{file}"] * 3))
+    (task,) = load_tasks("starter", library)[:1]
+    for easy in (False, True):
+        episode = Episode(task, easy=easy)
+        agent.play(episode, np.random.default_rng(0))
+        assert episode.end is not End.INVALID_ACTION and episode.box.placed
+        env = PackItEnv([task], observation="features", easy=easy)
+        observed, _ = env.reset()
+        while env.episode.end is None:
+            tensors = {name: torch.as_tensor(observed[name])[None] for name in FIELDS[:3]}
+            tensors |= {name: torch.as_tensor(observed[name])[None] for name in FIELDS[4:]}
+            valid = torch.as_tensor(observed["action_mask"])
+            observed, *_ = env.step(int(masked(net(tensors), valid[None]).argmax()))
+        assert env.episode.box.placed == episode.box.placed
+    small = Episode(replace(task, pack=replace(task.pack, cells=(80, 80, 80))))
+    with pytest.raises(WeightsError, match=r"plays in boxes of \(100, 100, 100\) cells, not \(80"):
+        agent.play(small, np.random.default_rng(0))
+    shapes_only = weights(tmp_path / "shapes.safetensors")
+    with pytest.raises(WeightsError, match=r"shapes\.safetensors chooses shapes, no rotations"):
+        Agent.from_name(f"learned@{shapes_only}/learned@{shapes_only}/blbf")
 
 
 def header(file: Path, **changes: str) -> None:
@@ -311,8 +410,9 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     [
         {"observation": "features"},
         {"observation": "prospects"},
-        {"teacher": "largest-fitting-first", "imitation": 64},
-        {"teacher": "largest-fitting-first", "imitation": 128},
+        {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
+        {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
+        {"network": replace(SMALL, policies="all")},
     ],
 )
 def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, change) -> None:
@@ -385,7 +485,7 @@ def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
 def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
     """In the box is room for the largest cube alone, or for a smaller one alone."""
     settings = cubes(tmp_path, (20, 44, 60), (60, 60, 60))
-    taught = replace(settings, teacher="smallest-first", imitation=2048)
+    taught = replace(settings, teacher="smallest-first/aligned/blbf", imitation=2048)
     for how, first in ((taught, 0), (settings, 2)):
         folder = tmp_path / f"run-{first}"
         done = Training(how, folder, "cpu")
@@ -396,10 +496,30 @@ def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
         assert policy(env.unwrapped.episode, np.random.default_rng(0)) == first
 
 
+def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
+    """Three cubes that fill the box to 3/4, where they are put side by side in the corners."""
+    settings = cubes(tmp_path, (48, 48, 48), BOX_CELLS)
+    settings = replace(
+        settings,
+        network=replace(SMALL, policies="all"),
+        teacher="largest-first/aligned/blbf",
+        imitation=4096,
+        steps=4096,
+        validate_every=4096,
+    )
+    done = Training(settings, tmp_path / "run", "cpu")
+    done.run()
+    assert done.curve[-1].validation.mean == pytest.approx(1)
+    agent = Agent.from_name("/".join([f"learned@{tmp_path / 'run' / 'last.safetensors'}"] * 3))
+    episode = Episode(done._env().unwrapped.tasks[0])
+    agent.play(episode, np.random.default_rng(0))
+    assert [placed.location for placed in episode.box.placed] == [(0, 0, 0), (0, 12, 0), (12, 0, 0)]
+
+
 def test_lessons_are_what_the_teacher_would_choose(library) -> None:
     teacher = load_policy(Stage.SHAPE, "largest-first")
     plain = PackItEnv("starter", rotation="aligned", location="blbf", observation="features")
-    env = TaughtEnv(plain, "largest-first")
+    env = TaughtEnv(plain, "largest-first/aligned/blbf")
     seen, _ = env.reset(seed=0)
     chosen = []
     for number in range(8):

@@ -80,7 +80,7 @@ class Agent:
         Raises UnknownPolicyError that lists the valid ones.
         """
         policies, *search = name.split("+")
-        parts = policies.rsplit("/", len(Stage) - 1)
+        parts = _parts(policies)
         if len(parts) != len(Stage) or len(search) > 1:
             raise UnknownPolicyError(
                 f"agent {name!r} is not of the form shape/rotation/location or "
@@ -111,6 +111,24 @@ class Agent:
         else:
             while episode.end is None:
                 episode.step(self.act(episode, rng))
+
+
+def _parts(policies: str) -> list[str]:
+    """The names of policies of "shape/rotation/location", of which each may hold a path.
+
+    From the right, a part begins where the name of a policy does.
+    """
+    found: list[str] = []
+    for stage in (Stage.LOCATION, Stage.ROTATION):
+        slashes = [n for n, character in enumerate(policies) if character == "/"][::-1]
+        if not slashes:
+            break
+        names = policy_names(stage)
+        starts = (n for n in slashes if policies[n + 1 :].partition("@")[0] in names)
+        at = next(starts, slashes[0])
+        found.insert(0, policies[at + 1 :])
+        policies = policies[:at]
+    return [policies, *found]
 
 
 def policy_names(stage: Stage) -> tuple[str, ...]:

@@ -8,17 +8,16 @@ import torch
 from gymnasium import spaces
 from sb3_contrib.common.maskable.distributions import MaskableDistribution
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
-from stable_baselines3.common.preprocessing import preprocess_obs
 from torch import Tensor
 
 from packit_agents.learning.networks import NetworkSettings, network
 
 
 class ActorCritic(MaskableActorCriticPolicy):
-    """A network for the choice of shapes and another for the value, which share nothing.
+    """A network that chooses and another for the value, which share nothing.
 
-    The observations are dicts (see `packit_sim.envs.observations`); there are as many actions as
-    there is room for shapes. settings: of both networks.
+    The observations are dicts (see `packit_sim.envs.observations`), the actions those of the
+    environment. settings: of both networks.
     """
 
     def __init__(self, *spaces_and_schedule: Any, settings: NetworkSettings, **others: Any) -> None:
@@ -66,9 +65,14 @@ class ActorCritic(MaskableActorCriticPolicy):
         return values
 
     def _seen(self, obs: Any) -> dict[str, Tensor]:
-        seen = preprocess_obs(obs, self.observation_space, normalize_images=False)
-        assert isinstance(seen, dict)
-        return seen
+        """Fields as networks take them: numbers (b,) of what is discrete, all else as floats."""
+        assert isinstance(self.observation_space, spaces.Dict)
+        return {
+            name: obs[name].long().flatten()
+            if isinstance(space, spaces.Discrete)
+            else obs[name].float()
+            for name, space in self.observation_space.spaces.items()
+        }
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {**super()._get_constructor_parameters(), "settings": self._settings}

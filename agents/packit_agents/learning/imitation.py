@@ -16,25 +16,24 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import Stage
 from packit_sim.envs.observations import Observation
-from packit_sim.envs.policies import load_policy
+from packit_sim.envs.policies import Agent
 
 LESSON = "lesson"
 """The field of an observation that tells what the teacher would choose."""
 
 
 class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
-    """An environment where only shapes are chosen, whose observations tell a teacher's choice.
+    """An environment whose observations tell what a teacher would choose.
 
-    teacher: the name of a shape policy; what it does by chance is always the same chance. lesson:
-    int64 (1,), the shape that it would choose; 0 when the episode is over, and while `taught` is
-    false: asking may take time.
+    teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
+    is always the same chance. lesson: int64 (1,), the action; 0 when the episode is over, and while
+    `taught` is false: asking may take time.
     """
 
     def __init__(self, env: gym.Env[Observation, Any], teacher: str) -> None:
         super().__init__(env)
-        self._teacher = load_policy(Stage.SHAPE, teacher)
+        self._teacher = Agent.from_name(teacher)
         self.taught = True
         assert isinstance(env.observation_space, spaces.Dict)
         assert isinstance(env.action_space, spaces.Discrete)
@@ -56,7 +55,7 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
         assert isinstance(env, PackItEnv)
         episode, lesson = env.episode, 0
         if self.taught and episode.end is None:
-            lesson = self._teacher(episode, np.random.default_rng(0))
+            lesson = self._teacher.act(episode, np.random.default_rng(0))
         return {**seen, LESSON: np.array([lesson])}
 
 

@@ -13,7 +13,11 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor, nn
 
+from packit_agents.learning.blocks import blocks
+from packit_agents.learning.heads import LocationHead, RotationHead
+from packit_sim.envs.episode import Stage
 from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
+from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
 
 Seen = Mapping[str, Tensor]
 """An observation's fields as tensors, each with b for its first axis."""
@@ -22,6 +26,8 @@ NetworkName = Literal["packnn", "packnn-attention"]
 
 NETWORKS: tuple[str, ...] = get_args(NetworkName)
 
+Policies = Literal["shape", "all"]
+
 
 @dataclass(frozen=True)
 class NetworkSettings:
@@ -29,6 +35,8 @@ class NetworkSettings:
 
     network: which of `NETWORKS`. width: of features. encoder_blocks, trunk_blocks: residual blocks
     before and after the shapes are seen together. heads: of attention, where there is any.
+    policies: "shape", the paper's, or "all": heads for rotations and locations beside it, in boxes
+    of the benchmark's size.
     """
 
     network: NetworkName = "packnn"
@@ -36,11 +44,13 @@ class NetworkSettings:
     encoder_blocks: int = 3
     trunk_blocks: int = 4
     heads: int = 4
+    policies: Policies = "shape"
 
     def __post_init__(self) -> None:
         """Raises ValueError that names the setting that is out of range."""
         checks = {
             "network": self.network in NETWORKS,
+            "policies": self.policies in get_args(Policies),
             "width": self.width >= 1 and self.width % max(self.heads, 1) == 0,
             "encoder_blocks": self.encoder_blocks >= 0,
             "trunk_blocks": self.trunk_blocks >= 0,
@@ -53,24 +63,6 @@ class NetworkSettings:
                 )
 
 
-class ResidualBlock(nn.Module):
-    """Two fully connected layers around which the input goes by: (..., w) to (..., w)."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.first = nn.Linear(width, width)
-        self.second = nn.Linear(width, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return torch.relu(x + self.second(torch.relu(self.first(x))))
-
-
-def _blocks(inputs: int, width: int, count: int) -> nn.Sequential:
-    """(..., inputs) to (..., w): a layer that fits the width, and residual blocks."""
-    fit = nn.Sequential(nn.Linear(inputs, width), nn.ReLU())
-    return nn.Sequential(fit, *(ResidualBlock(width) for _ in range(count)))
-
-
 class Encoder(nn.Module):
     """Each shape outside by itself, and the box: (b, n, w) and (b, w).
 
@@ -81,8 +73,8 @@ class Encoder(nn.Module):
         super().__init__()
         width, count = settings.width, settings.encoder_blocks
         self._prospects = prospects > 0
-        self.shapes = _blocks(SHAPE_CUBES**3 + prospects, width, count)
-        self.box = _blocks(BOX_CUBES**3, width, count)
+        self.shapes = blocks(SHAPE_CUBES**3 + prospects, width, count)
+        self.box = blocks(BOX_CUBES**3, width, count)
 
     def forward(self, seen: Seen) -> tuple[Tensor, Tensor]:
         outside = seen["outside"].bool()
@@ -107,7 +99,7 @@ class PackNN(nn.Module):
         width = settings.width
         self._value = value
         self.encoder = Encoder(settings, prospects)
-        self.trunk = _blocks((2 if value else 3) * width, width, settings.trunk_blocks)
+        self.trunk = blocks((2 if value else 3) * width, width, settings.trunk_blocks)
         self.head = nn.Linear(width, 1)
 
     def forward(self, seen: Seen) -> Tensor:
@@ -155,10 +147,50 @@ class AttentionPackNN(nn.Module):
         return together[:, :1] if self._value else together[:, 1:]
 
 
+class AllPolicies(nn.Module):
+    """A network for shapes, and heads for rotations and for locations, which share nothing.
+
+    forward: (b, actions) logits of the stages at which the observations are; those that are not
+    among a stage's actions are 0. Sees "stage" and "chosen" (b,) and "item" (b, 8, 8, 8) besides.
+    """
+
+    def __init__(self, shape: nn.Module, settings: NetworkSettings) -> None:
+        super().__init__()
+        (nodes,) = set(grid_nodes(BOX_CELLS))
+        size = settings.width, settings.encoder_blocks, settings.trunk_blocks
+        self.actions = nodes**3
+        self.shape = shape
+        self.rotation = RotationHead(*size)
+        self.location = LocationHead(nodes, *size)
+
+    def forward(self, seen: Seen) -> Tensor:
+        stages = seen["stage"]
+        logits = seen["box"].new_zeros(len(stages), self.actions)
+        for stage in sorted(set(stages.tolist())):
+            rows = stages == stage
+            found = self._logits(Stage(stage), {name: field[rows] for name, field in seen.items()})
+            logits[rows, : found.shape[1]] = found
+        return logits
+
+    def _logits(self, stage: Stage, seen: Seen) -> Tensor:
+        if stage is Stage.SHAPE:
+            logits: Tensor = self.shape(seen)
+            return logits
+        item, box = seen["item"], seen["box"]
+        upright = seen["shapes"][torch.arange(len(box)), seen["chosen"]]
+        if stage is Stage.ROTATION:
+            logits = self.rotation(upright, box)
+        else:
+            is_turned = item.flatten(1).any(1)[:, None, None, None]
+            logits = self.location(torch.where(is_turned, item, upright), box)
+        return logits
+
+
 def network(settings: NetworkSettings, prospects: int, *, value: bool = False) -> nn.Module:
     """A new network. prospects: how many numbers tell of each shape, 0 where none do."""
     kinds: dict[str, type[PackNN] | type[AttentionPackNN]] = {
         "packnn": PackNN,
         "packnn-attention": AttentionPackNN,
     }
-    return kinds[settings.network](settings, prospects, value=value)
+    shape = kinds[settings.network](settings, prospects, value=value)
+    return AllPolicies(shape, settings) if settings.policies == "all" and not value else shape

@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from packit_agents.learning.actor_critic import ActorCritic, on_device
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
-from packit_agents.learning.learned import FIELDS, log_probabilities
+from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim._version import __version__
@@ -168,20 +168,28 @@ class Training:
         self._returns.extend(self._running[over].tolist())
         self._running[over] = 0
 
+    @property
+    def _fields(self) -> tuple[str, ...]:
+        """What the network looks at."""
+        return FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
+
+    def _rules(self) -> dict[str, Any]:
+        """Of the environments, for training and for validation."""
+        settings = self.settings
+        fixed = {"rotation": "aligned", "location": "blbf"}
+        return {
+            "easy": settings.easy,
+            "observation": settings.observation,
+            **(fixed if settings.network.policies == "shape" else {}),
+        }
+
     def _env(self) -> gym.Env[Any, Any]:
         settings = self.settings
-        env = PackItEnv(
-            self._tasks,
-            self._library,
-            easy=settings.easy,
-            rotation="aligned",
-            location="blbf",
-            observation=settings.observation,
-        )
+        env = PackItEnv(self._tasks, self._library, **self._rules())
         taught = env if settings.teacher is None else TaughtEnv(env, settings.teacher)
         assert isinstance(taught.observation_space, spaces.Dict)
         seen = taught.observation_space.spaces
-        return FilterObservation(taught, [name for name in (*FIELDS, LESSON) if name in seen])
+        return FilterObservation(taught, [name for name in (*self._fields, LESSON) if name in seen])
 
     def _new_model(self) -> TaughtPPO:
         settings = self.settings
@@ -209,14 +217,7 @@ class Training:
 
     def _validate(self) -> None:
         """Plays the validation tasks; keeps the weights where they are the best so far."""
-        envs = PackItVectorEnv(
-            VALIDATION_ENVS,
-            tasks=self._validation,
-            easy=self.settings.easy,
-            rotation="aligned",
-            location="blbf",
-            observation=self.settings.observation,
-        )
+        envs = PackItVectorEnv(VALIDATION_ENVS, tasks=self._validation, **self._rules())
         rollouts = evaluate_batched("validation", self._act, envs, seed=0)
         before = self.best
         point = Point(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
@@ -228,8 +229,9 @@ class Training:
         replace_text(self.folder / "curve.json", json.dumps(told, indent=1) + "\n")
 
     def _act(self, seen: Observation) -> npt.NDArray[np.int64]:
-        fields = {name: seen[name] for name in FIELDS if name in seen}
-        return log_probabilities(self.policy.actor, fields).argmax(1)
+        fields = {name: seen[name] for name in self._fields if name in seen}
+        valid = seen["action_mask"].astype(bool)
+        return log_probabilities(self.policy.actor, fields, valid).argmax(1)
 
     def _write_weights(self, name: str, point: Point) -> None:
         made = {"version": __version__, **self._told(), "point": point.to_json()}

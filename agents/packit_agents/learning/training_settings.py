@@ -28,8 +28,8 @@ class TrainingSettings:
         split; without the first a split of the same packs. validation_tasks: the first so many.
     validate_every: steps.
     easy: PackIt-Easy.
-    steps: Shape-Selection steps in all.
-    teacher: name of the shape policy that is imitated for the first so many steps, `imitation`.
+    steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
+    teacher: name of the agent that is imitated for the first so many steps, `imitation`.
     learning_rate: at first; it falls linearly to 0 where `annealed`.
     envs, rollout_steps: environments, and steps of each between two updates.
     minibatch, epochs, gamma, gae_lambda, clip, entropy, value: of PPO.
