@@ -1,4 +1,4 @@
-"""Parallel work, all of it by joblib: on this machine's cores, or on a Ray cluster."""
+"""Parallel work: jobs by joblib, on this machine's cores or a Ray cluster, and Ray's actors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import pickle
 import platform
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
@@ -30,6 +30,9 @@ BACKENDS: tuple[str, ...] = get_args(BackendName)
 
 MOST_LOSSES = 20
 """How often a job may be lost with its process or its machine: more often, and it kills them."""
+
+START_SECONDS = 120.0
+"""In which all `Actors` must have begun: without a core that is free they would wait for ever."""
 
 CONNECT_SECONDS = 10.0
 """In which the head of a cluster must answer; Ray itself would try for minutes."""
@@ -97,6 +100,98 @@ class Workers:
         if self._parallel is not None:
             self._parallel.__exit__(*raised)
             self._parallel = None
+        self._leave()
+
+
+class Actors:
+    """Objects that keep their state, each in a process of its own of a Ray cluster.
+
+    kind: makes one of each of the arguments, in its process. address: as of `Workers`. Raises
+    WorkersError where there is no cluster, or no core for each, or a process is lost: what was in
+    it can't be had again.
+    """
+
+    def __init__(
+        self,
+        kind: Callable[..., Any],
+        arguments: Sequence[tuple[Any, ...]],
+        address: str | None = None,
+    ) -> None:
+        self._leave = _join_cluster(address)
+        import ray
+        from ray import cloudpickle
+
+        class Actor:
+            """Travels as code: the machine may lack PackIt-Sim."""
+
+            def __init__(self, job: bytes) -> None:
+                self.made = pickle.loads(job)()
+
+            def call(self, method: str, args: Any, others: Any) -> Any:
+                return getattr(self.made, method)(*args, **others)
+
+        remote = ray.remote(num_cpus=1)(Actor)
+        jobs = [cloudpickle.dumps(partial(kind, *each)) for each in arguments]
+        self._actors: list[Any] = [
+            remote.remote(cloudpickle.dumps(partial(_answer, __version__, job))) for job in jobs
+        ]
+        self._begun: list[Any] = []
+        count = len(self._actors)
+        _, late = ray.wait(
+            [actor.__ray_ready__.remote() for actor in self._actors],
+            num_returns=count,
+            timeout=START_SECONDS,
+        )
+        if late:
+            self.close()
+            raise WorkersError(
+                f"{len(late)} of {count} processes did not begin in {START_SECONDS:g} s: the "
+                "cluster has too few cores that are free"
+            )
+
+    def begin(
+        self,
+        method: str,
+        arguments: Sequence[tuple[Any, ...]],
+        others: Sequence[dict[str, Any]] | None = None,
+    ) -> None:
+        """Calls a method of each, with arguments by position and by name, for `end`."""
+        named = others or [{}] * len(arguments)
+        self._begun = [
+            actor.call.remote(method, args, by_name)
+            for actor, args, by_name in zip(self._actors, arguments, named, strict=True)
+        ]
+
+    def end(self) -> list[Any]:
+        """What the methods that were begun return. Raises what they raise."""
+        import ray
+        from ray.exceptions import RayError, RayTaskError
+
+        try:
+            return list(ray.get(self._begun))
+        except RayTaskError as error:
+            raise error.cause from error
+        except RayError as error:
+            why = str(error).partition("\n")[0]
+            raise WorkersError(f"a process of the cluster was lost: {why}") from error
+
+    def call(
+        self,
+        method: str,
+        arguments: Sequence[tuple[Any, ...]],
+        others: Sequence[dict[str, Any]] | None = None,
+    ) -> list[Any]:
+        """`begin` and `end`."""
+        self.begin(method, arguments, others)
+        return self.end()
+
+    def close(self) -> None:
+        """Ends the processes."""
+        import ray
+
+        for actor in self._actors:
+            ray.kill(actor)
+        self._actors = []
         self._leave()
 
 

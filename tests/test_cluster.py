@@ -40,12 +40,13 @@ SETTINGS = EvolutionSettings(
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """A head that does no work."""
-    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
+    ray = pytest.importorskip("ray", reason="the extra `cluster` is not installed")
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     from ray.cluster_utils import Cluster
 
     made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     yield made
+    ray.shutdown()
     made.shutdown()
     gc.collect()  # so that what Ray leaves is told here, and not in another test
 
@@ -220,3 +221,47 @@ def test_the_command_is_stopped_and_goes_on(cluster, order, tmp_path) -> None:
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout
     assert "".join(told.split()).endswith("train.jsonl:3packs")
     assert file.read_bytes() == (tmp_path / "local" / "train.jsonl").read_bytes()
+
+
+def test_a_training_over_the_cluster_learns_the_same(cluster, tmp_path, monkeypatch) -> None:
+    pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
+    import torch
+
+    from packit_agents.learning.networks import NetworkSettings
+    from packit_agents.learning.training import Training
+    from packit_agents.learning.training_settings import TrainingSettings
+    from packit_agents.learning.weights import read_weights
+
+    settings = TrainingSettings(
+        network=NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=1),
+        packs="starter",
+        split=None,
+        validation=None,
+        teacher="largest-fitting-first/aligned/blbf",
+        imitation=48,
+        steps=96,
+        envs=3,
+        rollout_steps=16,
+        validate_every=48,
+        minibatch=16,
+        validation_tasks=2,
+    )
+    here = Training(settings, tmp_path / "here", "cpu")
+    here.run()
+    for _ in range(2):
+        cluster.add_node(num_cpus=1)
+    cluster.connect()
+    there = Training(settings, tmp_path / "there", "cpu", workers=2, address=cluster.address)
+    there.run()
+    assert there.curve == here.curve
+    with monkeypatch.context() as changed:
+        changed.setattr(parallel, "START_SECONDS", 5.0)
+        with pytest.raises(WorkersError, match="2 of 2 processes did not begin in 5 s"):
+            Training(settings, tmp_path / "other", "cpu", workers=2, address=cluster.address)
+    there.close()
+    again = Training(settings, tmp_path / "there", "cpu", workers=2, address=cluster.address)
+    assert again.is_over and again.curve == here.curve
+    again.close()
+    files = [tmp_path / name / "last.safetensors" for name in ("here", "there")]
+    weights = [dict(read_weights(file)[0].state_dict()) for file in files]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])

@@ -490,10 +490,9 @@ def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
         folder = tmp_path / f"run-{first}"
         done = Training(how, folder, "cpu")
         done.run()
-        env = done._env()
-        env.reset()
+        (task,) = load_tasks(how.packs, ShapeLibrary.open(how.library))
         policy = LearnedShape(folder / "last.safetensors")
-        assert policy(env.unwrapped.episode, np.random.default_rng(0)) == first
+        assert policy(Episode(task), np.random.default_rng(0)) == first
 
 
 def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
@@ -511,7 +510,8 @@ def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
     done.run()
     assert done.curve[-1].validation.mean == pytest.approx(1)
     agent = Agent.from_name("/".join([f"learned@{tmp_path / 'run' / 'last.safetensors'}"] * 3))
-    episode = Episode(done._env().unwrapped.tasks[0])
+    (task,) = load_tasks(settings.packs, ShapeLibrary.open(settings.library))
+    episode = Episode(task)
     agent.play(episode, np.random.default_rng(0))
     assert [placed.location for placed in episode.box.placed] == [(0, 0, 0), (0, 12, 0), (12, 0, 0)]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from packit_sim.cli.console import console, progress_bars
+from packit_sim.cli.console import AddressOption, console, progress_bars
 from packit_sim.errors import PackItError
 from packit_sim.pictures import plots
 
@@ -27,6 +27,10 @@ def train_command(
         ),
     ] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda, or auto.")] = "auto",
+    ray_workers: Annotated[
+        int, typer.Option(min=0, help="Processes of a Ray cluster for the environments.")
+    ] = 0,
+    address: AddressOption = None,
 ) -> None:
     """Trains a network to choose shapes; its best weights are best.safetensors in the folder.
 
@@ -42,7 +46,7 @@ def train_command(
         ) from None
     plots.require()
     settings = read_settings(config, set or [])
-    training = Training(settings, out, device)
+    training = Training(settings, out, device, ray_workers, address)
     try:
         with progress_bars() as progress:
             bar = progress.add_task("training", total=settings.steps, note="")
@@ -56,6 +60,8 @@ def train_command(
     except KeyboardInterrupt:
         console.print("stopped: the same command goes on from here")
         raise typer.Exit(130) from None
+    finally:
+        training.close()
     draw(training.curve, out / "curve.png")
     best = training.best
     assert best is not None

@@ -19,12 +19,13 @@ from gymnasium import spaces
 from gymnasium.wrappers import FilterObservation
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from packit_agents.learning.actor_critic import ActorCritic, on_device
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
 from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
+from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim._version import __version__
@@ -91,10 +92,19 @@ class Training:
     first of equal ones; last.safetensors: those at the end. tensorboard/: PPO's own numbers.
 
     folder: new, or of a training with the same settings, which goes on. device: "cpu", "cuda" or
-    "auto". Raises TrainingError where the folder is of another training, and as loading tasks does.
+    "auto". workers: processes of a Ray cluster that hold the environments, none for this one;
+    address: of its head. They change nothing of what is learned. Raises TrainingError where the
+    folder is of another training, and as loading tasks does.
     """
 
-    def __init__(self, settings: TrainingSettings, folder: Path, device: str = "auto") -> None:
+    def __init__(
+        self,
+        settings: TrainingSettings,
+        folder: Path,
+        device: str = "auto",
+        workers: int = 0,
+        address: str | None = None,
+    ) -> None:
         self.settings = settings
         self.folder = folder
         library = ShapeLibrary.open(settings.library)
@@ -109,7 +119,13 @@ class Training:
         self._validation = tasks[: settings.validation_tasks]
         self._check_folder()
         self._device = on_device(device)
-        self._envs = [ReplayableEnv(self._env()) for _ in range(settings.envs)]
+        made = partial(
+            _env, self._tasks, self._library, self._rules(), settings.teacher, self._fields
+        )
+        makers = [made] * settings.envs
+        self._envs: VecEnv = (
+            RemoteEnvs(makers, workers, address) if workers else DummyVecEnv(list(makers))
+        )
         self._model = self._new_model()
         self.curve: list[Point] = []
         self._returns: deque[float] = deque(maxlen=RECENT)
@@ -145,6 +161,10 @@ class Training:
             self.look()
         on_progress(Progress(self.steps, self.reward, self.best))
 
+    def close(self) -> None:
+        """Lets go of the environments, and of the cluster."""
+        self._envs.close()
+
     @property
     def is_over(self) -> bool:
         return self.steps >= self.settings.steps and bool(self.curve)
@@ -152,8 +172,7 @@ class Training:
     def look(self) -> None:
         """Validates if that is due, and writes a checkpoint if there was one, or it is time."""
         if self.settings.teacher is not None and self.steps >= self.settings.imitation:
-            for env in self._envs:
-                env.set_wrapper_attr("taught", False)
+            self._envs.env_method("set_wrapper_attr", "taught", False)
         due = self.steps // self.settings.validate_every + 1
         over = self.steps >= self.settings.steps
         if len(self.curve) < due or (over and self.curve[-1].steps < self.steps):
@@ -183,20 +202,12 @@ class Training:
             **(fixed if settings.network.policies == "shape" else {}),
         }
 
-    def _env(self) -> gym.Env[Any, Any]:
-        settings = self.settings
-        env = PackItEnv(self._tasks, self._library, **self._rules())
-        taught = env if settings.teacher is None else TaughtEnv(env, settings.teacher)
-        assert isinstance(taught.observation_space, spaces.Dict)
-        seen = taught.observation_space.spaces
-        return FilterObservation(taught, [name for name in (*self._fields, LESSON) if name in seen])
-
     def _new_model(self) -> TaughtPPO:
         settings = self.settings
         rate = settings.learning_rate
         model = TaughtPPO(
             ActorCritic,
-            DummyVecEnv([partial(_same, env) for env in self._envs]),
+            self._envs,
             learning_rate=(lambda left: rate * left) if settings.annealed else rate,
             n_steps=settings.rollout_steps,
             batch_size=settings.minibatch,
@@ -281,7 +292,7 @@ class Training:
                 "updates": model._n_updates,
                 "progress": model._current_progress_remaining,
                 "starts": np.asarray(model._last_episode_starts).tolist(),
-                "envs": [env.to_json() for env in self._envs],
+                "envs": self._envs.env_method("to_json"),
                 "returns": list(self._returns),
                 "running": self._running.tolist(),
                 "curve": [point.to_json() for point in self.curve],
@@ -301,7 +312,10 @@ class Training:
         self.policy.optimizer.load_state_dict(tensors["optimizer"])
         model.num_timesteps, model._n_updates = told["steps"], told["updates"]
         model._current_progress_remaining = told["progress"]
-        seen = [env.restore(state) for env, state in zip(self._envs, told["envs"], strict=True)]
+        seen = [
+            self._envs.env_method("restore", state, indices=[n])[0]
+            for n, state in enumerate(told["envs"])
+        ]
         model._last_obs = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
         model._last_episode_starts = np.array(told["starts"], dtype=bool)
         self._returns.extend(told["returns"])
@@ -331,8 +345,20 @@ class _Watch(BaseCallback):
             self.logger.record("rollout/return", self._training.reward)
 
 
-def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-    return env
+def _env(
+    tasks: str | tuple[Task, ...],
+    library: ShapeLibrary,
+    rules: dict[str, Any],
+    teacher: str | None,
+    fields: tuple[str, ...],
+) -> ReplayableEnv:
+    """An environment of a training, which tells what is among the fields."""
+    env: gym.Env[Any, Any] = PackItEnv(tasks, library, **rules)
+    if teacher is not None:
+        env = TaughtEnv(env, teacher)
+    assert isinstance(env.observation_space, spaces.Dict)
+    seen = env.observation_space.spaces
+    return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LESSON) if n in seen]))
 
 
 def _digest(tasks: Sequence[Task]) -> str:
