@@ -140,11 +140,16 @@ class AttentionPackNN(nn.Module):
 
     def forward(self, seen: Seen) -> Tensor:
         shapes, box = self.encoder(seen)
-        tokens = torch.cat([box.unsqueeze(1), shapes], 1)
         outside = seen["outside"].bool()
-        hidden = torch.cat([torch.zeros_like(outside[:, :1]), ~outside], 1)
+        columns = outside.any(0)  # where the batch has a shape outside
+        tokens = torch.cat([box.unsqueeze(1), shapes[:, columns]], 1)
+        hidden = torch.cat([torch.zeros_like(outside[:, :1]), ~outside[:, columns]], 1)
         together = self.head(self.trunk(tokens, src_key_padding_mask=hidden)).squeeze(2)
-        return together[:, :1] if self._value else together[:, 1:]
+        if self._value:
+            return together[:, :1]
+        logits = together.new_zeros(outside.shape)
+        logits[:, columns] = together[:, 1:]
+        return logits
 
 
 class AllPolicies(nn.Module):
