@@ -1,4 +1,4 @@
-"""The paper's tables anew: what is played for each, and its numbers to hold ours against."""
+"""The paper's tables anew, and one beyond it: what is played for each, and the paper's numbers."""
 
 from __future__ import annotations
 
@@ -21,6 +21,25 @@ EASY = Rules(easy=True)
 HEURISTIC = "largest-first/aligned/blbf"
 LEARNING = "packnn/aligned/blbf"
 
+STRONGER = (
+    HEURISTIC,
+    "longest-first/aligned/blbf",
+    "largest-box-first/aligned/blbf",
+    "largest-first/aligned/dblf",
+    "largest-first/aligned/heightmap-minimisation",
+    "largest-first/aligned/least-empty",
+    "largest-first/aligned/maximal-contact",
+    "largest-first/first-fit/blbf",
+    "largest-first/lowest/blbf",
+    "largest-fitting-first/aligned/blbf",
+    "largest-first/lowest/maximal-contact",
+    "largest-fitting-first/lowest/maximal-contact",
+    f"{HEURISTIC}+mcts=50",
+    f"{HEURISTIC}+lns=50",
+    "largest-fitting-first/aligned/blbf+beam=4",
+)
+"""Agents that the paper does not have, beside its Heuristic."""
+
 Numbers = Mapping[str, float]
 """Average Reward as "reward", Success@x in percent as "S@x"."""
 
@@ -35,8 +54,8 @@ class Row:
 
 
 @dataclass(frozen=True)
-class PaperTable:
-    """A table of the paper. metrics: its columns. against: the agent to compare others with."""
+class Table:
+    """Agents to compare. metrics: the columns. against: the agent that others are compared with."""
 
     title: str
     rules: Rules
@@ -75,8 +94,8 @@ def _searches(
     )
 
 
-TABLES: dict[str, PaperTable] = {
-    "table1": PaperTable(
+TABLES: dict[str, Table] = {
+    "table1": Table(
         "Agents (paper, table 1)",
         PACKIT,
         _ALL,
@@ -144,7 +163,7 @@ TABLES: dict[str, PaperTable] = {
             ),
         ),
     ),
-    "beam": PaperTable(
+    "beam": Table(
         "Beam search: beams",
         PACKIT,
         _FEW,
@@ -158,7 +177,7 @@ TABLES: dict[str, PaperTable] = {
             },
         ),
     ),
-    "backtrack": PaperTable(
+    "backtrack": Table(
         "Backtracking: backtracks",
         PACKIT,
         _FEW,
@@ -182,7 +201,7 @@ TABLES: dict[str, PaperTable] = {
             },
         ),
     ),
-    "easy": PaperTable(
+    "easy": Table(
         "PackIt-Easy",
         EASY,
         _FEW,
@@ -199,6 +218,13 @@ TABLES: dict[str, PaperTable] = {
                 25.04,
             ),
         ),
+    ),
+    "baselines": Table(
+        "Baselines beyond the paper",
+        PACKIT,
+        _ALL,
+        HEURISTIC,
+        tuple(Row(agent, agent) for agent in STRONGER),
     ),
 }
 """By name, as `packit reproduce` takes it."""
@@ -217,7 +243,7 @@ class Reproduced:
         return self.score.reward if name == "reward" else self.score.success[float(name[2:])]
 
 
-def reproduced(table: PaperTable, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
+def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
     """The rows of a table that were played."""
     played: dict[str, list[Rollout]] = {}
     for rollout in rollouts:
@@ -234,7 +260,7 @@ def reproduced(table: PaperTable, rollouts: Sequence[Rollout]) -> tuple[Reproduc
     )
 
 
-def to_json(table: PaperTable, found: Sequence[Reproduced]) -> dict[str, Any]:
+def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
     """A table in JSON's types: estimates as mean, low, high; the paper's numbers beside them."""
     return {
         "title": table.title,
@@ -255,7 +281,7 @@ def to_json(table: PaperTable, found: Sequence[Reproduced]) -> dict[str, Any]:
     }
 
 
-def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
+def markdown(table: Table, found: Sequence[Reproduced]) -> str:
     """A table with the paper's numbers below ours, and what each agent is against the others."""
     lines = [
         f"## {table.title}",
@@ -266,46 +292,47 @@ def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
     for each in found:
         ours = (_cell(each.metric(name), name) for name in table.metrics)
         lines.append(f"| {each.row.label} | ours | {' | '.join(ours)} |")
-        paper = (f"{each.row.paper[name]:g}" for name in table.metrics)
-        lines.append(f"| | paper | {' | '.join(paper)} |")
-    lines += [
-        "",
-        f"Against `{table.against}` on the same tasks:",
-        "",
-        "| | difference | ratio | paper's ratio | wins / ties / losses |",
-        "|---|---|---|---|---|",
-    ]
-    base = next(row.paper["reward"] for row in table.rows if row.agent == table.against)
+        if each.row.paper:
+            paper = (f"{each.row.paper[name]:g}" for name in table.metrics)
+            lines.append(f"| | paper | {' | '.join(paper)} |")
+    lines += ["", f"Against `{table.against}` on the same tasks:", ""]
+    base = next(row.paper for row in table.rows if row.agent == table.against)
+    columns = ["", "difference", "ratio", "paper's ratio", "wins / ties / losses"]
+    if not base:
+        columns.remove("paper's ratio")
+    lines += [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for each in found:
         if each.comparison is None:
             continue
         difference, ratio = each.comparison.difference, each.comparison.ratio
         counts = (each.comparison.wins, each.comparison.ties, each.comparison.losses)
-        lines.append(
-            f"| {each.row.label} | {told(difference, '+.3f')} | {told(ratio, '.3f')} "
-            f"| {each.row.paper['reward'] / base:.3f} | {' / '.join(map(str, counts))} |"
-        )
+        cells = [each.row.label, told(difference, "+.3f"), told(ratio, ".3f")]
+        if base:
+            cells.append(f"{each.row.paper['reward'] / base['reward']:.3f}")
+        lines.append(f"| {' | '.join(cells)} | {' / '.join(map(str, counts))} |")
     return "\n".join(lines) + "\n"
 
 
-def draw(table: PaperTable, found: Sequence[Reproduced], path: Path) -> None:
-    """Bars of Average Reward, ours with intervals, and the paper's."""
-    with plots.drawn(path, [["reward"]], 8, 0.9 + 0.55 * len(found)) as (figure, axes):
+def draw(table: Table, found: Sequence[Reproduced], path: Path) -> None:
+    """Bars of Average Reward, ours with intervals, and the paper's where it tells them."""
+    paper = [each.row.paper["reward"] for each in found if each.row.paper]
+    height = 0.9 + (0.55 if paper else 0.3) * len(found)
+    with plots.drawn(path, [["reward"]], 8, height) as (figure, axes):
         ax = axes["reward"]
         places = np.arange(len(found))[::-1]
         means = np.array([each.score.reward.mean for each in found])
         ends = np.array([_ends(each.score.reward) for each in found])
         errors = np.abs(ends.T - means)
-        ax.barh(
-            places + 0.2, means, 0.38, xerr=errors, capsize=3, color=plots.COLORS[0], label="ours"
-        )
-        paper = [each.row.paper["reward"] for each in found]
-        ax.barh(places - 0.2, paper, 0.38, color=plots.COLORS[4], label="paper (other shapes)")
+        half = 0.2 if paper else 0.0
+        bar = {"xerr": errors, "capsize": 3, "color": plots.COLORS[0], "label": "ours"}
+        ax.barh(places + half, means, 0.38 if paper else 0.6, **bar)
+        if paper:
+            ax.barh(places - half, paper, 0.38, color=plots.COLORS[4], label="paper (other shapes)")
+            figure.legend(loc="outside upper right", ncols=2)
         ax.set_yticks(places, [each.row.label for each in found])
         ax.set_xlim(0, 1)
         ax.set_xlabel("Average Reward, and its 95% bootstrap interval")
         ax.grid(axis="y", visible=False)
-        figure.legend(loc="outside upper right", ncols=2)
         figure.suptitle(table.title, x=0.01, ha="left", weight="bold")
 
 

@@ -1,0 +1,75 @@
+"""The numbers that the docs quote are those of the last full run of `packit reproduce all`."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from packit_sim.estimates import Estimate, told
+from packit_sim.experiments.reproduction import HEURISTIC, TABLES
+
+ROOT = Path(__file__).parents[1]
+REPRODUCED = ROOT / "docs" / "reproduced"
+
+IN_THE_README = {
+    **{row.label: ("table1", row.agent) for row in TABLES["table1"].rows},
+    "the same with 4 beams": ("beam", f"{HEURISTIC}+beam=4"),
+    "the same with 8 backtracks": ("backtrack", f"{HEURISTIC}+backtrack=8"),
+    "the same in PackIt-Easy": ("easy", HEURISTIC),
+}
+"""The tables and agents of which the README tells, by what it calls them."""
+
+
+@cache
+def rows(table: str) -> dict[str, dict]:
+    content = json.loads((REPRODUCED / f"{table}.json").read_text())
+    assert "150 tasks" in content["what"]
+    return {row["agent"]: row for row in content["rows"]}
+
+
+def cells(document: Path) -> list[list[str]]:
+    """The rows of all tables of a document."""
+    lines = document.read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line[1:-1].split("|")] for line in lines if line[:1] == "|"]
+
+
+def reward(row: dict) -> str:
+    return told(Estimate(**row["ours"]["reward"]), ".3f")
+
+
+def test_the_readme_quotes_the_last_run() -> None:
+    quoted = 0
+    for label, ours, *rest in cells(ROOT / "README.md"):
+        agent = re.fullmatch(r"`([^`]+/[^`]+/[^`]+)`", label)
+        if label in IN_THE_README:
+            table, name = IN_THE_README[label]
+            row = rows(table)[name]
+            assert rest == [f"{row['paper']['reward']:g}"]
+        elif agent:
+            row = rows("baselines")[agent[1]]
+        else:
+            continue
+        assert ours == reward(row), label
+        quoted += 1
+    assert quoted >= 8
+
+
+def test_the_page_of_results_quotes_the_last_run() -> None:
+    quoted = 0
+    for label, ours, *rest in cells(ROOT / "docs" / "results.md"):
+        agent = re.match(r"`([^`]+/[^`]+/[^`]+)`", label)
+        if agent:
+            row = rows("baselines")[agent[1]]
+            assert ours == reward(row), label
+            if row["comparison"]:
+                assert rest == [told(Estimate(**row["comparison"]["difference"]), "+.3f")], label
+            quoted += 1
+    assert quoted >= 8
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_all_agents_that_can_be_played_were(name) -> None:
+    assert list(rows(name)) == [row.agent for row in TABLES[name].playable]
+    assert (REPRODUCED / f"{name}.png").exists() and (REPRODUCED / f"{name}.md").exists()
