@@ -32,5 +32,9 @@ class PackFormatError(PackItError, ValueError):
     """A pack or a dataset that can't be read: the message names file, line and field."""
 
 
+class BusyError(PackItError, RuntimeError):
+    """A file or folder that another process is at work on."""
+
+
 class RenderError(PackItError, RuntimeError):
     """No picture could be made."""

@@ -1,13 +1,16 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, by one process at a time."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
+
+from packit_sim.errors import BusyError
 
 
 @contextmanager
@@ -33,3 +36,40 @@ def replace_text(path: Path, text: str) -> None:
     """Writes a text file in UTF-8, whole or not at all."""
     with replacing(path) as file:
         file.write(text.encode())
+
+
+@contextmanager
+def claimed(lock: Path, what: Path) -> Iterator[None]:
+    """Holds a lock file for this process, and removes it; it ends with the process, however.
+
+    what: the file or folder that others must leave alone meanwhile. Raises BusyError where another
+    process holds it.
+    """
+    while True:
+        with lock.open("a+") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                file.seek(0)
+                raise BusyError(
+                    f"{what}: process {file.read().strip() or '?'} is at work there: let it end, "
+                    "or stop it and give the same command again"
+                ) from None
+            if not _is(file.fileno(), lock):
+                continue  # its holder has just removed it
+            file.truncate(0)
+            file.write(str(os.getpid()))
+            file.flush()
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
+            return
+
+
+def _is(descriptor: int, path: Path) -> bool:
+    """Whether an open file is the one that a path names."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from packit_sim.cli.app import app
 from packit_sim.datasets.packs import Task, load_tasks, read_packs, verify
 from packit_sim.envs.policies import Agent
-from packit_sim.errors import PackItError
+from packit_sim.errors import BusyError, PackItError
 from packit_sim.estimates import Comparison, Estimate
 from packit_sim.experiments import evaluation, reproduction
 from packit_sim.experiments.evaluation import Score, compare, evaluate
@@ -213,6 +213,20 @@ def test_tables_are_whole(name) -> None:
         return
     assert all(set(row.paper) == set(table.metrics) for row in table.rows)
     assert all(0 <= row.paper["reward"] <= 1 for row in table.rows)
+
+
+def test_two_evaluations_refuse_to_write_one_file(agents, tasks, rollouts, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    refused = []
+
+    def second(rollout: Rollout) -> None:
+        with pytest.raises(BusyError, match=rf"results\.jsonl: process {os.getpid()} is at work"):
+            evaluate(agents, tasks, seed=2, file=file)
+        refused.append(rollout)
+
+    assert evaluate(agents, tasks, seed=2, on_rollout=second, file=file) == rollouts
+    assert refused and [path.name for path in tmp_path.glob(".*")] == []
+    assert evaluate(agents, tasks, seed=2, file=file) == rollouts
 
 
 def test_a_table_beside_the_papers(agents, tasks, rollouts) -> None:

@@ -19,7 +19,7 @@ from packit_sim.creation import generation
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.creation.generation import GenerationError, Order, checkpoint, generate, work_folder
 from packit_sim.datasets.packs import Pack, load_tasks, read_packs, verify
-from packit_sim.errors import LibraryError
+from packit_sim.errors import BusyError, LibraryError
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers, WorkersError
 
@@ -197,7 +197,7 @@ def test_two_generators_refuse_each_other(library, tmp_path) -> None:
     file = tmp_path / "train.jsonl"
 
     def second(number: int, pack: Pack) -> None:
-        with pytest.raises(GenerationError, match=f"process {os.getpid()} is at work there"):
+        with pytest.raises(BusyError, match=f"process {os.getpid()} is at work there"):
             generate(order(library), file)
 
     generate(order(library, 1), file, None, second)

@@ -7,7 +7,6 @@ the same order goes on from there, and ends in the same packs as without a stop.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
@@ -17,13 +16,13 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import starmap
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.creation.evolution import Evolution
 from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
 from packit_sim.errors import PackItError
-from packit_sim.files import replace_text
+from packit_sim.files import claimed, replace_text
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers
 
@@ -222,8 +221,7 @@ def _locked(folder: Path) -> Iterator[None]:
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("a+") as file:
-        _take(file, folder)
+    with claimed(folder / "lock", folder):
         try:
             yield
         finally:
@@ -232,17 +230,3 @@ def _locked(folder: Path) -> Iterator[None]:
             for parent in made[1:]:
                 if not any(parent.iterdir()):
                     parent.rmdir()
-
-
-def _take(file: IO[str], folder: Path) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.seek(0)
-        raise GenerationError(
-            f"{folder}: process {file.read().strip() or '?'} is at work there: let it end, or stop "
-            "it and give the same command again"
-        ) from None
-    file.truncate(0)
-    file.write(str(os.getpid()))
-    file.flush()

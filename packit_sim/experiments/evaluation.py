@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
@@ -26,6 +27,7 @@ from packit_sim.experiments.results import (
     read_results,
     write_results,
 )
+from packit_sim.files import claimed
 from packit_sim.parallel import Workers
 
 if TYPE_CHECKING:
@@ -106,28 +108,32 @@ def evaluate(
     A rollout's random numbers follow from the seed, the agent's name and the task's number alone,
     so that it is the same whatever else is evaluated beside it, on however many workers. file: for
     the results, which are written as they come; what stands there already is not played again, and
-    results of other agents stay. Raises ResultsError where it holds results of something else.
+    results of other agents stay. Raises ResultsError where it holds results of something else, and
+    BusyError where another process is at work on it.
     """
-    kept = read_results(file) if file is not None and file.exists() else []
-    if file is not None:
-        check_same(file, kept, tasks, seed, rules)
-    done = {(rollout.agent, rollout.task): rollout for rollout in kept}
-    jobs = []
-    for number, task in enumerate(tasks):
-        missing = [agent for agent in agents if (agent.name, number) not in done]
-        if missing:
-            jobs.append((missing, task, number, seed, rules))
-    written = time.monotonic()
-    for rollouts in starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs):
-        for rollout in rollouts:
-            done[rollout.agent, rollout.task] = rollout
-            on_rollout(rollout)
-        if file is not None and time.monotonic() - written > CHECKPOINT_SECONDS:
+    alone = nullcontext() if file is None else claimed(file.with_name(f".{file.name}.lock"), file)
+    with alone:
+        kept = read_results(file) if file is not None and file.exists() else []
+        if file is not None:
+            check_same(file, kept, tasks, seed, rules)
+        done = {(rollout.agent, rollout.task): rollout for rollout in kept}
+        jobs = []
+        for number, task in enumerate(tasks):
+            missing = [agent for agent in agents if (agent.name, number) not in done]
+            if missing:
+                jobs.append((missing, task, number, seed, rules))
+        written = time.monotonic()
+        played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
+        for rollouts in played:
+            for rollout in rollouts:
+                done[rollout.agent, rollout.task] = rollout
+                on_rollout(rollout)
+            if file is not None and time.monotonic() - written > CHECKPOINT_SECONDS:
+                write_results(file, _in_order(done, agents))
+                written = time.monotonic()
+        if file is not None and jobs:
             write_results(file, _in_order(done, agents))
-            written = time.monotonic()
-    if file is not None and jobs:
-        write_results(file, _in_order(done, agents))
-    return [done[agent.name, number] for agent in agents for number in range(len(tasks))]
+        return [done[agent.name, number] for agent in agents for number in range(len(tasks))]
 
 
 def _in_order(done: Mapping[tuple[str, int], Rollout], agents: Sequence[Agent]) -> list[Rollout]:

@@ -36,7 +36,7 @@ from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Estimate
 from packit_sim.experiments.evaluation import evaluate_batched
-from packit_sim.files import replace_text
+from packit_sim.files import claimed, replace_text
 from packit_sim.libraries.library import ShapeLibrary
 
 RECENT = 200
@@ -154,11 +154,16 @@ class Training:
         return self._model.policy
 
     def run(self, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
-        """Trains to the end; on_progress is called before each update, and at the end."""
-        if not self.is_over:
-            left = self.settings.steps - self.steps
-            self._model.learn(left, _Watch(self, on_progress), reset_num_timesteps=self.steps == 0)
-            self.look()
+        """Trains to the end; on_progress is called before each update, and at the end.
+
+        Raises BusyError where another process is at work in the folder.
+        """
+        with claimed(self.folder / ".lock", self.folder):
+            if not self.is_over:
+                left = self.settings.steps - self.steps
+                watch = _Watch(self, on_progress)
+                self._model.learn(left, watch, reset_num_timesteps=self.steps == 0)
+                self.look()
         on_progress(Progress(self.steps, self.reward, self.best))
 
     def close(self) -> None:
