@@ -1,4 +1,4 @@
-"""The numbers that the docs quote are those of the last full run of `packit reproduce all`."""
+"""The docs quote what the last full run of `packit reproduce all` found, and their code runs."""
 
 import json
 import re
@@ -73,3 +73,13 @@ def test_the_page_of_results_quotes_the_last_run() -> None:
 def test_all_agents_that_can_be_played_were(name) -> None:
     assert list(rows(name)) == [row.agent for row in TABLES[name].playable]
     assert (REPRODUCED / f"{name}.png").exists() and (REPRODUCED / f"{name}.md").exists()
+
+
+def test_the_code_for_agents_runs(capsys) -> None:
+    page = (ROOT / "docs" / "agents.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    exec(compile(example, "agents.md", "exec"), {})
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [int(rollouts) for rollouts, _ in told] == list(range(1, len(told) + 1))
+    best = [float(reward) for _, reward in told]
+    assert 1 < len(best) <= 20 and best == sorted(best) and 0 < best[0] <= best[-1] <= 1 + 1e-9
