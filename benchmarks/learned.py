@@ -1,0 +1,138 @@
+"""What trained networks are worth on unseen shapes, beside the heuristic they are to beat.
+
+    .venv/bin/python -m benchmarks.learned RUN ... --out FOLDER
+
+RUN: folders of `packit train`; those whose names differ in a number at the end are seeds of one
+training. Each plays the 150 test tasks with its best weights, and with 4 beams. Prints a table with
+paired comparisons, and writes `learned.json`; what the folder holds already is not played again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from packit_agents.learning.networks import AllPolicies
+from packit_agents.learning.weights import read_weights
+from packit_sim import Agent, ShapeLibrary
+from packit_sim.cli.console import console
+from packit_sim.cli.evaluate import evaluate_shown
+from packit_sim.datasets.packs import load_tasks
+from packit_sim.estimates import Comparison, Estimate, told
+from packit_sim.experiments.evaluation import SLACK
+from packit_sim.experiments.reproduction import HEURISTIC
+from packit_sim.experiments.results import Rules
+from packit_sim.files import replace_text
+from packit_sim.parallel import Workers
+
+RANDOM = "random/aligned/blbf"
+BEAMS = "+beam=4"
+LEVEL = 0.7
+"""The x of the Success@x that is told."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An agent, or several seeds of one, whose return at a task is then their mean.
+
+    success: Success@0.7 in percent, of all seeds together. against: the agent it is compared with.
+    """
+
+    name: str
+    seeds: int
+    reward: Estimate
+    success: Estimate
+    against: str
+    comparison: Comparison
+
+    @classmethod
+    def of(
+        cls, name: str, agents: Sequence[str], against: str, returns: Mapping[str, Sequence[float]]
+    ) -> Row:
+        own = np.array([returns[agent] for agent in agents])  # (seeds, tasks)
+        means = own.mean(axis=0)
+        return cls(
+            name,
+            len(agents),
+            Estimate.of(means),
+            Estimate.of(100.0 * (own >= LEVEL - SLACK).mean(axis=0)),
+            against,
+            Comparison.of(means.tolist(), returns[against], SLACK),
+        )
+
+
+def agent_of(run: Path) -> str:
+    """The agent that plays with a run's best weights, by all policies that it has learned."""
+    file = run / "best.safetensors"
+    network, _, _ = read_weights(file)
+    learned = f"learned@{file}"
+    return (
+        "/".join([learned] * 3) if isinstance(network, AllPolicies) else f"{learned}/aligned/blbf"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("--out", type=Path, required=True, help="folder for results")
+    parser.add_argument("--easy", action="store_true", help="by PackIt-Easy's rules, without beams")
+    parser.add_argument("--tasks", type=int, default=None, help="the first so many")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    library = ShapeLibrary.open("everyday")
+    tasks = load_tasks("everyday-v1", library, "test")[: arguments.tasks]
+    trained: dict[str, list[str]] = {}
+    for run in arguments.runs:
+        trained.setdefault(re.sub(r"-?\d+$", "", run.name), []).append(agent_of(run))
+    groups = {"random": [RANDOM], "heuristic": [HEURISTIC], **trained}
+    for name, agents in trained.items():
+        if len(agents) > 1:
+            groups |= {f"{name}, {n}": [agent] for n, agent in enumerate(agents, start=1)}
+    if not arguments.easy:
+        beams = {"heuristic": [HEURISTIC], **trained}
+        groups |= {name + BEAMS: [a + BEAMS for a in agents] for name, agents in beams.items()}
+    asked = list(dict.fromkeys(agent for agents in groups.values() for agent in agents))
+    with Workers() as workers:
+        rollouts = evaluate_shown(
+            [Agent.from_name(agent) for agent in asked],
+            tasks,
+            0,
+            Rules(easy=arguments.easy),
+            workers=workers,
+            file=arguments.out / "learned.jsonl",
+        )
+    returns: dict[str, list[float]] = {}
+    for rollout in rollouts:
+        returns.setdefault(rollout.agent, []).append(rollout.total)
+    rows = [
+        Row.of(name, agents, HEURISTIC + (BEAMS if name.endswith(BEAMS) else ""), returns)
+        for name, agents in groups.items()
+    ]
+    rows += [
+        Row.of(f"{name} to random", agents, RANDOM, returns) for name, agents in trained.items()
+    ]
+    table = Table("", "seeds", "Average Reward", f"S@{LEVEL:g}", "ratio to the heuristic's")
+    for row in rows:
+        table.add_row(
+            row.name,
+            str(row.seeds),
+            told(row.reward, ".3f"),
+            told(row.success, ".1f"),
+            told(row.comparison.ratio, ".3f"),
+        )
+    console.print(table)
+    content = {"tasks": len(tasks), "library": library.digest, "rows": [asdict(r) for r in rows]}
+    replace_text(arguments.out / "learned.json", json.dumps(content, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
