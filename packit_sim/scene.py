@@ -11,54 +11,49 @@ import shutil
 import tempfile
 import threading
 import weakref
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from trimesh import creation, transformations
+from trimesh import transformations
 
+from packit_sim.box import Snapshot as State
 from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.geometry.rotations import MATRICES
-from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Placed
+from packit_sim.pictures.cameras import Camera, Points
+from packit_sim.pictures.coloring import Color, color_of
+from packit_sim.pictures.layouts import Layout, Pose
+from packit_sim.pictures.looks import Look
 from packit_sim.pictures.obj_text import convex_pieces, drawn, objects
 from packit_sim.pictures.rendering import (
-    ISO,
     RENDERER_VARIABLE,
     UNIT,
-    Camera,
-    Points,
     Snapshot,
     load_renderer,
     quiet,
     release_renderer,
     take,
 )
+from packit_sim.pictures.staging import Stage, corners
 from packit_sim.placement import Contents
 
 with quiet():
     import pybullet
 
-Color = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-__all__ = ["Camera", "Scene", "Snapshot"]
+__all__ = ["Camera", "Look", "Scene", "Snapshot"]
 
-PALETTE = (
-    *((0.00, 0.45, 0.70), (0.90, 0.62, 0.00), (0.00, 0.62, 0.45), (0.80, 0.47, 0.65)),
-    *((0.34, 0.71, 0.91), (0.84, 0.37, 0.00), (0.87, 0.80, 0.47), (0.53, 0.13, 0.33)),
-    *((0.27, 0.67, 0.60), (0.60, 0.60, 0.20), (0.45, 0.45, 0.75), (0.80, 0.40, 0.47)),
-)
-"""Colours after Okabe and Ito and Paul Tol, which the colour-blind can tell apart."""
+USUAL = Look()
+"""The look of pictures that are asked for no other."""
 
-_FRAME_COLOR = (0.30, 0.32, 0.36)
-_FLOOR_COLOR = (0.90, 0.91, 0.93)
-_FRAME_RADIUS = 0.004
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
 _MARGIN = 0.001
 """Metres by which PyBullet grows every convex piece that it loads; meshes it leaves alone."""
 
@@ -67,6 +62,9 @@ _MAX_MADE = 512
 
 _MAX_TRIANGLES = 2**19
 """Triangles that a world may have made, for the same reason."""
+
+_MAX_SECTIONS = 2**18
+"""Triangles that a world may have made of what is left where boxes are cut open."""
 
 _EGL_TRIANGLES = 2**27 // 216
 """Triangles that EGL's buffer holds: PyBullet leaves more out of the picture without a word."""
@@ -87,15 +85,13 @@ class _Shapes:
 class Scene:
     """A box and its items as static bodies in a PyBullet world of its own.
 
-    walls: whether pictures show the box with its edges and floor, or the items alone, as large as
-    fits. renderer: "egl" or "tiny", see `rendering.load_renderer`. Close it, or use it in a `with`.
+    renderer: "egl" or "tiny", see `rendering.load_renderer`. Close it, or use it in a `with`.
     Only the thread that made it may use it, and no forked child (PyBullet would crash): its methods
     raise RenderError there, after `close`, and where a box has more triangles than EGL can draw.
     """
 
-    def __init__(self, box: Contents, *, walls: bool = True) -> None:
+    def __init__(self, box: Contents) -> None:
         self._owner = (os.getpid(), threading.get_ident())
-        self._walled = walls
         self._connect()
         try:
             self._build(box)
@@ -113,14 +109,47 @@ class Scene:
             self._connect()
         self._build(box)
 
-    def snapshot(self, width: int = 512, height: int = 512, camera: Camera = ISO) -> Snapshot:
-        """A picture of so many pixels. Raises ValueError where a side is not 1 to 2048."""
+    def snapshot(
+        self,
+        width: int = 512,
+        height: int = 512,
+        look: Look = USUAL,
+        layout: Layout | None = None,
+    ) -> Snapshot:
+        """A picture of so many pixels. Raises ValueError where a side is not 1 to 2048.
+
+        layout: where items are shown, whatever the look says of that; by default in their places,
+        or as far apart as the look says.
+        """
         self._check()
-        indices = {body: n for n, body in enumerate(self._bodies.values())}
+        size = np.array(self._cells) * CELL
+        placed = tuple(self._bodies)
+        if self._sections > _MAX_SECTIONS:
+            box = State(self._cells, placed)
+            self._finalizer()
+            self._connect()
+            self._build(box)
+        shown = layout or Layout.packed(placed, size, look.explode)
+        points = shown.points
+        if look.box != "none" or not placed:
+            points = np.concatenate((corners(size), points))
+        elif layout is None:
+            points = _vertices(placed, shown)
+        whole = layout is None and look.box != "none" and not look.explode
         with quiet():
-            return take(
-                self._client, self.renderer, indices, *self._framed(), camera, width, height
+            indices = self._stage.arrange(self._bodies, look, shown, size, self._wall)
+            shot = take(
+                self._client,
+                self.renderer,
+                indices,
+                points,
+                size / 2 if whole or not placed else None,
+                look,
+                width,
+                height,
+                size if look.box == "ghost" else None,
             )
+        return replace(shot, legend=look.coloring([p.item for p in placed]).legend)
 
     def penetrations(self) -> dict[tuple[int, int], float]:
         """How deep placed items interpenetrate, by PyBullet's closest-point query.
@@ -187,32 +216,21 @@ class Scene:
         self._finalizer = weakref.finalize(
             self, _release, self._client, self.renderer, self._folder, self._owner
         )
-        self._cells: Triple | None = None
-        self._walls: list[int] = []
+        self._cells: Triple = (0, 0, 0)
+        self._stage = Stage(self._client)
         self._bodies: dict[Placed, int] = {}
         self._shapes: dict[tuple[str, float], _Shapes] = {}
-        self._triangles = 0
+        self._triangles = self._sections = 0
 
     def _build(self, box: Contents) -> None:
         with quiet():
-            if box.cells != self._cells:
-                self._remove(self._walls)
-                self._walls = self._build_walls(np.array(box.cells) * CELL) if self._walled else []
-                self._cells = box.cells
+            self._cells = box.cells
             gone = self._bodies.keys() - set(box.placed)
             self._remove([self._bodies.pop(placed) for placed in gone])
             for placed in box.placed:
                 if placed not in self._bodies:
                     self._bodies[placed] = self._add(placed)
             self._bodies = {placed: self._bodies[placed] for placed in box.placed}
-
-    def _framed(self) -> tuple[Points, Points | None]:
-        """What a picture frames: points (n, 3) in box units, and the centre that it looks at."""
-        if self._walled or not self._bodies:
-            size = np.array(self._cells) * CELL
-            return _corners(size), size / 2
-        meshes = [p.item.shape.mesh.vertices @ p.item.linear.T + p.center for p in self._bodies]
-        return np.concatenate(meshes), None
 
     def _add(self, placed: Placed) -> int:
         drawn = self._shapes_of(placed.item).drawn
@@ -260,23 +278,9 @@ class Scene:
         distances = (point[8] + _MARGIN for point in points or ())
         return max(0.0, -min(distances, default=0.0) / UNIT)
 
-    def _build_walls(self, size: npt.NDArray[np.float64]) -> list[int]:
-        """The box's edges, and a floor under it: to be seen only."""
-        radius = _FRAME_RADIUS * float(size.max())
-        corners = _corners(size)
-        joints = [creation.icosphere(2, radius).apply_translation(corner) for corner in corners]
-        edges = [
-            creation.cylinder(radius, sections=12, segment=(a, b))
-            for a in corners
-            for b in corners
-            if np.count_nonzero(a < b) == 1 and (a <= b).all()
-        ]
-        floor = creation.box((size[0], size[1], radius)).subdivide().subdivide().subdivide()
-        floor.apply_translation((size[0] / 2, size[1] / 2, -radius))
-        frame = trimesh.util.concatenate(joints + edges)
-        return [self._wall(frame, _FRAME_COLOR), self._wall(floor, _FLOOR_COLOR)]
-
-    def _wall(self, mesh: Any, color: Color) -> int:
+    def _wall(self, mesh: trimesh.Trimesh, color: Color) -> int:
+        """A body that only pictures have."""
+        self._sections += len(mesh.faces)
         return self._body(self._draw(mesh, 1.0, color), np.zeros(3), _UPRIGHT)
 
     def _draw(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
@@ -317,6 +321,7 @@ class Scene:
         )
 
     def _remove(self, bodies: list[int]) -> None:
+        self._stage.forget(bodies)
         for body in bodies:
             pybullet.removeBody(body, physicsClientId=self._client)
 
@@ -337,22 +342,20 @@ def _disconnect(client: int) -> None:
         pybullet.disconnect(physicsClientId=client)
 
 
-def _corners(size: Points) -> Points:
-    """(8, 3) corners of a box that has one at the origin."""
-    return np.indices((2, 2, 2)).reshape(3, 8).T * size
+def _vertices(placed: Sequence[Placed], layout: Layout) -> Points:
+    """(n, 3) all vertices of items that a layout shows."""
+    meshes = [np.empty((0, 3))]
+    for one, pose in zip(placed, layout.poses, strict=True):
+        if pose is not None:
+            turn = transformations.quaternion_matrix(pose.turn)[:3, :3] * np.cbrt(one.item.scale)
+            meshes.append(one.item.shape.mesh.vertices @ turn.T + pose.center)
+    return np.concatenate(meshes)
 
 
 def _meet(one: Placed, other: Placed) -> bool:
     """Whether two items' cell boxes overlap or touch."""
     apart = np.less(one.stop, other.start) | np.less(other.stop, one.start)
     return not apart.any()
-
-
-def color_of(shape: Shape) -> Color:
-    """The shape's own colour, whatever box it is in: one of the palette in one of three shades."""
-    shade, hue = divmod(int(shape.digest[:8], 16) % (3 * len(PALETTE)), len(PALETTE))
-    red, green, blue = (c + (1 - c) * (0.0, 0.25, 0.45)[shade] for c in PALETTE[hue])
-    return red, green, blue
 
 
 def _key(item: Item) -> tuple[str, float]:
@@ -362,5 +365,5 @@ def _key(item: Item) -> tuple[str, float]:
 
 def _quaternion(item: Item) -> Quaternion:
     """The item's rotation as PyBullet's (x, y, z, w)."""
-    w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
+    w, x, y, z = Pose.of(item, np.zeros(3)).turn
     return x, y, z, w

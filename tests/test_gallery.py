@@ -14,8 +14,9 @@ from trimesh import creation
 from packit_sim import scene
 from packit_sim.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
-from packit_sim.pictures import gallery, rendering
+from packit_sim.pictures import gallery, lettering
 from packit_sim.pictures.gallery import Picture, contact_sheet, picture
+from packit_sim.pictures.looks import BACKGROUND
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 
 SIDE = 96
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("tiny")
 
 def inked(image: Picture) -> np.ndarray:
     """Bool (H, W): pixels that differ from the background so that one can see it."""
-    return np.abs(image.astype(int) - rendering.BACKGROUND).max(axis=2) > 16
+    return np.abs(image.astype(int) - BACKGROUND).max(axis=2) > 16
 
 
 def tile(image: Picture, row: int, column: int, side: int = SIDE) -> tuple[Picture, Picture]:
@@ -112,13 +113,13 @@ def test_the_size_of_the_grid(count: int, columns: int | None, grid: tuple[int, 
 
 def test_labels_are_shortened_in_the_middle() -> None:
     font = gallery._font(SIDE)
-    assert gallery._shortened("mug", font, 80) == "mug"
-    short = gallery._shortened("category/a-very-long-name-0017", font, 80)
-    start, end = short.split(gallery._ELLIPSIS)
+    assert lettering.shortened("mug", font, 80) == "mug"
+    short = lettering.shortened("category/a-very-long-name-0017", font, 80)
+    start, end = short.split(lettering.ELLIPSIS)
     assert start and "category/a-very-long-name-0017".startswith(start)
     assert end and "category/a-very-long-name-0017".endswith(end)
     assert 65 < font.getlength(short) <= 80
-    assert gallery._shortened("mug", font, 1) == gallery._ELLIPSIS
+    assert lettering.shortened("mug", font, 1) == lettering.ELLIPSIS
     assert not inked(gallery._label("m" * 500, SIDE))[:, [0, 1, -2, -1]].any()
 
 
@@ -132,14 +133,14 @@ def test_any_text_can_be_a_label_or_a_message(text: str, side: int) -> None:
 
 
 def test_what_the_font_does_not_have() -> None:
-    assert gallery._plain("Käse\n à  la carte") == "Kase a la carte"
-    assert gallery._plain("杯子-1\udce9\x00") == "??-1??"
+    assert lettering.plain("Käse\n à  la carte") == "Kase a la carte"
+    assert lettering.plain("杯子-1\udce9\x00") == "??-1??"
 
 
 def test_messages_are_wrapped_at_spaces_and_within_long_words() -> None:
     font = gallery._font(SIDE)
     text = "the file ends early: /data/" + "deep/" * 12 + "mug.stl holds nothing"
-    lines = list(gallery._lines(text, font, 90))
+    lines = list(lettering.lines_of(text, font, 90))
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
     assert all(font.getlength(line) <= 90 and line == line.strip() for line in lines)
     assert lines[0].split() == text.split()[: len(lines[0].split())]

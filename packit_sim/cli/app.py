@@ -27,16 +27,20 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.evaluate import HEURISTICS, compare_command, evaluate_command, evaluate_shown
-from packit_sim.cli.generate import generate_command
+from packit_sim.cli.figures import figures_command
+from packit_sim.cli.generate import evolve_shown, generate_command
+from packit_sim.cli.pictures import (
+    export_command,
+    film_command,
+    render_command,
+)
 from packit_sim.cli.reproduce import reproduce_command
 from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.evolution import Evolution, Generation, evolve
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import (
     Pack,
     dataset_file,
     dataset_path,
-    read_packs,
     verify,
     write_packs,
 )
@@ -45,7 +49,6 @@ from packit_sim.envs.policies import Agent
 from packit_sim.errors import PackItError
 from packit_sim.experiments.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.pictures.rendering import MAX_SIDE
 from packit_sim.scene import Scene
 
 DEMO_SEED = 7
@@ -63,6 +66,10 @@ app.command("generate")(generate_command)
 app.command("evaluate")(evaluate_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce_command)
+app.command("render")(render_command)
+app.command("film")(film_command)
+app.command("export")(export_command)
+app.command("figures")(figures_command)
 for _command in entry_points(group="packit_sim.commands"):
     app.command(_command.name)(_command.load())
 
@@ -92,7 +99,7 @@ def demo(
         f"in {len(library.categories)} categories"
     )
     settings = EvolutionSettings(generations=generations, size_range=DEMO_SIZE)
-    pack = _evolve(library, seed, settings, "evolving").best
+    pack = evolve_shown(library, seed, settings).best
     task = pack.task(library)
     agents = [Agent.from_name(name) for name in HEURISTICS]
     rollouts = evaluate_shown(agents, [task], seed)
@@ -142,38 +149,6 @@ def verify_command(
     console.print(verdict)
     if not report.holds:
         raise typer.Exit(1)
-
-
-@app.command()
-def render(
-    packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
-    split: SplitOption = None,
-    pack: Annotated[int, typer.Option(min=0, help="Which pack of the dataset.")] = 0,
-    size: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
-    library: LibraryOption = "everyday",
-) -> None:
-    """Draws a pack."""
-    opened = ShapeLibrary.open(library)
-    read = read_packs(dataset_file(packs, split))
-    if pack >= len(read):
-        raise PackItError(f"{packs} has no pack {pack}: choose 0 to {len(read) - 1}")
-    make_room(out)
-    renderer = _render(read[pack], opened, out, size)
-    console.print(f"wrote {out} by the {renderer} renderer")
-
-
-def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings, label: str) -> Evolution:
-    with progress_bars() as progress:
-        bar = progress.add_task(label, total=settings.generations + 1, note="first generation")
-
-        def show(generation: Generation) -> None:
-            note = f"density {generation.best:.3f}, {len(generation.pack.items)} items"
-            progress.update(bar, completed=generation.number + 1, note=note)
-
-        evolution = evolve(library, seed, settings, show)
-        progress.update(bar, total=len(evolution.densities))
-    return evolution
 
 
 def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:

@@ -23,6 +23,7 @@ from packit_sim.cli.console import (
 )
 from packit_sim.creation import forecast
 from packit_sim.creation.chromosomes import EvolutionSettings, SearchName
+from packit_sim.creation.evolution import Evolution, Generation, evolve
 from packit_sim.creation.forecast import Forecast
 from packit_sim.creation.generation import Order, generate, under_way
 from packit_sim.datasets.packs import WHOLE, Pack, read_packs
@@ -88,6 +89,20 @@ def generate_command(
         console.print("stopped: the same command goes on from here")
         raise typer.Exit(130) from None
     console.print(f"wrote {file}: {len(made)} packs")
+
+
+def evolve_shown(library: ShapeLibrary, seed: int, settings: EvolutionSettings) -> Evolution:
+    """As `evolve`, with a bar."""
+    with progress_bars() as progress:
+        bar = progress.add_task("evolving", total=settings.generations + 1, note="first generation")
+
+        def show(generation: Generation) -> None:
+            note = f"density {generation.best:.3f}, {len(generation.pack.items)} items"
+            progress.update(bar, completed=generation.number + 1, note=note)
+
+        evolution = evolve(library, seed, settings, show)
+        progress.update(bar, total=len(evolution.densities))
+    return evolution
 
 
 @contextmanager

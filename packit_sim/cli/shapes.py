@@ -47,7 +47,8 @@ def list_command(
     split: SplitOption = None,
 ) -> None:
     """Lists the shapes of a library."""
-    opened, ids = _selection(library, category, split)
+    opened = _opened(library, split)
+    ids = selection(opened, category)
     columns = ["id", "category"]
     if opened.source.is_catalogued:
         columns += ["triangles", "watertight", "volume", "licence"]
@@ -131,12 +132,8 @@ def contact_sheet_command(
     side: Annotated[int, typer.Option(min=32, max=512, help="Pixels an edge of a picture.")] = 128,
 ) -> None:
     """Draws a grid of pictures of shapes; exit code 1 where one can't be read."""
-    opened, ids = _selection(library, category, split)
-    if id:
-        unknown = [name for name in id if name not in opened]
-        if unknown:
-            opened.info(unknown[0])
-        ids = tuple(id)
+    opened = _opened(library, split)
+    ids = selection(opened, category, id)
     if per_category is not None:
         seen: Counter[str] = Counter()
         chosen = []
@@ -267,22 +264,32 @@ def import_command(
     console.print(f"wrote {out}: {ShapeLibrary.open(out)}")
 
 
-def _selection(
-    library: str, categories: Sequence[str] | None, split: Split | None
-) -> tuple[ShapeLibrary, tuple[str, ...]]:
-    """A library, or one of its splits, and the ids of some of its categories."""
-    opened = ShapeLibrary.open(library)
-    if split is not None:
-        opened = opened.split(split)
+def selection(
+    library: ShapeLibrary, categories: Sequence[str] | None, ids: Sequence[str] | None = None
+) -> tuple[str, ...]:
+    """The ids that are asked for by name, else those of some categories, else all.
+
+    Raises UnknownShapeError for an id or a category that the library doesn't hold.
+    """
     for category in categories or ():
-        if category not in opened.categories:
+        if category not in library.categories:
             raise UnknownShapeError(
-                f"library {opened.name!r} has no category {category!r}: "
-                f"choose from {', '.join(opened.categories)}"
+                f"library {library.name!r} has no category {category!r}: "
+                f"choose from {', '.join(library.categories)}"
             )
+    for id in ids or ():
+        library.info(id)
+    if ids:
+        return tuple(ids)
     if not categories:
-        return opened, opened.ids
-    return opened, tuple(id for name in categories for id in opened.categories[name])
+        return library.ids
+    return tuple(id for name in categories for id in library.categories[name])
+
+
+def _opened(library: str, split: Split | None) -> ShapeLibrary:
+    """A library, or one of its splits."""
+    opened = ShapeLibrary.open(library)
+    return opened if split is None else opened.split(split)
 
 
 def _facts(library: ShapeLibrary, info: ShapeInfo) -> dict[str, str]:

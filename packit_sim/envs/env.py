@@ -28,7 +28,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.pictures.viewer import Viewer
-from packit_sim.scene import Scene
+from packit_sim.scene import USUAL, Look, Scene
 from packit_sim.statistics import statistics
 
 FRESH = "fresh"
@@ -70,6 +70,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     `observations`).
     max_shapes: the most items that a task may have.
     render_mode: "rgb_array", for `render()`, or "human", for a page that shows the box as it fills.
+    look: of what `render()` gives (see `looks`).
 
     The reward is the placed volume over the volume of the task's items. info tells "task" (its
     number, -1 for one made on the fly), "action_mask", "density" of the box, "placed_volume",
@@ -96,6 +97,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         observation: str = "voxels",
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
+        look: Look = USUAL,
     ) -> None:
         _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
         _one_of("order", order, ("random", "cycle"))
@@ -106,6 +108,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self.easy = easy
         self.kinematic = kinematic
         self.render_mode = render_mode
+        self.look = look
         self._max_shapes = max_shapes
         self._fixed = {
             stage: load_policy(stage, policy) if isinstance(policy, str) else policy
@@ -215,7 +218,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self._scene is None:
             self._scene = Scene(self.episode.box)
         self._scene.update(self.episode.box)
-        return self._scene.snapshot().image
+        return self._scene.snapshot(look=self.look).image
 
     def close(self) -> None:
         if self._scene is not None:

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 import os
-import unicodedata
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 from PIL.ImageFont import FreeTypeFont
 
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.occupancy import Placed
-from packit_sim.pictures.rendering import BACKGROUND, MAX_SIDE, Camera, save_png
+from packit_sim.pictures.cameras import Camera
+from packit_sim.pictures.lettering import (
+    ELLIPSIS,
+    font_of,
+    line_height,
+    lines_of,
+    plain,
+    shortened,
+)
+from packit_sim.pictures.looks import BACKGROUND, Look
+from packit_sim.pictures.rendering import MAX_SIDE, save_png
 from packit_sim.scene import Scene
 
 Picture = npt.NDArray[np.uint8]
@@ -27,17 +34,16 @@ Picture = npt.NDArray[np.uint8]
 MIN_SIDE = 16
 """The fewest pixels along a side of a shape's picture."""
 
-_VIEW = Camera(azimuth=120.0, elevation=28.0, fov=20.0)
+_LOOK = Look(Camera(azimuth=120.0, elevation=28.0, fov=20.0), box="none")
 _HALF_TURN = 2
 """The rotation that turns a shape's front, which looks along -y, to the camera and the light."""
 
-_PLACE: Triple = tuple(np.rint(-250 * _VIEW.toward).astype(int).tolist())
+_PLACE: Triple = tuple(np.rint(-250 * _LOOK.camera.toward).astype(int).tolist())
 """Where shapes stand, in grid nodes: EGL draws highlights as they are seen from the origin, so that
 is put far away on the camera's side."""
 
 _INK = (44, 48, 56)
 _ALARM = (168, 44, 32)
-_ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 _TEXT_WIDTH = 0.94
 """Share of a tile's width that text may fill."""
 
@@ -79,8 +85,8 @@ def picture(shape: Shape, side: int = 256) -> Picture:
     Raises ValueError where the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
     """
     _check_side(side)
-    with Scene(_Contents.of(shape), walls=False) as scene:
-        return scene.snapshot(side, side, _VIEW).image
+    with Scene(_Contents.of(shape)) as scene:
+        return scene.snapshot(side, side, _LOOK).image
 
 
 def contact_sheet(
@@ -101,11 +107,11 @@ def contact_sheet(
     if columns is not None and columns < 1:
         raise ValueError(f"columns {columns!r} are not possible: at least 1")
     pictures = []
-    with Scene(_Contents(), walls=False) as scene:
+    with Scene(_Contents()) as scene:
         for label, content in tiles:
             if isinstance(content, Shape):
                 scene.update(_Contents.of(content))
-                image = scene.snapshot(side, side, _VIEW).image
+                image = scene.snapshot(side, side, _LOOK).image
             else:
                 image = _message(content, side)
             pictures.append(np.concatenate((image, _label(label, side))))
@@ -140,16 +146,16 @@ def _grid(pictures: list[Picture], columns: int) -> Picture:
 def _label(text: str, side: int) -> Picture:
     """A line of text, shortened in the middle where it is too wide: (H, side, 3)."""
     font = _font(side)
-    line = _shortened(_plain(text), font, side * _TEXT_WIDTH)
-    return _written([line], side, 3 * _line_height(font) // 2, _INK)
+    line = shortened(plain(text), font, side * _TEXT_WIDTH)
+    return _written([line], side, 3 * line_height(font) // 2, _INK)
 
 
 def _message(text: str, side: int) -> Picture:
     """Text in as many lines as it takes and there is room for: (side, side, 3)."""
     font = _font(side)
-    room = max(1, side // _line_height(font) - 1)
-    *lines, last = itertools.islice(_lines(_plain(text), font, side * _TEXT_WIDTH), room + 1)
-    lines.append(last if len(lines) < room else lines.pop()[:-1] + _ELLIPSIS)
+    room = max(1, side // line_height(font) - 1)
+    *lines, last = itertools.islice(lines_of(plain(text), font, side * _TEXT_WIDTH), room + 1)
+    lines.append(last if len(lines) < room else lines.pop()[:-1] + ELLIPSIS)
     return _written(lines, side, side, _ALARM)
 
 
@@ -159,52 +165,11 @@ def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int,
     image = Image.new("RGB", (width, height), BACKGROUND)
     draw = ImageDraw.Draw(image)
     for n, line in enumerate(lines):
-        y = height / 2 + (n - (len(lines) - 1) / 2) * _line_height(font)
+        y = height / 2 + (n - (len(lines) - 1) / 2) * line_height(font)
         draw.text((width / 2, y), line, fill=ink, font=font, anchor="mm")
     return np.asarray(image)
 
 
-def _lines(text: str, font: FreeTypeFont, width: float) -> Iterator[str]:
-    """Text broken at spaces, and within words that are wider than a line; at least one line."""
-    while True:
-        sizes = range(1, min(len(text), math.ceil(width)) + 1)
-        end = max(1, bisect_right(sizes, width, key=lambda n: font.getlength(text[:n])))
-        space = text.rfind(" ", 0, end + 1)
-        if end < len(text) and space > 0:
-            end = space
-        yield text[:end]
-        text = text[end:].lstrip()
-        if not text:
-            return
-
-
-def _shortened(text: str, font: FreeTypeFont, width: float) -> str:
-    """Text, or as much of its beginning and end as fits around an ellipsis."""
-
-    def cut(kept: int) -> str:
-        tail = kept // 2
-        return text[: kept - tail] + _ELLIPSIS + text[len(text) - tail :]
-
-    if font.getlength(text) <= width:
-        return text
-    fitting = bisect_right(range(len(text)), width, key=lambda kept: font.getlength(cut(kept)))
-    return cut(max(0, fitting - 1))
-
-
-def _plain(text: str) -> str:
-    """Text as the font can write it, ASCII on a line: "?" for letters, but for accents nothing."""
-    bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
-    line = " ".join(bare.encode("ascii", "replace").decode().split())
-    return "".join(c if c.isprintable() else "?" for c in line)
-
-
-@functools.cache
 def _font(side: int) -> FreeTypeFont:
     """The font of a picture with so many pixels an edge."""
-    font = ImageFont.load_default(min(6 + side // 22, 32))
-    assert isinstance(font, FreeTypeFont)
-    return font
-
-
-def _line_height(font: FreeTypeFont) -> int:
-    return math.ceil(1.2 * font.size)
+    return font_of(min(6 + side // 22, 32))

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from packit_sim.pictures.rendering import UNIT
 
@@ -30,9 +32,9 @@ def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
 
 
 def drawn(mesh: trimesh.Trimesh, scale: float) -> str:
-    """An OBJ in metres, each vertex with its normal, and each triangle twice.
+    """An OBJ in metres, each vertex with its normal, and the triangles of open parts twice.
 
-    PyBullet draws the front of a triangle only, and meshes that are open show their backs. Normals
+    PyBullet draws the front of a triangle only, and parts that are open show their backs. Normals
     are means over faces that are joined by other edges than creases, weighted by area.
     """
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # what it caches goes with it
@@ -46,10 +48,11 @@ def drawn(mesh: trimesh.Trimesh, scale: float) -> str:
     vertices = mesh.vertices[mesh.faces.ravel()[first]] * (np.cbrt(scale) * UNIT)
     fronts = np.repeat(faces.reshape(-1, 3) + 1, 2, axis=1)
     backs = fronts[:, ::-1] + np.tile((0, len(first)), 3)
+    outside, inside = _sides(mesh)
     return (
         _rows("v %.9g %.9g %.9g\n", vertices)
         + _rows("vn %.4f %.4f %.4f\n", np.concatenate((normals, -normals)))
-        + _rows("f %d//%d %d//%d %d//%d\n", np.concatenate((fronts, backs)))
+        + _rows("f %d//%d %d//%d %d//%d\n", np.concatenate((fronts[outside], backs[inside])))
     )
 
 
@@ -65,6 +68,28 @@ def objects(pieces: list[tuple[Rows, Rows]], scale: float) -> str:
         text.append(_rows("f %d %d %d\n", faces + first))
         first += len(vertices)
     return "".join(text)
+
+
+def _sides(mesh: trimesh.Trimesh) -> tuple[Rows, Rows]:
+    """Bool (m,) twice: triangles whose front may be seen, and those whose back may.
+
+    Of a part in which each edge is run through as often in either direction only one side may, the
+    one that looks away from what the part encloses.
+    """
+    edge = mesh.edges_unique_inverse
+    signs = np.where(mesh.edges[:, 0] < mesh.edges[:, 1], 1, -1)
+    count = len(mesh.faces)
+    ends = (mesh.edges_face, count + edge)
+    nodes = count + len(mesh.edges_unique)
+    graph = coo_array((np.ones(len(edge)), ends), shape=(nodes, nodes))
+    parts, label = connected_components(graph, directed=False)
+    unbalanced = np.bincount(edge, weights=signs, minlength=nodes - count) != 0
+    is_open = np.zeros(parts, dtype=bool)
+    is_open[label[count:][unbalanced]] = True
+    a, b, c = np.moveaxis(np.asarray(mesh.triangles), 1, 0)
+    volumes = np.bincount(label[:count], np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=parts)
+    sides = is_open | (volumes >= 0), is_open | (volumes < 0)
+    return sides[0][label[:count]], sides[1][label[:count]]
 
 
 def _rows(pattern: str, rows: Rows) -> str:

@@ -11,15 +11,14 @@ import ctypes
 import functools
 import importlib.util
 import logging
-import math
 import os
 import subprocess
 import sys
 import threading
-import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +26,12 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from packit_sim.errors import RenderError
+from packit_sim.files import replacing
+from packit_sim.pictures.cameras import Points
+from packit_sim.pictures.coloring import Legend
+from packit_sim.pictures.ghosts import Ghost
+from packit_sim.pictures.looks import RGB, Look
+from packit_sim.pictures.pixels import NOTHING, resolve
 
 RENDERER_VARIABLE = "PACKIT_RENDERER"
 """Environment variable: `auto` (EGL where it starts, else TinyRenderer), `egl` or `tiny`."""
@@ -37,14 +42,9 @@ PROBE_TIMEOUT = 20.0
 MAX_SIDE = 2048
 """The most pixels along a side of a picture."""
 
-Points = npt.NDArray[np.float64]
-
 UNIT = 100.0
 """Metres of PyBullet's world to a box unit: its tolerances are absolute, so a large world is an
 exact one."""
-
-BACKGROUND = (246, 247, 249)
-"""Red, green and blue, of 255, where a picture shows nothing."""
 
 _PROBE = """
 import sys, pybullet as p
@@ -99,78 +99,22 @@ with quiet():
     import pybullet
 
 
-@dataclass(frozen=True)
-class Camera:
-    """Where a picture is taken from: as near as fits whole what it shows, a box or items.
-
-    azimuth: degrees about z from +x, the default looks at the origin's corner from across the box.
-    elevation: degrees above the floor. fov: vertical opening angle in degrees. margin: share of
-    the picture's half that stays free on each side. Raises ValueError where one is out of range.
-    """
-
-    azimuth: float = 62.0
-    elevation: float = 24.0
-    fov: float = 28.0
-    margin: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("azimuth", -math.inf, math.inf),
-            ("elevation", -90, 90),
-            ("fov", 0, 180),
-            ("margin", -1, 1),
-        ):
-            value = getattr(self, name)
-            if not low < value < high:
-                raise ValueError(f"camera {name} {value!r} must be between {low} and {high}")
-
-    @property
-    def toward(self) -> Points:
-        """(3,) unit vector from what the camera looks at to the camera."""
-        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
-        return np.array(
-            (
-                math.cos(elevation) * math.cos(azimuth),
-                math.cos(elevation) * math.sin(azimuth),
-                math.sin(elevation),
-            )
-        )
-
-    def eye(self, points: Points, aspect: float, center: Points | None = None) -> Points:
-        """(3,) where the camera stands, in box units, to have points (n, 3) in the picture.
-
-        It looks at the centre (3,), or by default past whatever brings it nearest to the points.
-        """
-        azimuth = math.radians(self.azimuth)
-        right = np.array((-math.sin(azimuth), math.cos(azimuth), 0.0))
-        reach = math.tan(math.radians(self.fov) / 2) * (1 - self.margin)
-        depth = points @ self.toward
-        eye, distance = np.zeros(3), -math.inf
-        for axis, slope in ((right, reach * aspect), (np.cross(self.toward, right), reach)):
-            high = float((points @ axis + slope * depth).max())
-            low = float((points @ axis - slope * depth).min())
-            middle = (low + high) / 2 if center is None else float(center @ axis)
-            eye += middle * axis
-            distance = max(distance, (high - middle) / slope, (middle - low) / slope)
-        return eye + distance * self.toward
-
-
-ISO = Camera()
-
-
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """A picture of a box.
 
     image: (H, W, 3) uint8. depth: (H, W) float32, box units along the view from the camera, inf
     where there is nothing. segmentation: (H, W) int32, the index of the placed item, -1 for none.
-    renderer: "egl" or "tiny".
+    projection: (3, 4), takes a point (x, y, z, 1) of the box to (column, row, 1) times its depth.
+    renderer: "egl" or "tiny". legend: what the items' colours mean, if they mean anything.
     """
 
     image: npt.NDArray[np.uint8]
     depth: npt.NDArray[np.float32]
     segmentation: npt.NDArray[np.int32]
+    projection: Points
     renderer: str
+    legend: Legend | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the image as PNG, whole or not at all, with the renderer's name in its metadata.
@@ -179,25 +123,37 @@ class Snapshot:
         """
         save_png(self.image, path, self.renderer)
 
+    def save_arrays(self, path: str | os.PathLike[str]) -> None:
+        """Writes image, depth, segmentation and projection as NPZ, whole or not at all.
+
+        Raises RenderError where the path can't be written.
+        """
+        names = ("image", "depth", "segmentation", "projection")
+        with written(path) as file:
+            np.savez_compressed(file, **{name: getattr(self, name) for name in names})
+
+
+@contextlib.contextmanager
+def written(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A file to write a picture to, whole or not at all; raises RenderError where it can't be."""
+    path = Path(path)
+    try:
+        with replacing(path) as file:
+            yield file
+    except OSError as error:
+        raise RenderError(f"the picture can't be written to {path}: {error.strerror}") from error
+
 
 def save_png(image: npt.NDArray[np.uint8], path: str | os.PathLike[str], renderer: str) -> None:
     """Writes an image (H, W, 3) as PNG, whole or not at all, with the renderer's name inside.
 
     Raises RenderError where the path can't be written.
     """
-    path = Path(path)
-    partial = path.parent / f".{path.name}.{uuid.uuid4().hex}"
     info = PngInfo()
     info.add_text("Software", "PackIt-Sim")
     info.add_text("Renderer", renderer)
-    try:
-        try:
-            Image.fromarray(image).save(partial, format="PNG", pnginfo=info)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise RenderError(f"the picture can't be written to {path}: {error.strerror}") from error
+    with written(path) as file:
+        Image.fromarray(image).save(file, format="PNG", pnginfo=info)
 
 
 def load_renderer(client: int) -> str:
@@ -246,18 +202,20 @@ def take(
     indices: dict[int, int],
     points: Points,
     center: Points | None,
-    camera: Camera,
+    look: Look,
     width: int,
     height: int,
+    ghost: Points | None = None,
 ) -> Snapshot:
     """Draws a world; `indices` gives the item's index for a body's number.
 
-    points, center: what the picture frames, see `Camera.eye`.
+    points, center: what the picture frames, see `Camera.eye`. ghost: (3,) extents of a box that is
+    drawn as panes of glass.
     """
     for name, side in (("width", width), ("height", height)):
         if not 1 <= side <= MAX_SIDE:
             raise ValueError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
-    samples = _SUPERSAMPLING[renderer]
+    camera, samples = look.camera, _SUPERSAMPLING[renderer]
     eye = camera.eye(points, width / height, center)
     low, high = points.min(axis=0), points.max(axis=0)
     distance = float((eye - (low + high) / 2) @ camera.toward)
@@ -278,30 +236,33 @@ def take(
         renderer=pybullet.ER_BULLET_HARDWARE_OPENGL,
         physicsClientId=client,
     )
-    shape = (height * samples, width * samples)
-    color = np.reshape(rgba, (*shape, 4))[..., :3].astype(np.float32)
-    bodies = np.reshape(bodies, shape)
-    depth = far * near / (far - (far - near) * np.reshape(buffer, shape).astype(np.float64)) / UNIT
-    depth[bodies < 0] = np.inf
-    color[bodies < 0] = BACKGROUND
-    color[_outlines(bodies)] *= _OUTLINE
-    pixels = color.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
-    items = np.full(max(int(bodies.max()), *indices, 0) + 2, -1, dtype=np.int32)
+    items = np.full(max(*indices, -1, 0) + 1, -1, dtype=np.int32)
     items[list(indices)] = list(indices.values())
+    shape = (height * samples, width * samples)
+    front, bare, buffer, segmentation = resolve(
+        np.reshape(rgba, (*shape, 4)),
+        np.reshape(buffer, shape),
+        np.reshape(bodies, shape),
+        items,
+        samples,
+        _OUTLINE,
+    )
+    depth = far * near / (far - (far - near) * buffer.astype(np.float64)) / UNIT
+    depth = np.where(segmentation == NOTHING, np.inf, depth).astype(np.float32)
+    back: npt.NDArray[np.floating] | RGB = look.background
+    panes = None if ghost is None else Ghost(ghost, camera, eye, width, height)
+    if panes is not None:
+        back = panes.behind(look.background)
+    image = front + bare[..., None] * np.asarray(back, dtype=np.float32)
+    if panes is not None:
+        image = panes.before(image, depth)
     return Snapshot(
-        np.rint(pixels).astype(np.uint8),
-        depth[::samples, ::samples].astype(np.float32),
-        items[np.where(bodies < 0, -1, bodies)[::samples, ::samples]],
+        np.rint(image).astype(np.uint8),
+        depth,
+        np.maximum(segmentation, -1),
+        camera.projection(eye, width, height),
         renderer,
     )
-
-
-def _outlines(bodies: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-    """Bool (H, W): pixels whose right or lower neighbour shows another body."""
-    edges = np.zeros(bodies.shape, dtype=bool)
-    edges[:, :-1] |= bodies[:, :-1] != bodies[:, 1:]
-    edges[:-1] |= bodies[:-1] != bodies[1:]
-    return edges
 
 
 def _egl_plugin() -> str:

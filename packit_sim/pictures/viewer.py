@@ -20,9 +20,10 @@ from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.occupancy import Placed
-from packit_sim.pictures.rendering import BACKGROUND, ISO
+from packit_sim.pictures.cameras import ISO
+from packit_sim.pictures.coloring import color_of
+from packit_sim.pictures.looks import BACKGROUND
 from packit_sim.placement import Contents
-from packit_sim.scene import color_of
 
 if TYPE_CHECKING:
     import viser

@@ -1,0 +1,146 @@
+"""What pictures cost: by renderer, size and look; and whether many of them leak.
+
+    .venv/bin/python -m benchmarks.pictures
+
+A box with twenty items of the built-in library: shapes and rotations drawn with seed 0, each at its
+bottom-left-back-fill location. Wall time means something on a machine that does nothing else; the
+time of the processor, all threads together, on any. Prints a table, and writes
+`benchmarks/results/pictures.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.placement import RESULTS, summaries
+from packit_sim import Box, Item, ShapeLibrary
+from packit_sim.pictures import rendering
+from packit_sim.pictures.looks import Cut, Look
+from packit_sim.scene import Scene
+
+ITEMS, SEED = 20, 0
+AIM = 80.0
+"""Milliseconds for 512 x 512 pixels by EGL, in the median."""
+
+SNAPSHOTS = 1000
+"""Of the search for leaks."""
+
+Times = dict[str, list[float]]
+
+
+def filled(library: ShapeLibrary) -> Box:
+    """A box with so many items, uniform over shapes, of an eighth of their volume."""
+    rng, box = np.random.default_rng(SEED), Box()
+    while len(box.placed) < ITEMS:
+        shape = library[library.ids[rng.integers(len(library))]]
+        box.fill(Item(shape, 0.125, int(rng.integers(24))))
+    return box
+
+
+def timed(function: Callable[[], Any], repeats: int) -> Iterator[tuple[float, float]]:
+    """Milliseconds of wall time, and of the processor."""
+    for _ in range(repeats):
+        wall, processor = time.perf_counter(), time.process_time()
+        function()
+        yield (time.perf_counter() - wall) * 1000, (time.process_time() - processor) * 1000
+
+
+def resident() -> float:
+    """Megabytes of this process in memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") / 2**20
+
+
+def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
+    """All of one renderer, in a process of its own."""
+    os.environ[rendering.RENDERER_VARIABLE] = renderer
+    box = filled(ShapeLibrary.open("everyday"))
+    wall: Times = {}
+    processor: Times = {}
+
+    def note(name: str, function: Callable[[], Any], count: int = repeats) -> None:
+        pairs = list(timed(function, count))
+        wall[name], processor[name] = map(list, zip(*pairs, strict=True))
+
+    with Scene(box) as scene:  # compiles and probes
+        scene.snapshot(64, 64)
+    scenes: list[Scene] = []
+    note("scene load", lambda: scenes.append(Scene(box)), 1)
+    (scene,) = scenes
+    try:
+        note("first picture", scene.snapshot, 1)
+        for side in (128, 256, 512, 1024):
+            note(f"{side} x {side}", partial(scene.snapshot, side, side))
+        note("512 x 512, glass", partial(scene.snapshot, look=Look(box="ghost")))
+        cut = partial(scene.snapshot, look=Look(cut=Cut("y", 0.5)))
+        note("512 x 512, cut open for the first time", cut, 1)
+        note("512 x 512, cut open", cut)
+        memory = [resident()]
+        for n in range(snapshots):
+            scene.snapshot(64, 64, Look(explode=n % 7 / 7))
+            if (n + 1) % (snapshots // 10) == 0:
+                memory.append(resident())
+    finally:
+        scene.close()
+    return {
+        "triangles": sum(len(placed.item.shape.mesh.faces) for placed in box.placed),
+        "wall, ms": summaries(wall),
+        "processor, ms": summaries(processor),
+        "memory over snapshots, MB": {"snapshots": snapshots, "at every tenth": memory},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    parser.add_argument("--repeats", type=int, default=31, help="pictures of each kind")
+    arguments = parser.parse_args()
+    console = Console(width=100)
+    found: dict[str, Any] = {}
+    for renderer in ("egl", "tiny"):
+        with console.status(renderer), multiprocessing.get_context("spawn").Pool(1) as pool:
+            found[renderer] = pool.apply(measure, (renderer, arguments.repeats, SNAPSHOTS))
+    table = Table("what", "renderer", "wall, ms (10% to 90%)", "processor, ms", "n")
+    for renderer, one in found.items():
+        for name, row in one["wall, ms"].items():
+            table.add_row(
+                name,
+                renderer,
+                f"{row['median']:.0f} ({row['p10']:.0f} to {row['p90']:.0f})",
+                f"{one['processor, ms'][name]['median']:.0f}",
+                str(row["n"]),
+            )
+    console.print(table)
+    for renderer, one in found.items():
+        memory = one["memory over snapshots, MB"]["at every tenth"]
+        console.print(f"{renderer}: memory over {SNAPSHOTS} snapshots, MB: {np.round(memory, 1)}")
+    median = found["egl"]["wall, ms"]["512 x 512"]["median"]
+    console.print(f"512 x 512 by EGL: {median:.0f} ms in the median, aimed at {AIM:.0f}")
+    load = os.getloadavg()[0]
+    result = {
+        "command": "python -m benchmarks.pictures",
+        "machine": {"python": platform.python_version(), "cores": os.cpu_count(), "load": load},
+        "items": ITEMS,
+        "seed": SEED,
+    } | found
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "pictures.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""What a renderer gives for a picture, brought to the picture's own pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.compiled import kernel
+
+NOTHING = -2
+"""The segmentation where a picture shows no body; -1 is a body that is no item."""
+
+
+@kernel
+def resolve(rgba, buffer, bodies, items, samples, outline):
+    """Colours (H, W, 3), share of the background (H, W), depth buffer (H, W), segmentation (H, W).
+
+    rgba: (H * samples, W * samples, 4), buffer and bodies of that size, too: a renderer's pixels,
+    `samples` by `samples` of which make one. items: the number of the item by that of the body.
+    Pixels whose right or lower neighbour shows another body keep the share `outline` of their
+    brightness. The colours are without the background, which has its share of them.
+    """
+    height, width = bodies.shape[0] // samples, bodies.shape[1] // samples
+    front = np.zeros((height, width, 3), np.float32)
+    bare = np.zeros((height, width), np.float32)
+    depth = np.empty((height, width), np.float32)
+    segmentation = np.empty((height, width), np.int32)
+    weight = np.float32(1 / samples**2)
+    for row in range(height):
+        for column in range(width):
+            for y in range(row * samples, (row + 1) * samples):
+                for x in range(column * samples, (column + 1) * samples):
+                    body = bodies[y, x]
+                    edge = x + 1 < bodies.shape[1] and bodies[y, x + 1] != body
+                    edge |= y + 1 < bodies.shape[0] and bodies[y + 1, x] != body
+                    share = weight * np.float32(outline) if edge else weight
+                    if body < 0:
+                        bare[row, column] += share
+                    else:
+                        for channel in range(3):
+                            front[row, column, channel] += share * rgba[y, x, channel]
+            body = bodies[row * samples, column * samples]
+            depth[row, column] = buffer[row * samples, column * samples]
+            if body < 0:
+                segmentation[row, column] = NOTHING
+            else:
+                segmentation[row, column] = items[body] if body < len(items) else -1
+    return front, bare, depth, segmentation
