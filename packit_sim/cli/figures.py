@@ -19,8 +19,9 @@ from packit_sim.cli.console import (
 from packit_sim.cli.evaluate import evaluate_shown
 from packit_sim.cli.generate import evolve_shown
 from packit_sim.cli.pictures import PackOption, picked, stoppable
+from packit_sim.creation.census import dataset_files
 from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.datasets.packs import STARTER_PACKS, dataset_file, load_tasks, read_packs
+from packit_sim.datasets.packs import STARTER_PACKS, load_tasks, read_packs
 from packit_sim.envs.policies import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.pictures import figures, plots
@@ -87,7 +88,7 @@ def figures_command(
                         opened, seed, EvolutionSettings(generations=generations)
                     ).kept
                 else:
-                    kept = figures.first_evolution(read_packs(dataset_file(history)))
+                    kept = figures.first_evolution(read_packs(dataset_files(history)[0]))
                 figures.draw_evolution(kept, opened, path)
             else:
                 played = load_tasks(packs, opened, split)[:tasks]

@@ -145,14 +145,17 @@ def first_evolution(packs: Sequence[Pack]) -> list[Pack]:
 def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | str) -> None:
     """The best packs of one evolution, which tell after which generation they were the best.
 
-    Raises PackItError where one does not tell.
+    Of many the first, each twice as far as the one before it, and the last. Raises PackItError
+    where one does not tell.
     """
     for pack in packs:
         if not isinstance(pack.made.get("after"), int):
             raise PackItError("packs of an evolution must tell `after`: generate them --history")
-    names = [f"{n}" for n in range(len(packs))]
-    with plots.drawn(path, [names], 3.2 * len(packs), 3.7) as (_, axes):
-        for name, pack in zip(names, packs, strict=True):
+    last = len(packs) - 1
+    shown = [packs[n] for n in range(len(packs)) if n in (0, last) or n.bit_count() == 1]
+    names = [f"{n}" for n in range(len(shown))]
+    with plots.drawn(path, [names], 3.2 * len(shown), 3.7) as (_, axes):
+        for name, pack in zip(names, shown, strict=True):
             shot = _shot(Snapshot(pack.cells, pack.placed(library)))
             _show(axes[name], shot, f"Generation {pack.made['after']}")
             axes[name].set_xlabel(f"density {pack.density:.3f}, {len(pack.items)} items")
