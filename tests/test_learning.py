@@ -16,6 +16,7 @@ import torch
 from trimesh import creation
 
 from packit_agents.learning import training
+from packit_agents.learning.augmentation import AugmentedEnv, turned
 from packit_agents.learning.heads import LocationHead, RotationHead
 from packit_agents.learning.imitation import LESSON, TaughtEnv
 from packit_agents.learning.learned import FIELDS, LearnedShape, log_probabilities, masked
@@ -366,7 +367,7 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         steps=600, split=None, annealed=False, network=NetworkSettings(width=64, heads=2)
     )
     for change, message in (
-        ("stps=3", "no setting 'stps': choose from observation, packs"),
+        ("stps=3", "no setting 'stps': choose from observation, augmented, packs"),
         ("steps", "'steps' is no setting: give NAME=VALUE"),
         ("steps=1.5", "steps = 1.5 must be of type int"),
         ("steps=0", "steps = 0 is not possible"),
@@ -409,7 +410,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     "change",
     [
         {"observation": "features"},
-        {"observation": "prospects"},
+        {"observation": "prospects", "augmented": True},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
         {"network": replace(SMALL, policies="all")},
@@ -531,6 +532,35 @@ def test_lessons_are_what_the_teacher_would_choose(library) -> None:
     env.taught = False
     seen, _ = env.reset(seed=0)
     assert seen[LESSON] == [0] != chosen[:1]
+
+
+def test_each_pose_is_another_and_the_first_is_its_own() -> None:
+    cubes = np.random.default_rng(0).random((2, 2, 2), dtype=np.float32)
+    poses = [turned(cubes, pose) for pose in range(48)]
+    np.testing.assert_array_equal(poses[0], cubes)
+    assert len({pose.tobytes() for pose in poses}) == 48
+    assert all(sorted(pose.ravel()) == sorted(cubes.ravel()) for pose in poses)
+
+
+def test_augmented_shapes_are_turned_once_an_episode_and_nothing_else_is(library) -> None:
+    rules = {"rotation": "aligned", "location": "blbf", "observation": "features"}
+    plain, env = PackItEnv("starter", **rules), AugmentedEnv(PackItEnv("starter", **rules))
+    kept = []
+    for seed in (0, 0, 1):
+        seen, _ = env.reset(seed=seed, options={"task": 0})
+        own, _ = plain.reset(options={"task": 0})
+        shape = own["shapes"][0]
+        kept.append(next(k for k in range(48) if (turned(shape, k) == seen["shapes"][0]).all()))
+        later, *_ = env.step(int(np.flatnonzero(seen["outside"])[0]))
+        np.testing.assert_array_equal(later["shapes"], seen["shapes"])
+        assert all(np.array_equal(seen[name], own[name]) for name in seen if name != "shapes")
+        assert seen in env.observation_space
+    assert kept[0] == kept[1] != kept[2]
+
+
+def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
+    with pytest.raises(SettingsError, match="training setting augmented = True is not possible"):
+        read_settings(None, ["augmented=true", "network.policies=all"])
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from rich.progress import (
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 
 from packit_sim.errors import PackItError
@@ -47,13 +48,14 @@ def make_room(path: Path) -> None:
 
 
 def progress_bars() -> Progress:
-    """Bars with a count, the time so far, and a field `note` of each task."""
+    """Bars with a count, the time so far and left, and a field `note` of each task."""
     return Progress(
         SpinnerColumn(),
         TextColumn("{task.description:<14}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
         console=console,
     )

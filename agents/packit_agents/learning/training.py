@@ -22,6 +22,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from packit_agents.learning.actor_critic import ActorCritic, on_device
+from packit_agents.learning.augmentation import AugmentedEnv
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
 from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
@@ -49,6 +50,10 @@ CHECKPOINT = "checkpoint.pt"
 
 CHECKPOINT_SECONDS = 30.0
 """Work that a kill can lose, and the time of an update."""
+
+
+_ADAM = {"eps": 1e-5, "fused": True}
+"""stable-baselines3's own, and as one kernel."""
 
 
 class TrainingError(PackItError, ValueError):
@@ -119,9 +124,7 @@ class Training:
         self._validation = tasks[: settings.validation_tasks]
         self._check_folder()
         self._device = on_device(device)
-        made = partial(
-            _env, self._tasks, self._library, self._rules(), settings.teacher, self._fields
-        )
+        made = partial(_env, self._tasks, self._library, self._rules(), settings, self._fields)
         makers = [made] * settings.envs
         self._envs: VecEnv = (
             RemoteEnvs(makers, workers, address) if workers else DummyVecEnv(list(makers))
@@ -222,7 +225,7 @@ class Training:
             clip_range=settings.clip,
             ent_coef=settings.entropy,
             vf_coef=settings.value,
-            policy_kwargs={"settings": settings.network},
+            policy_kwargs={"settings": settings.network, "optimizer_kwargs": _ADAM},
             seed=settings.seed,
             device=self._device,
         )
@@ -354,13 +357,15 @@ def _env(
     tasks: str | tuple[Task, ...],
     library: ShapeLibrary,
     rules: dict[str, Any],
-    teacher: str | None,
+    settings: TrainingSettings,
     fields: tuple[str, ...],
 ) -> ReplayableEnv:
     """An environment of a training, which tells what is among the fields."""
     env: gym.Env[Any, Any] = PackItEnv(tasks, library, **rules)
-    if teacher is not None:
-        env = TaughtEnv(env, teacher)
+    if settings.teacher is not None:
+        env = TaughtEnv(env, settings.teacher)
+    if settings.augmented:
+        env = AugmentedEnv(env)
     assert isinstance(env.observation_space, spaces.Dict)
     seen = env.observation_space.spaces
     return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LESSON) if n in seen]))

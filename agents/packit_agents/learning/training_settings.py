@@ -23,6 +23,7 @@ class TrainingSettings:
 
     network: of the policy, and of the value.
     observation: "features", or "prospects".
+    augmented: shapes are seen turned and mirrored by chance, another way in each episode.
     packs, split, library: the tasks; packs may be "fresh", the split is then the library's.
     validation_packs, validation: those that say which weights are the best, a dataset and its
         split; without the first a split of the same packs. validation_tasks: the first so many.
@@ -38,6 +39,7 @@ class TrainingSettings:
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
     observation: Literal["features", "prospects"] = "features"
+    augmented: bool = False
     packs: str = "everyday-v1"
     split: str | None = "train"
     validation_packs: str | None = None
@@ -67,6 +69,7 @@ class TrainingSettings:
         checks = {
             "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
             "observation": self.observation in ("features", "prospects"),
+            "augmented": not self.augmented or self.network.policies == "shape",
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
             "imitation": 0 <= self.imitation <= self.steps,
