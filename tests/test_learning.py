@@ -170,9 +170,9 @@ def test_the_head_for_rotations_sees_the_shape_turned(library) -> None:
     item = next(each for each in items if not any(count % 2 for count in each.cells))
     means = CubeMeans((104, 104, 104), 8)
     head = RotationHead(16, 1, 1)
-    upright = torch.from_numpy(means.of_item(item.voxels))
+    upright = torch.from_numpy(means.of_item(item).copy())
     for rotation in range(24):
-        turned = means.of_item(item.turned(rotation).voxels)
+        turned = means.of_item(item.turned(rotation))
         np.testing.assert_allclose(upright.flatten()[head.turned[rotation]], turned.ravel())
     box = torch.rand(1, 10, 10, 10)
     plain = head(upright[None], box)[0]

@@ -182,7 +182,7 @@ class FeatureObserver(Observer):
         seen = super().observe(episode, action_mask)
         item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
         if episode.choice is not None and episode.rotation is not None:
-            item = self._item_means.of_item(episode.choice.item.voxels)
+            item = self._item_means.of_item(episode.choice.item).copy()
         return {
             **seen,
             "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
@@ -195,7 +195,7 @@ class FeatureObserver(Observer):
         self._shapes[:] = 0
         self._extents[:] = 0
         for n, item in enumerate(episode.task.items):
-            self._shapes[n] = self._item_means.of_item(item.voxels)
+            self._shapes[n] = self._item_means.of_item(item)
             self._extents[n] = item.extents
 
 
