@@ -21,7 +21,7 @@ from packit_sim.experiments.curves import CurveError, Trained
 from packit_sim.experiments.evaluation import Score, compare
 from packit_sim.experiments.results import Rules, write_results
 from packit_sim.reports import charts, tables
-from packit_sim.reports.gallery import SOLUTION, extremes, gallery
+from packit_sim.reports.gallery import SOLUTION, View, extremes, gallery
 from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
@@ -166,6 +166,20 @@ def test_the_gallery_shows_every_agent_and_the_ground_truth(runs) -> None:
     assert gallery(runs, everyday(), 1, agent=BAD).exhibits[0].views[0].by == BAD
 
 
+@pytest.mark.parametrize(
+    ("total", "shown"), [(1 - 1e-12, "1.000"), (0.9996, "0.999"), (0.5006, "0.501"), (0.0, "0.000")]
+)
+def test_a_return_is_shown_as_whole_only_where_it_is(total, shown) -> None:
+    assert View("a/b/c", 0, total, "").shown == shown
+
+
+def test_an_agent_that_placed_nothing_has_an_empty_box(tmp_path) -> None:
+    file = results(tmp_path / "none.jsonl", {"a/b/c": [0]})
+    found = gallery(Runs.read([file]), everyday(), 1)
+    assert found.models.to_json()["boxes"] == [{"size": [1, 1, 1], "items": []}]
+    assert found.exhibits[0].views[0].total == 0
+
+
 def test_a_model_is_the_box_within_what_is_seen() -> None:
     placed = tasks()[0].pack.placed(everyday())
     models = Models()
@@ -184,6 +198,12 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
         assert np.abs(shown.min(axis=0) - real.min(axis=0)).max() < 0.02
         assert np.abs(shown.max(axis=0) - real.max(axis=0)).max() < 0.02
         assert re.fullmatch("#[0-9a-f]{6}", item["colors"]["share"])
+
+
+def test_the_curve_of_success_falls_at_each_return() -> None:
+    x, share = charts.success([1.0, 0.5, 0.5, 0.75])
+    assert x == [0, 0.5, 0.5, 0.75, 1.0, 1.0]
+    assert share == [100, 100, 75, 50, 25, 0]
 
 
 def test_plots_are_whole_svg_in_the_colours_of_the_page(runs) -> None:

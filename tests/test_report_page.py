@@ -155,6 +155,7 @@ def test_sliders_and_choices_change_what_is_seen(shown, card) -> None:
     assert difference(whole, picture(card)) > TOLERANCE
     card.locator("select").select_option(label=SOLUTION)
     assert card.locator(".total").inner_text() == "1.000"
+    assert card.locator("output", has_text="35 of 35").count() == 1
     card.locator("select").select_option(label="good/aligned/blbf")
     assert difference(whole, picture(card)) < TOLERANCE / 4
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from io import StringIO
 from itertools import cycle, product
 from typing import Any
-
-import numpy as np
 
 from packit_sim.estimates import Estimate
 from packit_sim.pictures import plots
@@ -60,24 +58,29 @@ def rewards(played: Sequence[Played]) -> str:
 def returns(played: Sequence[Played]) -> str:
     """The share of tasks with a return of x or more, for all x: Success@x as a curve."""
     out = StringIO()
-    with plots.inlined(out, [["returns"]], WIDTH, 4.2) as (figure, axes):
+    with plots.inlined(out, [["returns"]], WIDTH, _height(len(played))) as (figure, axes):
         ax = axes["returns"]
         for one, style in zip(played, _styles(), strict=False):
-            totals = np.sort([rollout.total for rollout in one.rollouts])
-            x = np.concatenate(([0.0], totals, totals[-1:]))
-            share = 100 * np.concatenate(([1.0], 1 - np.arange(len(totals)) / len(totals), [0.0]))
+            x, share = success([rollout.total for rollout in one.rollouts])
             ax.step(x, share, where="pre", label=one.name, **style)
         ax.set(xlabel="return x", ylabel="% of tasks with a return of x or more")
         ax.set(xlim=(0, 1.01), ylim=(0, 102))
         if len(played) > 1:
-            figure.legend(loc="outside lower center", ncols=1 if len(played) < 4 else 2)
+            figure.legend(loc="outside lower center", ncols=2)
     return out.getvalue()
+
+
+def success(totals: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Success@x in percent where it changes: each share holds from the x before it to its own."""
+    count = len(totals)
+    shares = [100 * (count - n) / count for n in range(count)]
+    return [0.0, *sorted(totals), max(totals)], [100.0, *shares, 0.0]
 
 
 def learning(learned: Sequence[Learned]) -> str:
     """Validation rewards with their intervals, and training's as thin lines, against steps."""
     out = StringIO()
-    with plots.inlined(out, [["learning"]], WIDTH, 4.2) as (figure, axes):
+    with plots.inlined(out, [["learning"]], WIDTH, _height(len(learned))) as (figure, axes):
         ax = axes["learning"]
         for one, style in zip(learned, _styles(), strict=False):
             curve = one.run.curve
@@ -101,7 +104,12 @@ def learning(learned: Sequence[Learned]) -> str:
     return out.getvalue()
 
 
-def _styles() -> Any:
+def _height(curves: int) -> float:
+    """Inches of a plot with a legend below it, two curves a line."""
+    return 3.7 + 0.23 * ((curves + 1) // 2)
+
+
+def _styles() -> Iterator[dict[str, Any]]:
     """A colour and a kind of line for each, endlessly."""
     return cycle(
         {"color": color, "linestyle": line, "linewidth": 1.8}

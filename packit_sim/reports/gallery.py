@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from packit_sim.datasets.packs import Pack, Task
+from packit_sim.experiments.evaluation import SLACK
 from packit_sim.experiments.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.reports.models import Models
@@ -18,12 +19,20 @@ SOLUTION = "ground truth"
 
 @dataclass(frozen=True)
 class View:
-    """A box as one packed it. model: its number among the page's models. told: in a few words."""
+    """A box as one packed it.
+
+    model: its number among the page's models. total: the return. told: the rest in a few words.
+    """
 
     by: str
     model: int
     total: float
     told: str
+
+    @property
+    def shown(self) -> str:
+        """The return as text, which is 1.000 only where all was placed."""
+        return f"{self.total if self.total >= 1 - SLACK else min(self.total, 0.999):.3f}"
 
 
 @dataclass(frozen=True)

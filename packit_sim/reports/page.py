@@ -9,7 +9,6 @@ from typing import Any
 from packit_sim._version import __version__
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Estimate, told
-from packit_sim.experiments.evaluation import SUCCESS_LEVELS
 from packit_sim.libraries.library import assets_folder
 from packit_sim.pictures.coloring import ramp
 from packit_sim.pictures.plots import require
@@ -75,7 +74,6 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
         "tables": tables,
         "charts": charts,
         "markup": Markup,
-        "levels": SUCCESS_LEVELS,
         "ramp": [f"rgb({', '.join(f'{255 * c:.0f}' for c in ramp(n / 8))})" for n in range(9)],
         "style": text(here / "page.css"),
         "sorting": text(here / "sorting.js"),

@@ -7,7 +7,8 @@
   const LATTICE = 65535;
   const TURN = Math.PI / 24;
   const PIXELS = 2; // of the screen to one of the page, at most
-  const FAR = 0.75; // how much farther the camera goes while items are moved apart by their own distance
+  const FAR = 0.7; // how much farther the camera goes, and
+  const DOWN = 0.4; // how many heights all goes down, while items are moved apart by their own distance
   const PERCENT = 100;
 
   const renderer = start();
@@ -56,7 +57,7 @@
     const step = figure.querySelector(".step");
     const apart = figure.querySelector(".apart");
     const tip = figure.querySelector(".tip");
-    let scene, camera, controls, items, middle, edges, floor;
+    let scene, camera, controls, items, middle, height, edges, floor;
     let seen = false;
     let waiting = false;
 
@@ -91,7 +92,8 @@
       figure.querySelector(".total").textContent = option.dataset.total;
       figure.querySelector(".told").textContent = option.dataset.told;
       canvas.ariaLabel = `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.told}. Drag, or use the arrow keys, to turn it.`;
-      step.max = step.value = box.items.length;
+      step.max = box.items.length; // first, since it bounds the value
+      step.value = box.items.length;
       items = null;
       arrange();
     }
@@ -100,6 +102,7 @@
       const box = data.boxes[Number(by.value)];
       const [x, y, z] = box.size;
       middle = new THREE.Vector3(x / 2, y / 2, 0);
+      height = z;
       scene = new THREE.Scene();
       scene.add(new THREE.HemisphereLight(0xffffff, 0xa39b90, 1.5));
       const sun = new THREE.DirectionalLight(0xffffff, 2.5);
@@ -174,15 +177,16 @@
       floor.material.color.set(style.getPropertyValue("--floor").trim());
       const scale = Math.min(devicePixelRatio || 1, PIXELS);
       const width = Math.max(1, Math.round(canvas.clientWidth * scale));
-      const height = Math.max(1, Math.round(canvas.clientHeight * scale));
-      if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-      renderer.setSize(width, height, false);
-      camera.aspect = width / height;
+      const rows = Math.max(1, Math.round(canvas.clientHeight * scale));
+      if (canvas.width !== width || canvas.height !== rows) [canvas.width, canvas.height] = [width, rows];
+      renderer.setSize(width, rows, false);
+      camera.aspect = width / rows;
+      scene.position.z = -DOWN * share * height;
       camera.zoom = 1 / (1 + FAR * share);
       camera.updateProjectionMatrix();
       renderer.render(scene, camera);
       const context = canvas.getContext("2d");
-      context.clearRect(0, 0, width, height);
+      context.clearRect(0, 0, width, rows);
       context.drawImage(renderer.domElement, 0, 0);
       canvas.dataset.drawn = String(Number(canvas.dataset.drawn || 0) + 1);
     }
