@@ -93,6 +93,7 @@ def test_whatever_else_results_tell_in_numbers_is_a_column(tmp_path) -> None:
     write_results(file, [*scored, *halves])
     table = tables.scores(Runs.read([file]).played)
     assert texts(table, "stable") == ["0.375", ""]
+    assert not any(row[-2].best for row in table.rows)  # more of it may be worse
     assert "note" not in {column.name for column in table.columns}
     assert [column.name for column in table.columns][-2:] == ["stable", "s"]
 
@@ -324,6 +325,17 @@ def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -
     assert done.stderr.count("\n") == 1
     assert [p.name for p in out.iterdir()] == ["r.html"]
     assert (out / "r.html").read_text() == "before"
+
+
+@pytest.mark.parametrize(
+    ("package", "extra"), [("jinja2", "packit-sim[report]"), ("matplotlib", "packit-sim[plot]")]
+)
+def test_what_is_not_installed_is_told_before_there_is_work(
+    package, extra, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(PackItError, match=re.escape(extra)):
+        packit("report", tmp_path / "absent.jsonl", "-o", tmp_path / "r.html")
 
 
 def test_a_training_reads_back_as_it_was_told(tmp_path) -> None:

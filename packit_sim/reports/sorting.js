@@ -13,10 +13,10 @@
       heading.firstElementChild.addEventListener("click", () => {
         const rows = [...table.tBodies[0].rows];
         const numbers = rows.some((row) => typeof key(row, column) === "number");
-        const before = heading.ariaSort;
+        const before = heading.getAttribute("aria-sort");
         const down = before ? before === "ascending" : numbers;
         headings.forEach((other) => other.removeAttribute("aria-sort"));
-        heading.ariaSort = down ? "descending" : "ascending";
+        heading.setAttribute("aria-sort", down ? "descending" : "ascending");
         rows.sort((one, other) => {
           const [a, b] = [key(one, column), key(other, column)];
           if (a === null || b === null) return (a === null) - (b === null);

@@ -69,14 +69,8 @@ def scores(played: Sequence[Played]) -> Table:
         *(Column(name, f"mean of what the results tell as {name!r}") for name in names),
         Column("s", "median seconds a task, on a machine that may have done other things as well"),
     ]
-    measured = [
-        [score.reward, *score.success.values(), score.density, *(told.get(n) for n in names)]
-        for (_, score), told in zip(found, extra, strict=True)
-    ]
-    best = [
-        max((e.mean for e in column if e is not None), default=0.0)
-        for column in zip(*measured, strict=True)
-    ]
+    measured = [[s.reward, *s.success.values(), s.density] for _, s in found]
+    best = [max(estimate.mean for estimate in column) for column in zip(*measured, strict=True)]
     shares = range(1, 1 + len(SUCCESS_LEVELS))
     rows = [
         (
@@ -84,19 +78,20 @@ def scores(played: Sequence[Played]) -> Table:
             _number(score.tasks, "d"),
             *(
                 _estimate(
-                    e,
+                    estimate,
                     *((".1f", ".0f") if n in shares else (".3f", ".2f")),
-                    best=len(found) > 1 and e is not None and e.mean == best[n] > 0,
+                    best=len(found) > 1 and estimate.mean == best[n] > 0,
                 )
-                for n, e in enumerate(estimates)
+                for n, estimate in enumerate(estimates)
             ),
+            *(_estimate(told.get(other), ".3f", ".2f") for other in names),
             _number(score.seconds, ".2g"),
         )
-        for (name, score), estimates in zip(found, measured, strict=True)
+        for (name, score), estimates, told in zip(found, measured, extra, strict=True)
     ]
     return Table(
         "Scores over all tasks that each agent played. Below each mean its 95% bootstrap interval; "
-        "the highest of a column is marked.",
+        "the highest reward, success and density are marked.",
         tuple(columns),
         tuple(rows),
     )

@@ -91,7 +91,7 @@
       const box = data.boxes[Number(by.value)];
       figure.querySelector(".total").textContent = option.dataset.total;
       figure.querySelector(".told").textContent = option.dataset.told;
-      canvas.ariaLabel = `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.told}. Drag, or use the arrow keys, to turn it.`;
+      canvas.setAttribute("aria-label", `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.told}. Drag, or use the arrow keys, to turn it.`);
       step.max = box.items.length; // first, since it bounds the value
       step.value = box.items.length;
       items = null;
