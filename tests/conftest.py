@@ -4,6 +4,9 @@ Its profile `ci` is the same on every run; HYPOTHESIS_PROFILE=thorough looks fur
 """
 
 import os
+import shutil
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -41,3 +44,20 @@ def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
     return name
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A headless browser that draws WebGL by software; closed soon, since no other event loop can
+    run in the thread meanwhile.
+    """
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("no Chromium: apt install chromium")
+    api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+    flags.append("--enable-unsafe-swiftshader")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=flags)
+        yield browser
+        browser.close()

@@ -31,6 +31,7 @@ from packit_sim.envs.episode import End, Episode, Stage
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PROSPECTS, ProspectObserver
 from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
+from packit_sim.experiments.curves import Trained
 from packit_sim.experiments.evaluation import evaluate
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
@@ -437,6 +438,8 @@ def test_a_training_that_was_killed_goes_on_exactly(tmp_path, monkeypatch, chang
     assert parts.steps == 96
     parts.run()
     assert parts.curve == whole.curve
+    read = Trained.read(tmp_path / "parts")
+    assert read.curve == tuple(whole.curve) and read.settings["network.width"] == SMALL.width
     ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     assert ours.keys() == theirs.keys()
     assert all(torch.equal(ours[key], theirs[key]) for key in ours)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
@@ -66,18 +68,58 @@ def drawn(
     width, height: in inches of `DPI` pixels. Raises MissingMatplotlibError, and RenderError where
     the path can't be written.
     """
-    require()
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with _figure(mosaic, width, height, {}) as (figure, axes):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-        yield figure, figure.subplot_mosaic([list(row) for row in mosaic])
+        yield figure, axes
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     save_png(np.ascontiguousarray(pixels), path, "matplotlib")
+
+
+@contextmanager
+def inlined(
+    out: TextIO, mosaic: Sequence[Sequence[str]], width: float, height: float
+) -> Iterator[tuple[Figure, Any]]:
+    """As `drawn`, but an SVG element for a page, of which out has the text when the block ends.
+
+    The page gives the fonts, and the colours: `var(--ink)` for all that is no data, `var(--data-0)`
+    and so on for those of `COLORS`. Nothing is behind it.
+    """
+    ink = dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK)
+    style = {
+        **ink,
+        "grid.color": INK,
+        "grid.alpha": 0.15,
+        "svg.fonttype": "none",
+        "svg.hashsalt": f"{mosaic}",
+    }
+    drawn = StringIO()
+    with _figure(mosaic, width, height, style) as (figure, axes):
+        yield figure, axes
+        figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
+    text = drawn.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r'<g id="[^"]*"', "<g", text)
+    named = {INK: "--ink", **{color: f"--data-{n}" for n, color in enumerate(COLORS)}}
+    for color, name in named.items():
+        text = text.replace(color.lower(), f"var({name})")
+    out.write(text)
+
+
+@contextmanager
+def _figure(
+    mosaic: Sequence[Sequence[str]], width: float, height: float, style: Mapping[str, Any]
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure and its axes, in our style and what is changed of it."""
+    require()
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({**_STYLE, **style}):
+        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+        yield figure, figure.subplot_mosaic([list(row) for row in mosaic])
 
 
 def line(axes: Any, at: Sequence[float], estimates: Sequence[Estimate], **style: Any) -> None:

@@ -12,7 +12,8 @@ from packit_sim.errors import PackItError
 from packit_sim.pictures import plots
 
 if TYPE_CHECKING:
-    from packit_agents.learning.training import Point, Progress
+    from packit_agents.learning.training import Progress
+    from packit_sim.experiments.curves import Point
 
 
 def train_command(

@@ -36,6 +36,7 @@ from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Estimate
+from packit_sim.experiments.curves import CURVE_FILE, SETTINGS_FILE, Point
 from packit_sim.experiments.evaluation import evaluate_batched
 from packit_sim.files import claimed, replace_text
 from packit_sim.libraries.library import ShapeLibrary
@@ -58,26 +59,6 @@ _ADAM = {"eps": 1e-5, "fused": True}
 
 class TrainingError(PackItError, ValueError):
     """A training that can't be done, or gone on with, as it was asked for."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point of a learning curve: after so many steps.
-
-    reward: mean return of the last `RECENT` training episodes, None before one has ended.
-    validation: Average Reward on the validation tasks, without chance.
-    """
-
-    steps: int
-    reward: float | None
-    validation: Estimate
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, told: dict[str, Any]) -> Point:
-        return cls(told["steps"], told["reward"], Estimate(**told["validation"]))
 
 
 @dataclass(frozen=True)
@@ -245,7 +226,7 @@ class Training:
             self._write_weights("best", point)
         self._write_weights("last", point)
         told = [each.to_json() for each in self.curve]
-        replace_text(self.folder / "curve.json", json.dumps(told, indent=1) + "\n")
+        replace_text(self.folder / CURVE_FILE, json.dumps(told, indent=1) + "\n")
 
     def _act(self, seen: Observation) -> npt.NDArray[np.int64]:
         fields = {name: seen[name] for name in self._fields if name in seen}
@@ -267,7 +248,7 @@ class Training:
         return json.loads(json.dumps(told))
 
     def _check_folder(self) -> None:
-        file = self.folder / "settings.json"
+        file = self.folder / SETTINGS_FILE
         told = self._told()
         if not file.exists():
             self.folder.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,117 @@
+"""The plots of a report, as SVG that takes its colours from the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from io import StringIO
+from itertools import cycle, product
+from typing import Any
+
+from packit_sim.estimates import Estimate
+from packit_sim.pictures import plots
+from packit_sim.reports.runs import Learned, Played
+
+WIDTH = 8.0
+"""Inches of a plot, of which the page makes its own width."""
+
+_LINES = ("-", "--", ":", "-.")
+"""Of the second seven agents, and so on: colours come again, lines differ."""
+
+
+def rewards(played: Sequence[Played]) -> str:
+    """Average Reward of each agent with its interval, the best on top."""
+    found = sorted(
+        ((Estimate.of([r.total for r in one.rollouts]), one.name) for one in played),
+        key=lambda pair: pair[0].mean,
+    )
+    out = StringIO()
+    with plots.inlined(out, [["rewards"]], WIDTH, 0.7 + 0.32 * len(found)) as (_, axes):
+        ax = axes["rewards"]
+        for y, (estimate, _) in enumerate(found):
+            if estimate.low is not None and estimate.high is not None:
+                ends = (estimate.low, estimate.high)
+                ax.plot(
+                    ends,
+                    (y, y),
+                    color=plots.COLORS[0],
+                    linewidth=5,
+                    alpha=0.35,
+                    solid_capstyle="round",
+                )
+            ax.plot(estimate.mean, y, "o", color=plots.COLORS[0], markersize=6)
+            ax.annotate(
+                f"{estimate.mean:.3f}",
+                (estimate.mean, y),
+                (0, 7),
+                ha="center",
+                textcoords="offset points",
+                fontsize=8,
+            )
+        ax.set_yticks(range(len(found)), [name for _, name in found])
+        ax.set(ylim=(-0.6, len(found) - 0.3), xlabel="Average Reward, and its 95% interval")
+        ax.grid(axis="y", visible=False)
+        ax.tick_params(axis="y", length=0)
+        ax.spines["left"].set_visible(False)
+    return out.getvalue()
+
+
+def returns(played: Sequence[Played]) -> str:
+    """The share of tasks with a return of x or more, for all x: Success@x as a curve."""
+    out = StringIO()
+    with plots.inlined(out, [["returns"]], WIDTH, _height(len(played))) as (figure, axes):
+        ax = axes["returns"]
+        for one, style in zip(played, _styles(), strict=False):
+            x, share = success([rollout.total for rollout in one.rollouts])
+            ax.step(x, share, where="pre", label=one.name, **style)
+        ax.set(xlabel="return x", ylabel="% of tasks with a return of x or more")
+        ax.set(xlim=(0, 1.01), ylim=(0, 102))
+        if len(played) > 1:
+            figure.legend(loc="outside lower center", ncols=2)
+    return out.getvalue()
+
+
+def success(totals: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Success@x in percent where it changes: each share holds from the x before it to its own."""
+    count = len(totals)
+    shares = [100 * (count - n) / count for n in range(count)]
+    return [0.0, *sorted(totals), max(totals)], [100.0, *shares, 0.0]
+
+
+def learning(learned: Sequence[Learned]) -> str:
+    """Validation rewards with their intervals, and training's as thin lines, against steps."""
+    out = StringIO()
+    with plots.inlined(out, [["learning"]], WIDTH, _height(len(learned))) as (figure, axes):
+        ax = axes["learning"]
+        for one, style in zip(learned, _styles(), strict=False):
+            curve = one.run.curve
+            steps = [point.steps for point in curve]
+            plots.line(
+                ax,
+                steps,
+                [point.validation for point in curve],
+                marker="o",
+                markersize=3.5,
+                label=one.name,
+                **style,
+            )
+            known = [(point.steps, point.reward) for point in curve if point.reward is not None]
+            if known:
+                at, rewards = zip(*known, strict=True)
+                ax.plot(at, rewards, color=style["color"], linewidth=0.9, alpha=0.7)
+        ax.set(xlabel="steps", ylabel="Average Reward")
+        if len(learned) > 1:
+            figure.legend(loc="outside lower center", ncols=2)
+    return out.getvalue()
+
+
+def _height(curves: int) -> float:
+    """Inches of a plot with a legend below it, two curves a line."""
+    return 3.7 + 0.23 * ((curves + 1) // 2)
+
+
+def _styles() -> Iterator[dict[str, Any]]:
+    """A colour and a kind of line for each, endlessly."""
+    return cycle(
+        {"color": color, "linestyle": line, "linewidth": 1.8}
+        for line, color in product(_LINES, plots.COLORS)
+    )

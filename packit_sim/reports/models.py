@@ -1,0 +1,95 @@
+"""Packed boxes as data of a page: each shape once, reduced and on a lattice, and poses."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from packit_sim.errors import MeshError
+from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.shapes import Shape
+from packit_sim.geometry.simplification import Simplification
+from packit_sim.occupancy import Placed
+from packit_sim.pictures.coloring import ByShare, Color, Coloring, by_category, by_item, by_order
+from packit_sim.pictures.export import names
+
+TRIANGLES = 1500
+"""Of a shape on the page: it is looked at in a hand's breadth."""
+
+_REDUCED = Simplification(max_triangles=TRIANGLES, max_error=1.0)
+_AS_IT_IS = Simplification(max_triangles=None, max_error=1.0)
+
+
+class Models:
+    """Boxes that a page shows, collected one by one."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}
+        self._shapes: list[dict[str, Any]] = []
+        self._boxes: list[dict[str, Any]] = []
+
+    def add(self, cells: Triple, placed: Sequence[Placed], total: float) -> int:
+        """Takes in a box and returns its number.
+
+        placed: what is in it, in the order of placing. total: volume of all items of its task, in
+        box units cubed.
+        """
+        items = [one.item for one in placed]
+        rules: dict[str, Coloring] = {
+            "item": by_item,
+            "category": by_category,
+            "order": by_order,
+            "share": ByShare(total),
+        }
+        colors = {name: [_hex(c) for c in rule(items).of] for name, rule in rules.items()}
+        self._boxes.append(
+            {
+                "size": [round(n * CELL, 6) for n in cells],
+                "items": [
+                    {
+                        "shape": self._number(one.item.shape),
+                        "name": name,
+                        "pose": np.round(one.pose[:3], 6).ravel().tolist(),
+                        "share": round(one.item.volume / total, 6),
+                        "colors": {rule: found[n] for rule, found in colors.items()},
+                    }
+                    for n, (name, one) in enumerate(zip(names(placed), placed, strict=True))
+                ],
+            }
+        )
+        return len(self._boxes) - 1
+
+    def to_json(self) -> dict[str, Any]:
+        """In JSON's types: shapes, and boxes of them.
+
+        A shape: extents (3,) of its bounding box, which is centred; vertices, base64 of (n, 3)
+        uint16 on the lattice of that box; faces, base64 of (m, 3) uint16. A box: size (3,) in box
+        units; items, each with the number of its shape, a name, a pose (3, 4) by rows that puts
+        the shape into the box, its share of the reward, and a colour by each rule.
+        """
+        return {"shapes": self._shapes, "boxes": self._boxes}
+
+    def _number(self, shape: Shape) -> int:
+        if shape.digest not in self._numbers:
+            self._numbers[shape.digest] = len(self._shapes)
+            self._shapes.append(_compact(shape))
+        return self._numbers[shape.digest]
+
+
+def _compact(shape: Shape) -> dict[str, Any]:
+    try:
+        mesh, _ = _REDUCED(shape)
+    except MeshError:  # too many loose parts to be reduced that far
+        mesh, _ = _AS_IT_IS(shape)
+    return {
+        "extents": np.round(mesh.extents, 6).tolist(),
+        "vertices": b64encode(mesh.vertices.astype("<u2").tobytes()).decode(),
+        "faces": b64encode(mesh.faces.astype("<u4").tobytes()).decode(),
+    }
+
+
+def _hex(color: Color) -> str:
+    return "#" + bytes(round(255 * channel) for channel in color).hex()

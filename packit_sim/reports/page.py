@@ -1,0 +1,94 @@
+"""A report as one HTML file that asks nothing from outside, by Jinja."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from packit_sim._version import __version__
+from packit_sim.errors import PackItError
+from packit_sim.estimates import Estimate, told
+from packit_sim.libraries.library import assets_folder
+from packit_sim.pictures.coloring import ramp
+from packit_sim.pictures.plots import require
+from packit_sim.reports import charts, tables
+from packit_sim.reports.gallery import Gallery
+from packit_sim.reports.runs import Runs
+
+
+class MissingJinjaError(PackItError, ImportError):
+    """Jinja is not installed."""
+
+
+def check_installed() -> None:
+    """Raises MissingJinjaError or MissingMatplotlibError: to ask before there is work."""
+    require()
+    try:
+        import jinja2  # noqa: F401
+    except ImportError as error:
+        raise MissingJinjaError(
+            "reports need Jinja, which is not installed: pip install 'packit-sim[report]'"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The agent with the highest Average Reward, and how many there were on how many tasks."""
+
+    agents: int
+    tasks: int
+    best: str
+    reward: str
+
+
+def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
+    """The report as HTML: the same for the same runs.
+
+    gallery: none where there is nothing to show. command: that makes it again.
+    """
+    check_installed()
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    here = Path(__file__).parent
+    three = assets_folder() / "three"
+    made = Environment(
+        loader=FileSystemLoader(here),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+    def text(file: Path) -> Markup:
+        return Markup(file.read_text(encoding="utf-8"))
+
+    content: dict[str, Any] = {
+        "title": title,
+        "version": __version__,
+        "command": command,
+        "headline": _headline(runs),
+        "runs": runs,
+        "gallery": gallery,
+        "tables": tables,
+        "charts": charts,
+        "markup": Markup,
+        "ramp": [f"rgb({', '.join(f'{255 * c:.0f}' for c in ramp(n / 8))})" for n in range(9)],
+        "style": text(here / "page.css"),
+        "sorting": text(here / "sorting.js"),
+        "viewer": text(here / "viewer.js"),
+        "three": text(three / "three.min.js"),
+        "licence": text(three / "LICENSE"),
+        "models": gallery.models.to_json() if gallery else None,
+    }
+    return made.get_template("page.html").render(content)
+
+
+def _headline(runs: Runs) -> Headline | None:
+    if not runs.played:
+        return None
+    found = [(Estimate.of([r.total for r in one.rollouts]), one.name) for one in runs.played]
+    best, name = max(found, key=lambda pair: pair[0].mean)
+    tasks = {rollout.task_digest for one in runs.played for rollout in one.rollouts}
+    return Headline(len(found), len(tasks), name, told(best, ".3f"))

@@ -1,0 +1,120 @@
+"""What a report is of: what agents made of tasks, and trainings, under names that differ."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from statistics import mean
+
+from packit_sim.errors import PackItError
+from packit_sim.experiments.curves import Trained
+from packit_sim.experiments.results import Rollout, Rules, read_results
+
+
+class ReportError(PackItError, ValueError):
+    """Runs of which there can be no report."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """What one agent made of its tasks.
+
+    name: tells it from all others of the report. file: of the results. rollouts: at least one, one
+    a task, in the order of tasks.
+    """
+
+    name: str
+    file: Path
+    rollouts: tuple[Rollout, ...]
+
+    @property
+    def seed(self) -> int:
+        """Of the evaluation."""
+        return self.rollouts[0].seed
+
+    @property
+    def reward(self) -> float:
+        """The mean return."""
+        return mean(rollout.total for rollout in self.rollouts)
+
+    @property
+    def rules(self) -> Rules:
+        return self.rollouts[0].rules
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A training. name: tells it from all others of the report."""
+
+    name: str
+    run: Trained
+
+
+@dataclass(frozen=True)
+class Runs:
+    """All that a report is of, in the order that it was asked for."""
+
+    played: tuple[Played, ...]
+    learned: tuple[Learned, ...]
+
+    @classmethod
+    def read(cls, paths: Sequence[Path]) -> Runs:
+        """Reads files of results (`packit evaluate --out`) and folders of trainings.
+
+        An agent's name is its own, with its file's where several files hold it. Raises ReportError
+        where there is nothing to read, ResultsError, PackFormatError or CurveError that name the
+        file and what is wrong with it.
+        """
+        played: list[tuple[str, Path, list[Rollout]]] = []
+        trained: list[Trained] = []
+        for path in dict.fromkeys(paths):
+            if path.is_dir():
+                trained.append(Trained.read(path))
+            elif path.exists():
+                played += [(name, path, own) for name, own in _by_agent(path).items()]
+            else:
+                raise ReportError(
+                    f"{path}: there is no such file or folder; choose files that "
+                    "`packit evaluate --out` wrote, and folders of `packit train`"
+                )
+        if not played and not trained:
+            raise ReportError("a report needs at least one file of results or folder of a training")
+        names = _told_apart([(name, path) for name, path, _ in played])
+        folders = _told_apart([(run.folder.resolve().name, run.folder) for run in trained])
+        return cls(
+            tuple(
+                Played(name, path, tuple(own))
+                for name, (_, path, own) in zip(names, played, strict=True)
+            ),
+            tuple(Learned(name, run) for name, run in zip(folders, trained, strict=True)),
+        )
+
+
+def _by_agent(file: Path) -> dict[str, list[Rollout]]:
+    """Rollouts by agent, each agent's in the order of tasks."""
+    found: dict[str, list[Rollout]] = {}
+    for rollout in read_results(file):
+        found.setdefault(rollout.agent, []).append(rollout)
+    for agent, own in found.items():
+        own.sort(key=lambda rollout: rollout.task)
+        for before, after in pairwise(own):
+            if before.task == after.task:
+                raise ReportError(
+                    f"{file} holds two results of {agent!r} on task {after.task}: "
+                    "give each evaluation a file of its own"
+                )
+    return found
+
+
+def _told_apart(names: Sequence[tuple[str, Path]]) -> list[str]:
+    """Names that differ: with the path's stem where they don't, or with all of it."""
+    counts = Counter(name for name, _ in names)
+    longer = [name if counts[name] == 1 else f"{name} ({path.stem})" for name, path in names]
+    again = Counter(longer)
+    return [
+        long if again[long] == 1 else f"{name} ({path})"
+        for long, (name, path) in zip(longer, names, strict=True)
+    ]

@@ -1,0 +1,230 @@
+"""The tables of a report: what agents scored, how they compare, and what was asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from packit_sim.estimates import Estimate
+from packit_sim.experiments.evaluation import SUCCESS_LEVELS, Score, compare
+from packit_sim.experiments.results import Rollout
+from packit_sim.reports.runs import Learned, Played
+
+_OWN = frozenset(
+    ("results", "by", "task", "task_digest", "seed", "easy", "kinematic", "return", "end")
+)
+"""What each rollout's pack tells in `made`; numbers beside these are scores of other kinds."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What stands in a table. low_high: the interval, below. value: to sort by. best: of its
+    column. differs: from others of its row.
+    """
+
+    text: str
+    low_high: str = ""
+    value: float | str = ""
+    best: bool = False
+    differs: bool = False
+
+
+@dataclass(frozen=True)
+class Column:
+    """A heading, and what it means."""
+
+    name: str
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells below columns; the first cell of a row names it."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+
+def scores(played: Sequence[Played]) -> Table:
+    """An agent a row: Average Reward, Success@x, density, and whatever else results tell.
+
+    A number that each rollout of any agent has in its pack's `made`, beside those of `Rollout`, is
+    a column of its own, under the name that it has there.
+    """
+    found = [(one.name, Score.of(one.rollouts[0].agent, one.rollouts)) for one in played]
+    extra = [_more_scores(one.rollouts) for one in played]
+    names = list(dict.fromkeys(name for told in extra for name in told))
+    columns = [
+        Column("agent"),
+        Column("tasks", "played"),
+        Column("reward", "Average Reward: mean return"),
+        *(
+            Column(f"S@{x:g}", f"share of tasks with a return of {x:g} or more, in percent")
+            for x in SUCCESS_LEVELS
+        ),
+        Column("density", "of the boxes as they were left"),
+        *(Column(name, f"mean of what the results tell as {name!r}") for name in names),
+        Column("s", "median seconds a task, on a machine that may have done other things as well"),
+    ]
+    measured = [[s.reward, *s.success.values(), s.density] for _, s in found]
+    best = [max(estimate.mean for estimate in column) for column in zip(*measured, strict=True)]
+    shares = range(1, 1 + len(SUCCESS_LEVELS))
+    rows = [
+        (
+            _name(name),
+            _number(score.tasks, "d"),
+            *(
+                _estimate(
+                    estimate,
+                    *((".1f", ".0f") if n in shares else (".3f", ".2f")),
+                    best=len(found) > 1 and estimate.mean == best[n] > 0,
+                )
+                for n, estimate in enumerate(estimates)
+            ),
+            *(_estimate(told.get(other), ".3f", ".2f") for other in names),
+            _number(score.seconds, ".2g"),
+        )
+        for (name, score), estimates, told in zip(found, measured, extra, strict=True)
+    ]
+    return Table(
+        "Scores over all tasks that each agent played. Below each mean its 95% bootstrap interval; "
+        "the highest reward, success and density are marked.",
+        tuple(columns),
+        tuple(rows),
+    )
+
+
+def comparisons(played: Sequence[Played]) -> dict[str, Table]:
+    """How each agent does against each other, on the tasks that both have played, by the other's
+    name: the numbers of `packit compare`.
+    """
+    columns = (
+        Column("agent"),
+        Column("tasks", "that both have played"),
+        Column("difference", "mean of the differences of returns, task by task"),
+        Column("ratio", "of the mean returns"),
+        Column("wins", "tasks with a higher return"),
+        Column("ties", "tasks with the same return"),
+        Column("losses", "tasks with a lower return"),
+    )
+    tables = {}
+    for other in played:
+        rows = [_compared(one, other) for one in played if one is not other]
+        caption = f"Returns against those of {other.name}, on the same tasks."
+        tables[other.name] = Table(caption, columns, tuple(rows))
+    return tables
+
+
+def evaluations(played: Sequence[Played]) -> Table:
+    """What was asked of the agents, file by file."""
+    columns = (
+        Column("results"),
+        Column("agents"),
+        Column("tasks"),
+        Column("rules"),
+        Column("seed"),
+        Column("library"),
+        Column("box", "cells an axis"),
+    )
+    asked: dict[tuple[str, str, int, str, str], list[Played]] = {}
+    for one in played:
+        rules = " and ".join(name for name, holds in vars(one.rules).items() if holds)
+        pack = one.rollouts[0].pack
+        ref, box = pack.library, " x ".join(map(str, pack.cells))
+        library = f"{ref.name} {ref.version} ({ref.digest[:12]})"
+        key = str(one.file), rules or "the paper's", one.seed, library, box
+        asked.setdefault(key, []).append(one)
+    rows = []
+    for (file, rules, seed, library, box), agents in asked.items():
+        tasks = {rollout.task for one in agents for rollout in one.rollouts}
+        counts = _number(len(agents), "d"), _number(len(tasks), "d")
+        rest = _name(rules), _number(seed, "d"), _name(library), _name(box)
+        rows.append((_name(file), *counts, *rest))
+    return Table("What was played.", columns, tuple(rows))
+
+
+def trainings(learned: Sequence[Learned]) -> Table:
+    """What each training reached in validation."""
+    columns = (
+        Column("training"),
+        Column("steps", "so far"),
+        Column("best", "highest Average Reward in validation"),
+        Column("after", "steps, at that point"),
+        Column("last", "Average Reward in the last validation"),
+    )
+    rows = [
+        (
+            _name(one.name),
+            _number(one.run.curve[-1].steps, ",d"),
+            _estimate(one.run.best.validation, ".3f", ".3f"),
+            _number(one.run.best.steps, ",d"),
+            _estimate(one.run.curve[-1].validation, ".3f", ".3f"),
+        )
+        for one in learned
+    ]
+    return Table("What trainings reached on their validation tasks.", columns, tuple(rows))
+
+
+def settings(learned: Sequence[Learned]) -> Table:
+    """The settings of trainings side by side; those that differ are marked."""
+    names = dict.fromkeys(name for one in learned for name in one.run.settings)
+    rows = []
+    for name in names:
+        values = [_plain(one.run.settings.get(name)) for one in learned]
+        differs = len(set(values)) > 1
+        rows.append((_name(name), *(Cell(v, value=v, differs=differs) for v in values)))
+    columns = (Column("setting"), *(Column(one.name) for one in learned))
+    return Table("Settings of the trainings; those that differ are marked.", columns, tuple(rows))
+
+
+def _more_scores(rollouts: Sequence[Rollout]) -> Mapping[str, Estimate]:
+    first, *rest = (rollout.pack.made for rollout in rollouts)
+    names = [name for name in first if name not in _OWN and _is_number(first[name])]
+    return {
+        name: Estimate.of([float(made[name]) for made in (first, *rest)])
+        for name in names
+        if all(_is_number(made.get(name)) for made in rest)
+    }
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _compared(one: Played, other: Played) -> tuple[Cell, ...]:
+    try:
+        found = compare(one.rollouts, other.rollouts)
+    except ValueError:  # no task that both have played
+        return _name(one.name), _number(0, "d"), *(Cell("") for _ in range(5))
+    return (
+        _name(one.name),
+        _number(found.pairs, "d"),
+        _estimate(found.difference, "+.3f", "+.3f"),
+        _estimate(found.ratio, ".3f", ".3f"),
+        *(_number(count, "d") for count in (found.wins, found.ties, found.losses)),
+    )
+
+
+def _name(text: str) -> Cell:
+    return Cell(text, value=text)
+
+
+def _number(value: float, spec: str) -> Cell:
+    return Cell(format(value, spec), value=value)
+
+
+def _estimate(estimate: Estimate | None, mean_spec: str, spec: str, *, best: bool = False) -> Cell:
+    if estimate is None:
+        return Cell("")
+    ends = (estimate.low, estimate.high)
+    low_high = " to ".join(format(end, spec) for end in ends if end is not None)
+    return Cell(format(estimate.mean, mean_spec), low_high, estimate.mean, best)
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return str(value).lower()
+    return str(value)

@@ -1,0 +1,72 @@
+"""Results and trainings made by hand, without playing: of starter packs, with returns as wished."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.envs.episode import End
+from packit_sim.experiments.results import PACKIT, Rollout, Rules, write_results
+from packit_sim.libraries.library import ShapeLibrary
+
+
+@cache
+def everyday() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@cache
+def tasks() -> tuple[Task, ...]:
+    return load_tasks("starter", everyday())
+
+
+def rollout(agent: str, task: int, items: int, rules: Rules = PACKIT, **more: Any) -> Rollout:
+    """The first so many items of the ground truth; more: what the results tell besides."""
+    whole = tasks()[task]
+    truth = whole.pack
+    volumes = [one.item.volume for one in truth.placed(everyday())[:items]]
+    total = sum(volumes) / whole.volume
+    end = End.COMPLETE if items >= len(truth.items) else End.NO_LOCATION
+    made = {
+        "results": 1,
+        "by": agent,
+        "task": task,
+        "task_digest": whole.digest,
+        "seed": 0,
+        "easy": rules.easy,
+        "kinematic": rules.kinematic,
+        "return": total,
+        "end": str(end),
+    }
+    pack = replace(truth, items=truth.items[:items], density=sum(volumes), made={**made, **more})
+    return Rollout(agent, task, whole.digest, 0, rules, total, end, pack, 0.5)
+
+
+def results(file: Path, agents: Mapping[str, Sequence[int]]) -> Path:
+    """A file of results: how many items each agent placed, task by task."""
+    write_results(
+        file, [rollout(a, n, items) for a, told in agents.items() for n, items in enumerate(told)]
+    )
+    return file
+
+
+def training(folder: Path, rewards: Sequence[float], **settings: Any) -> Path:
+    """A training's folder: validation rewards after each thousand steps."""
+    folder.mkdir()
+    told = {"steps": 5000, "easy": False, "network": {"width": 64}, **settings}
+    (folder / "settings.json").write_text(json.dumps({"settings": told}))
+    curve = [
+        {
+            "steps": 1000 * n,
+            "reward": reward - 0.1 if n else None,
+            "validation": {"mean": reward, "low": reward - 0.05, "high": reward + 0.05},
+        }
+        for n, reward in enumerate(rewards)
+    ]
+    (folder / "curve.json").write_text(json.dumps(curve))
+    return folder
