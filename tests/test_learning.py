@@ -537,6 +537,23 @@ def test_lessons_are_what_the_teacher_would_choose(library) -> None:
     assert seen[LESSON] == [0] != chosen[:1]
 
 
+def test_the_learning_rate_falls_to_that_of_ppo_and_then_to_0() -> None:
+    settings = TrainingSettings(
+        steps=100,
+        teacher="largest-first/aligned/blbf",
+        imitation=20,
+        imitation_rate=0.5,
+        learning_rate=0.1,
+    )
+    rates = [settings.rate(left) for left in (1.0, 0.9, 0.8, 0.4, 0.0)]
+    assert rates == pytest.approx([0.5, 0.3, 0.1, 0.05, 0.0])
+    kept = replace(settings, annealed=False)
+    assert [kept.rate(left) for left in (0.8, 0.4, 0.0)] == pytest.approx([0.1] * 3)
+    alone = replace(settings, teacher=None, imitation=0)
+    assert [alone.rate(left) for left in (1.0, 0.25)] == pytest.approx([0.1, 0.025])
+    assert replace(settings, imitation=100).rate(0.0) == pytest.approx(0.1)
+
+
 def test_each_pose_is_another_and_the_first_is_its_own() -> None:
     cubes = np.random.default_rng(0).random((2, 2, 2), dtype=np.float32)
     poses = [turned(cubes, pose) for pose in range(48)]

@@ -193,11 +193,10 @@ class Training:
 
     def _new_model(self) -> TaughtPPO:
         settings = self.settings
-        rate = settings.learning_rate
         model = TaughtPPO(
             ActorCritic,
             self._envs,
-            learning_rate=(lambda left: rate * left) if settings.annealed else rate,
+            learning_rate=settings.rate,
             n_steps=settings.rollout_steps,
             batch_size=settings.minibatch,
             n_epochs=settings.epochs,

@@ -31,7 +31,9 @@ class TrainingSettings:
     easy: PackIt-Easy.
     steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
-    learning_rate: at first; it falls linearly to 0 where `annealed`.
+    imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
+        `learning_rate` meanwhile.
+    learning_rate: of PPO at first; it falls linearly to 0 where `annealed`.
     envs, rollout_steps: environments, and steps of each between two updates.
     minibatch, epochs, gamma, gae_lambda, clip, entropy, value: of PPO.
     seed: says all, on one machine.
@@ -49,6 +51,7 @@ class TrainingSettings:
     steps: int = 200_000
     teacher: str | None = None
     imitation: int = 0
+    imitation_rate: float = 1e-3
     learning_rate: float = 3e-4
     annealed: bool = True
     envs: int = 8
@@ -73,6 +76,7 @@ class TrainingSettings:
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
             "imitation": 0 <= self.imitation <= self.steps,
+            "imitation_rate": 0 < self.imitation_rate < math.inf,
             "learning_rate": 0 < self.learning_rate < math.inf,
             "envs": self.envs >= 1,
             "rollout_steps": self.rollout_steps >= 2,
@@ -91,6 +95,16 @@ class TrainingSettings:
                 raise ValueError(
                     f"training setting {name} = {getattr(self, name)!r} is not possible"
                 )
+
+    def rate(self, left: float) -> float:
+        """The learning rate where this share of the steps, 1 to 0, is left."""
+        made, taught = self.steps * (1 - left), self.imitation
+        if made < taught:
+            share = made / taught
+            return (1 - share) * self.imitation_rate + share * self.learning_rate
+        if not self.annealed or taught == self.steps:
+            return self.learning_rate
+        return self.learning_rate * self.steps * left / (self.steps - taught)
 
     @property
     def iteration(self) -> int:
