@@ -20,7 +20,6 @@ import numpy.typing as npt
 import trimesh
 from trimesh import transformations
 
-from packit_sim.box import Snapshot as BoxState
 from packit_sim.box import Snapshot as State
 from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL, Triple
@@ -189,7 +188,7 @@ class Scene:
         """
         self._check()
         assert self._cells is not None
-        return settle(BoxState(self._cells, tuple(self._bodies)), settings)
+        return settle(State(self._cells, tuple(self._bodies)), settings)
 
     def close(self) -> None:
         """Ends the world and removes its files; once more does nothing."""

@@ -223,8 +223,7 @@ def test_where_coacd_fails_halving_does_it(
     run: str, problem: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(decomposition, "_RUN", run)
-    if "sleep" in run:
-        monkeypatch.setattr(decomposition, "_PATIENCE", 3)
+    monkeypatch.setattr(decomposition, "_PATIENCE", 3 if "sleep" in run else 600)
     found = decompose(BOWL, DecompositionSettings(seconds=1, overhang=0.05))
     assert found.method == "bisection"
     assert found.problem is not None and problem in found.problem

@@ -23,12 +23,13 @@ def fitted(items: Sequence[Sequence[Part]]) -> list[list[Piece]]:
 
     Of two that do, both are cut at a plane along a face of either, the one that takes least away;
     it is shared out as they reach out of their shapes, so that what is as large as its shape stays
-    whole. A piece that is all beyond the plane is dropped.
+    whole. A piece that is all beyond the plane is dropped; an item that would lose its last one
+    keeps them all.
     """
     kept = [list(parts) for parts in items]
     for one, other in combinations(range(len(kept)), 2):
         _part(kept[one], kept[other])
-    return [[piece for piece, _ in parts] for parts in kept]
+    return [[piece for piece, _ in own or whole] for own, whole in zip(kept, items, strict=True)]
 
 
 def _part(ones: list[Part], others: list[Part]) -> None:
@@ -36,10 +37,10 @@ def _part(ones: list[Part], others: list[Part]) -> None:
     left: list[Part | None] = [*ones]
     right: list[Part | None] = [*others]
     for i, j in np.argwhere(_near(ones, others)).tolist():
-        pair = left[i], right[j]
-        if pair[0] is None or pair[1] is None:
+        here, there = left[i], right[j]
+        if here is None or there is None:
             continue
-        (one, out), (other, other_out) = pair
+        (one, out), (other, other_out) = here, there
         normal, high, depth = _least_overlap(one, other)
         if depth > 0:
             at = high - depth * (out / (out + other_out) if out + other_out else 0.5)
@@ -51,7 +52,7 @@ def _part(ones: list[Part], others: list[Part]) -> None:
 
 def _cut(piece: Piece, out: float, normal: Floats, offset: float) -> Part | None:
     rest = piece.cut(normal, offset)
-    return rest and (rest, out)
+    return None if rest is None else (rest, out)
 
 
 def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]:
@@ -61,7 +62,7 @@ def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]
         for parts in (ones, others)
         for end in (np.min, np.max)
     )
-    apart = (low[:, None] >= other_high) | (high[:, None] <= other_low)
+    apart: npt.NDArray[np.bool_] = (low[:, None] >= other_high) | (high[:, None] <= other_low)
     return ~apart.any(axis=2)
 
 

@@ -54,6 +54,6 @@ def save(path: Path, arrays: Arrays) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(file, allow_pickle=False, **arrays)
     except OSError as error:
         _log.warning("%s can't be kept, so it will be made again: %s", path, error.strerror)
