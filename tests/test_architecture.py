@@ -112,6 +112,7 @@ ORDER = (
     "cli.generate",
     "cli.evaluate",
     "cli.pictures",
+    "cli.physics",
     "cli.figures",
     "cli.reproduce",
     "cli.app",
