@@ -20,6 +20,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,9 +31,12 @@ from rich.table import Table
 from benchmarks.placement import RESULTS, summary
 from packit_sim import Pack, Shape, ShapeLibrary, caches, read_packs
 from packit_sim.box import Snapshot
+from packit_sim.compaction import compact, drops
 from packit_sim.datasets.packs import dataset_file
+from packit_sim.extraction import extraction
 from packit_sim.physics.decomposition import decompose, decompose_all, made
 from packit_sim.physics.penetration import penetrations, wall_penetrations
+from packit_sim.physics.scores import FLOATS
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
 from packit_sim.physics.world import PhysicsSettings
@@ -46,12 +50,14 @@ PENETRATION = 0.01
 SECONDS = 3.0
 """The aim for settling a pack, in the median."""
 
-WEIGHTLESS = {"gravity": 0.0, "limit": 1.0}
-"""Whatever moves is driven by pieces that overlap at the start."""
+WEIGHTLESS = 1.0
+"""Seconds without gravity: what moves then is driven by pieces that overlap at the start."""
 
 MEASURED = (
     *("items", "settle, s", "simulated, s", "cut", "drift", "drift, not fitted"),
     *("deepest in another", "deepest in a wall", "stability, whole", "stability, as packed"),
+    *("ways, s", "insertable", "from above", "removable", "interlocked", "floating"),
+    *("pushed, s", "filled", "filled, pushed"),
 )
 """Of each pack; what is summed up over them."""
 
@@ -84,9 +90,9 @@ def decompositions(
     reading = []
     for shape in shapes:
         caches.clear("decompositions")
-        reading.append(timed(lambda shape=shape: decompose(shape, settings.decomposition))[0])
+        reading.append(timed(partial(decompose, shape, settings.decomposition))[0])
     hollow = [shape for shape in shapes if found[shape.id].method != "convex"]
-    making = [timed(lambda s=s: made(s, settings.decomposition))[0] for s in hollow[:anew]]
+    making = [timed(partial(made, s, settings.decomposition))[0] for s in hollow[:anew]]
     return {
         "shapes": len(shapes),
         "methods": dict(Counter(one.method for one in found.values())),
@@ -102,7 +108,7 @@ def decompositions(
 
 def drift(box: Snapshot, settings: PhysicsSettings, fitted: bool) -> float:
     """How far the farthest item is driven by overlaps alone, in box units."""
-    weightless = replace(settings, fitted=fitted, **WEIGHTLESS)
+    weightless = replace(settings, fitted=fitted, gravity=0.0, limit=WEIGHTLESS)
     return max(item.farthest for item in settle(box, weightless).items)
 
 
@@ -111,6 +117,8 @@ def of_pack(box: Snapshot, settings: PhysicsSettings) -> dict[str, Any]:
     seconds, settled = timed(lambda: settle(box, settings))
     depths = penetrations(settled)
     stable = stability(box, settings)
+    ways_seconds, ways = timed(lambda: extraction(box))
+    pushed_seconds, pushed = timed(lambda: compact(box))
     return {
         "items": len(box.placed),
         "settle, s": seconds,
@@ -127,6 +135,15 @@ def of_pack(box: Snapshot, settings: PhysicsSettings) -> dict[str, Any]:
         "too deep": [(*pair, depth) for pair, depth in depths.items() if depth > PENETRATION],
         "stability, whole": stable.whole,
         "stability, as packed": stable.as_packed,
+        "ways, s": ways_seconds,
+        "insertable": ways.insertable,
+        "from above": ways.insertable_from_above,
+        "removable": ways.removable,
+        "interlocked": len(ways.interlocked),
+        "floating": int((drops(box) > FLOATS).sum()),
+        "pushed, s": pushed_seconds,
+        "filled": pushed.filled[0],
+        "filled, pushed": pushed.filled[1],
         "farthest moved": [item.farthest for item in settled.items],
     }
 

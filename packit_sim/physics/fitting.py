@@ -62,8 +62,8 @@ def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]
         for parts in (ones, others)
         for end in (np.min, np.max)
     )
-    apart: npt.NDArray[np.bool_] = (low[:, None] >= other_high) | (high[:, None] <= other_low)
-    return ~apart.any(axis=2)
+    overlap = (low[:, None] < other_high) & (high[:, None] > other_low)
+    return np.asarray(overlap.all(axis=2))
 
 
 def _least_overlap(one: Piece, other: Piece) -> tuple[Floats, float, float]:
