@@ -132,6 +132,8 @@ class LooseMesh:
         model.endModel()
         self._object = fcl.CollisionObject(model, fcl.Transform())
 
-    def crosses(self, other: LooseMesh) -> bool:
-        """Whether FCL finds a triangle of one that crosses one of the other."""
-        return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))
+    def crosses(self, other: LooseMesh, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> bool:
+        """Whether FCL finds a triangle of one that crosses one of the other, shifted by (3,)."""
+        with _moving:
+            other._object.setTranslation(np.array(shift))
+            return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))

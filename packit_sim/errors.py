@@ -38,3 +38,7 @@ class BusyError(PackItError, RuntimeError):
 
 class RenderError(PackItError, RuntimeError):
     """No picture could be made."""
+
+
+class PhysicsError(PackItError, RuntimeError):
+    """No simulation could be run, or no convex pieces made for one."""

@@ -17,23 +17,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
+from packit_sim import sweeping
 from packit_sim.caches import bounded
 from packit_sim.compiled import kernel
 from packit_sim.geometry.bits import lowest_bit
-from packit_sim.geometry.deviation import Surface
-from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, STEP
+from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Placed
 from packit_sim.placement import Mask
 from packit_sim.screening import Locations
+from packit_sim.sweeping import surface
 
 COLUMNS_BUDGET = 256 * 2**20
 """Bytes in the process's cache of items' columns."""
-
-SURFACES_BUDGET = 512 * 2**20
-"""Bytes in the process's cache of items' collision meshes as trees of boxes."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
 _NONE = np.int32(2**20)
@@ -45,8 +42,6 @@ _COLUMN = np.uint64(15)
 """The bits of a word that stand over one another, at its first column (see `bits`)."""
 
 _TOP_OF_BITS = np.array([int(bits).bit_length() for bits in range(16)])
-
-_STACK = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,20 +71,6 @@ def columns(item: Item) -> Columns:
     return Columns(*_ends(voxels.outer_words), *_ends(voxels.inner_words))
 
 
-@bounded(
-    "surfaces",
-    SURFACES_BUDGET,
-    "bytes",
-    size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
-    key=lambda item: item.key,
-)
-def surface(item: Item) -> Surface:
-    """An item's collision mesh about its centre: drawn in by half the contact tolerance a side."""
-    drawn_in = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
-    mesh = item.mesh
-    return Surface.of(trimesh.Trimesh(mesh.vertices * drawn_in, mesh.faces, process=False))
-
-
 def clear(placed: Sequence[Placed], item: Item, mask: Mask) -> Mask:
     """The locations of a mask (see `placement.feasible`) at which the item is clear."""
     found = mask.copy()
@@ -104,7 +85,7 @@ def clear(placed: Sequence[Placed], item: Item, mask: Mask) -> Mask:
         if len(undecided) == 0:
             break
         offsets = _offsets(item, undecided, other)
-        below = _pass_below(surface(item), surface(other.item), offsets)
+        below = sweeping.rises(surface(item), surface(other.item), offsets) < np.inf
         found[tuple(undecided[below].T)] = False
         undecided = undecided[~below]
     return found
@@ -139,7 +120,7 @@ def oracle(placed: Sequence[Placed], candidate: Placed) -> bool:
             if in_or_above[x, y, z].any():
                 return False
         offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
-        if _any_below(surface(candidate.item).triangles, surface(other.item).triangles, offset):
+        if sweeping.plainly_rises(surface(candidate.item), surface(other.item), offset) < np.inf:
             return False
     return True
 
@@ -209,124 +190,3 @@ def _needs(low, inner_low, tops, inner_tops, wanted):
                 refused = max(refused, top - inner_low[x, y], inner_top - low[x, y])
         no[i, j], yes[i, j] = refused, granted
     return no, yes
-
-
-@kernel
-def _pass_below(item, other, offsets):
-    """Whether a point of the other is above one of the item, for each of the offsets (n, 3)."""
-    below = np.empty(len(offsets), np.bool_)
-    for n in range(len(offsets)):
-        below[n] = _passes_below(item, other, offsets[n])
-    return below
-
-
-@kernel
-def _passes_below(item, other, offset):
-    """Whether a point of the other, moved by the offset, is above a point of the item."""
-    waiting = np.empty((_STACK, 2), np.int64)
-    waiting[0] = 1
-    top = 1
-    leaves, other_leaves = len(item.starts) - 1, len(other.starts) - 1
-    while top:
-        top -= 1
-        a, b = waiting[top]
-        if (
-            item.boxes[a, 1, 0] < other.boxes[b, 0, 0] + offset[0]
-            or item.boxes[a, 0, 0] > other.boxes[b, 1, 0] + offset[0]
-            or item.boxes[a, 1, 1] < other.boxes[b, 0, 1] + offset[1]
-            or item.boxes[a, 0, 1] > other.boxes[b, 1, 1] + offset[1]
-            or item.boxes[a, 0, 2] > other.boxes[b, 1, 2] + offset[2]
-        ):
-            continue
-        if a >= leaves and b >= other_leaves:
-            mine = item.triangles[item.starts[a - leaves] : item.starts[a - leaves + 1]]
-            start, stop = other.starts[b - other_leaves], other.starts[b - other_leaves + 1]
-            if _any_below(mine, other.triangles[start:stop], offset):
-                return True
-        elif b >= other_leaves or (a < leaves and a <= b):
-            waiting[top, 0], waiting[top, 1] = 2 * a, b
-            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
-            top += 2
-        else:
-            waiting[top, 0], waiting[top, 1] = a, 2 * b
-            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
-            top += 2
-    return False
-
-
-@kernel
-def _any_below(triangles, others, offset):
-    """Whether a point of one of the others, moved by offset, is above a point of a triangle.
-
-    Where two triangles overlap seen from above, the height of one over the other is linear, so that
-    it is largest at a corner of the overlap: a corner of either triangle, or where edges cross.
-    """
-    moved = np.empty((3, 3))
-    for m in range(len(others)):
-        for c in range(3):
-            for d in range(3):
-                moved[c, d] = others[m, c, d] + offset[d]
-        for n in range(len(triangles)):
-            for c in range(3):
-                if _above(moved, triangles[n, c], 1.0) or _above(triangles[n], moved[c], -1.0):
-                    return True
-            for c in range(3):
-                for e in range(3):
-                    if _crosses_above(triangles[n, c], triangles[n, c - 2], moved[e], moved[e - 2]):
-                        return True
-    return False
-
-
-@kernel
-def _above(triangle, point, sign):
-    """Whether a triangle is above a point that it covers seen from above; below it for sign -1."""
-    ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
-    vx, vy = triangle[2, 0] - triangle[0, 0], triangle[2, 1] - triangle[0, 1]
-    px, py = point[0] - triangle[0, 0], point[1] - triangle[0, 1]
-    area = ux * vy - uy * vx
-    if area == 0:
-        return False  # it stands upright: its edges say all
-    s, t = (px * vy - py * vx) / area, (ux * py - uy * px) / area
-    if s < 0 or t < 0 or s + t > 1:
-        return False
-    z = triangle[0, 2] + s * (triangle[1, 2] - triangle[0, 2])
-    z += t * (triangle[2, 2] - triangle[0, 2])
-    return sign * (z - point[2]) > 0
-
-
-@kernel
-def _crosses_above(a, b, c, d):
-    """Whether the edge from c to d crosses that from a to b, seen from above, and is above it."""
-    ux, uy = b[0] - a[0], b[1] - a[1]
-    vx, vy = d[0] - c[0], d[1] - c[1]
-    px, py = c[0] - a[0], c[1] - a[1]
-    area = ux * vy - uy * vx
-    if area == 0:  # side by side, or one over the other
-        return (
-            _end_above(a, b, c, 1.0)
-            or _end_above(a, b, d, 1.0)
-            or _end_above(c, d, a, -1.0)
-            or _end_above(c, d, b, -1.0)
-        )
-    s, t = (px * vy - py * vx) / area, (px * uy - py * ux) / area
-    if s < 0 or s > 1 or t < 0 or t > 1:
-        return False
-    return c[2] + t * (d[2] - c[2]) > a[2] + s * (b[2] - a[2])
-
-
-@kernel
-def _end_above(a, b, point, sign):
-    """Whether a point is above the edge from a to b, where seen from above it is on it.
-
-    Below it for sign -1.
-    """
-    ux, uy = b[0] - a[0], b[1] - a[1]
-    px, py = point[0] - a[0], point[1] - a[1]
-    if ux * py != uy * px:
-        return False
-    length = ux * ux + uy * uy
-    if length == 0:  # it stands upright
-        low, high = min(a[2], b[2]), max(a[2], b[2])
-        return px == 0 and py == 0 and (point[2] > low if sign > 0 else point[2] < high)
-    t = (px * ux + py * uy) / length
-    return 0 <= t <= 1 and sign * (point[2] - a[2] - t * (b[2] - a[2])) > 0

@@ -25,6 +25,8 @@ from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.occupancy import Placed
+from packit_sim.physics.settling import Settled, settle
+from packit_sim.physics.world import PhysicsSettings
 from packit_sim.pictures.cameras import Camera, Points
 from packit_sim.pictures.coloring import Color, color_of
 from packit_sim.pictures.layouts import Layout, Pose
@@ -177,6 +179,16 @@ class Scene:
             for j in range(i + 1, len(placed))
             if _meet(placed[i], placed[j])
         }
+
+    def settle(self, settings: PhysicsSettings | None = None) -> Settled:
+        """What becomes of the items when they are let go, see `settling.settle`.
+
+        That is found out in a world of its own, and this one stays as it is:
+        `snapshot(layout=settled.layout)` shows what came of it.
+        """
+        self._check()
+        assert self._cells is not None
+        return settle(State(self._cells, tuple(self._bodies)), settings)
 
     def close(self) -> None:
         """Ends the world and removes its files; once more does nothing."""

@@ -29,6 +29,7 @@ from packit_sim.cli.console import (
 from packit_sim.cli.evaluate import HEURISTICS, compare_command, evaluate_command, evaluate_shown
 from packit_sim.cli.figures import figures_command
 from packit_sim.cli.generate import evolve_shown, generate_command
+from packit_sim.cli.physics import score_command, settle_command
 from packit_sim.cli.pictures import (
     export_command,
     film_command,
@@ -72,6 +73,8 @@ app.command("render")(render_command)
 app.command("film")(film_command)
 app.command("export")(export_command)
 app.command("figures")(figures_command)
+app.command("settle")(settle_command)
+app.command("score")(score_command)
 for _command in entry_points(group="packit_sim.commands"):
     app.command(_command.name)(_command.load())
 

@@ -1,0 +1,72 @@
+"""What a packed box is worth beyond its density: does it stand, and can it be packed at all?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from packit_sim.compaction import Compacted, compact, drops
+from packit_sim.extraction import MOVES, Extraction, extraction
+from packit_sim.geometry.lattice import CELL, STEP
+from packit_sim.physics.stability import DISTANCE, Stability, stability
+from packit_sim.physics.world import PhysicsSettings
+from packit_sim.placement import Contents
+
+FLOATS = STEP * CELL
+"""Box units: an item that hangs higher above what is below it floats. On the grid all may hang by
+up to a step of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """A packed box, judged.
+
+    density: placed volume over the box's. stability, extraction, compacted: what came of letting
+    go of it, of looking for ways in and out, and of pushing it together. floating: numbers of items
+    that hang by more than `FLOATS`, the others as they are.
+    """
+
+    density: float
+    stability: Stability
+    extraction: Extraction
+    compacted: Compacted
+    floating: tuple[int, ...]
+
+    def row(self) -> dict[str, float]:
+        """All as numbers: shares of volume, but for counts of items."""
+        before, after = self.compacted.filled
+        return {
+            "density": self.density,
+            "stable": self.stability.whole,
+            "stable as packed": self.stability.as_packed,
+            "insertable": self.extraction.insertable,
+            "from above": self.extraction.insertable_from_above,
+            "removable": self.extraction.removable,
+            "interlocked": len(self.extraction.interlocked),
+            "floating": len(self.floating),
+            "filled": before,
+            "filled, pushed": after,
+        }
+
+
+def scores(
+    box: Contents,
+    settings: PhysicsSettings | None = None,
+    *,
+    distance: float = DISTANCE,
+    moves: int = MOVES,
+) -> Scores:
+    """Judges a box: see `stability`, `extraction`, `compact` and `drops`, which take so long.
+
+    Raises ValueError where distance or moves are not possible.
+    """
+    volume = sum(placed.item.volume for placed in box.placed)
+    hanging = np.flatnonzero(drops(box) > FLOATS).tolist()
+    return Scores(
+        volume / float(np.prod(np.array(box.cells) * CELL)),
+        stability(box, settings, distance),
+        extraction(box, moves),
+        compact(box),
+        tuple(hanging),
+    )

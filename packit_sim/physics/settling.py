@@ -1,0 +1,204 @@
+"""What becomes of placed items when they are let go: where they come to rest, and in what touch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from trimesh import transformations
+
+from packit_sim.caches import cached_property
+from packit_sim.geometry.lattice import CELL
+from packit_sim.occupancy import Placed
+from packit_sim.physics.decomposition import Decomposition, decompose
+from packit_sim.physics.fitting import Part, fitted
+from packit_sim.physics.pieces import Floats, Piece
+from packit_sim.physics.world import WALLS, PhysicsSettings, World
+from packit_sim.pictures.layouts import Layout, Pose
+from packit_sim.placement import Contents
+
+INSIDE = 0.005
+"""Box units by which an item may reach out of the box and still be inside: a contact gives way a
+little, and pieces fall short of the mesh by about as much."""
+
+_LOOK = 10
+"""Steps of time from one look at the speeds to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class SettledItem:
+    """What became of a placed item.
+
+    move: (4, 4), from where it was packed to where it ended, in box units. displacement: how far
+    its bounding box's centre moved, and farthest: how far the point of its mesh that moved most, in
+    box units. rotation: degrees. items: numbers of those that it presses on or that press on it at
+    the end, and walls: which of `WALLS`. inside: whether all of it is in the box (see `INSIDE`).
+    """
+
+    placed: Placed
+    move: Floats
+    displacement: float
+    farthest: float
+    rotation: float
+    items: tuple[int, ...]
+    walls: tuple[str, ...]
+    inside: bool
+
+    @property
+    def vertices(self) -> Floats:
+        """(n, 3) of its mesh, where it ended, in box units."""
+        return _moved(self.placed, self.move)
+
+    @property
+    def pose(self) -> Pose:
+        """Where a picture shows it."""
+        pose = self.move @ self.placed.pose
+        turn = pose[:3, :3] / np.cbrt(self.placed.item.scale)
+        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
+        return Pose(pose[:3, 3], (w, x, y, z))
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """What became of a box's items.
+
+    items: in the order of placing. size: (3,) of the box. seconds: that it took them, and
+    at_rest: whether they came to rest before the time ran out. energy: in J, at the start and at
+    the end. cut: the share of the pieces' volume that was cut away at the start (see `fitting`).
+    """
+
+    items: tuple[SettledItem, ...]
+    size: Floats
+    seconds: float
+    at_rest: bool
+    energy: tuple[float, float]
+    cut: float
+
+    @cached_property
+    def layout(self) -> Layout:
+        """How a picture shows it: `scene.snapshot(layout=settled.layout)`."""
+        points = [np.empty((0, 3)), *(item.vertices for item in self.items)]
+        return Layout(tuple(item.pose for item in self.items), np.concatenate(points))
+
+
+def settle(box: Contents, settings: PhysicsSettings | None = None) -> Settled:
+    """Lets go of all that is placed, at once, until it is at rest or the time is over.
+
+    Items start where they were packed, without speed. The same box and settings give the same
+    answer on one machine. Shapes that are new are decomposed first: see `decompose_all` for many.
+    """
+    settings = settings or PhysicsSettings()
+    items, cut = _pieces(box.placed, settings)
+    with World(_size(box), settings) as world:
+        free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
+        return _simulated(world, box, settings, cut, free, [])
+
+
+def settle_each(box: Contents, settings: PhysicsSettings | None = None) -> Settled:
+    """Lets go of each item by itself, where it was packed, on those placed before it.
+
+    Those are held where they were packed, and what comes later is not there yet: it is what the
+    hand sees that packs the box and lets go. All is simulated at once, in one world in which only
+    an item and those before it meet. Else as `settle`.
+    """
+    settings = settings or PhysicsSettings()
+    items, cut = _pieces(box.placed, settings)
+    with World(_size(box), settings) as world:
+        held = [world.add(pieces, 0.0) for pieces in items]
+        free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
+        for n, one in enumerate(free):
+            for other in (*free[:n], *held[n:]):
+                world.ignore(one, other)
+        return _simulated(world, box, settings, cut, free, held)
+
+
+def _size(box: Contents) -> Floats:
+    return np.array(box.cells) * CELL
+
+
+def _masses(box: Contents, settings: PhysicsSettings) -> list[float]:
+    """In kg."""
+    return [p.item.volume * settings.side**3 * settings.density for p in box.placed]
+
+
+def _pieces(items: Sequence[Placed], settings: PhysicsSettings) -> tuple[list[list[Piece]], float]:
+    """The pieces of items in their places, and the share of their volume that was cut away."""
+    whole = [
+        _parts(placed, decompose(placed.item.shape, settings.decomposition)) for placed in items
+    ]
+    if not settings.fitted:
+        return [[piece for piece, _ in parts] for parts in whole], 0.0
+    pieces = fitted(whole)
+    before = sum(piece.volume for parts in whole for piece, _ in parts)
+    after = sum(piece.volume for own in pieces for piece in own)
+    return pieces, 1 - after / before if items else 0.0
+
+
+def _parts(placed: Placed, decomposition: Decomposition) -> list[Part]:
+    size = float(np.cbrt(placed.item.scale))
+    return [
+        (piece.moved(placed.item.linear, placed.center), out * size)
+        for piece, out in zip(decomposition.pieces, decomposition.overhangs, strict=True)
+    ]
+
+
+def _simulated(
+    world: World,
+    box: Contents,
+    settings: PhysicsSettings,
+    cut: float,
+    free: Sequence[int],
+    held: Sequence[int],
+) -> Settled:
+    """Lets time go by.
+
+    free, held: the world's numbers of the items as they move, and as they are held for others.
+    """
+    energy, calm, seconds = world.energy, 0.0, 0.0
+    look = _LOOK * settings.step
+    while calm < settings.calm and seconds < settings.limit:
+        for _ in range(_LOOK):
+            world.step()
+        seconds += look
+        calm = calm + look if (world.speeds < settings.rest).all() else 0.0
+    moves, contacts = world.moves, world.contacts
+    known = {number: n for numbers in (held, free) for n, number in enumerate(numbers)}
+    items = []
+    for placed, own in zip(box.placed, free, strict=True):
+        met = [b if a == own else a for a, b in contacts if own in (a, b)]
+        items.append(
+            _settled(
+                placed,
+                moves[own],
+                tuple(sorted(known[other] for other in met if isinstance(other, int))),
+                tuple(wall for wall in WALLS if wall in met),
+                _size(box),
+            )
+        )
+    at_rest = calm >= settings.calm
+    return Settled(tuple(items), _size(box), seconds, at_rest, (energy, world.energy), cut)
+
+
+def _settled(
+    placed: Placed, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
+) -> SettledItem:
+    before, after = _moved(placed, np.eye(4)), _moved(placed, move)
+    center = move[:3, :3] @ placed.center + move[:3, 3]
+    return SettledItem(
+        placed,
+        move,
+        float(np.linalg.norm(center - placed.center)),
+        float(np.linalg.norm(after - before, axis=1).max()),
+        math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(move[:3, :3]) - 1) / 2)))),
+        items,
+        walls,
+        bool((after > -INSIDE).all() and (after < size + INSIDE).all()),
+    )
+
+
+def _moved(placed: Placed, move: Floats) -> Floats:
+    """(n, 3) vertices of an item's mesh, moved from its place, in box units."""
+    vertices = placed.item.mesh.vertices + placed.center
+    return vertices @ move[:3, :3].T + move[:3, 3]

@@ -1,0 +1,52 @@
+"""How firmly a pack stands: what of it stays where it was packed when it is let go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from packit_sim.physics.settling import Settled, settle, settle_each
+from packit_sim.physics.world import PhysicsSettings
+from packit_sim.placement import Contents
+
+DISTANCE = 0.05
+"""Box units by which no point of a stable item moves. Items stand on grid nodes, so that one may
+hang by up to a step of the grid, 0.04, above what it stands on: to drop by that much is no fault of
+who packed it. A corner 0.5 from where an item tilts moves as far at 6 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stability:
+    """What came of letting go of a pack.
+
+    settled: of all its items at once; each: of each by itself on those before it, which are held.
+    distance: box units by which no point of an item moves that counts as stable.
+    """
+
+    settled: Settled
+    each: Settled
+    distance: float
+
+    @property
+    def whole(self) -> float:
+        """Share of the volume that is stable in the finished pack; 1 where there is none."""
+        return _share(self.settled, self.distance)
+
+    @property
+    def as_packed(self) -> float:
+        """Share of the volume that is stable when it is let go, item by item in packing order."""
+        return _share(self.each, self.distance)
+
+
+def stability(
+    box: Contents, settings: PhysicsSettings | None = None, distance: float = DISTANCE
+) -> Stability:
+    """Lets go of a pack, whole and item by item. Raises ValueError unless distance is above 0."""
+    if not distance > 0:
+        raise ValueError(f"distance {distance!r} is not possible: it must be above 0")
+    return Stability(settle(box, settings), settle_each(box, settings), distance)
+
+
+def _share(settled: Settled, distance: float) -> float:
+    volumes = [item.placed.item.volume for item in settled.items]
+    stable = [item.placed.item.volume for item in settled.items if item.farthest < distance]
+    return sum(stable) / sum(volumes) if volumes else 1.0

@@ -1,0 +1,305 @@
+"""A PyBullet world in which packed items move: gravity, the box's walls, contacts, friction."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import shutil
+import tempfile
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from trimesh import transformations
+
+from packit_sim.errors import PhysicsError
+from packit_sim.physics.decomposition import DecompositionSettings
+from packit_sim.physics.pieces import Bulk, Floats, Piece
+from packit_sim.pictures.obj_text import objects
+from packit_sim.pictures.rendering import UNIT, quiet
+
+with quiet():
+    import pybullet
+
+WALLS = ("left", "right", "back", "front", "floor")
+"""What a box is made of: low and high x, low and high y, and the ground that it stands on."""
+
+Quaternion = tuple[float, float, float, float]
+"""As PyBullet has it: x, y, z, w."""
+
+_THICKNESS = 0.25
+"""Of the walls, in box units."""
+
+_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+_ITERATIONS = 120
+"""Of the solver of contacts, in each step."""
+
+_NEAR = 0.002
+"""Box units at which PyBullet begins to watch a contact, and forgets it again."""
+
+_NO_BOUNCE = 0.05
+"""m/s below which nothing bounces: else items would rattle and never rest."""
+
+
+@dataclass(frozen=True)
+class PhysicsSettings:
+    """The world in which items move, and when it ends. SI units, but for `side`.
+
+    side: metres of a box unit. density: kg/m3 of every item, whose mass is that times its volume.
+    gravity: m/s2. friction: Coulomb's coefficient, between items as with walls. rolling: the arm of
+    rolling resistance, in metres, without which no ball would ever rest. restitution: the share of
+    speed that comes back from an impact. damping: the share of all speed that is lost in a second.
+    step: seconds of a step of time. limit: seconds after which it ends in any case. rest: m/s
+    below which each point of every item stays for `calm` seconds, where all are at rest.
+    decomposition: how shapes become convex pieces. fitted: whether pieces are cut back where they
+    reach into others' at the start (see `fitting`). Raises ValueError where one is out of range.
+    """
+
+    side: float = 0.5
+    density: float = 500.0
+    gravity: float = 9.81
+    friction: float = 0.5
+    rolling: float = 0.001
+    restitution: float = 0.1
+    damping: float = 0.04
+    step: float = 1 / 240
+    limit: float = 5.0
+    rest: float = 0.02
+    calm: float = 0.25
+    decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
+    fitted: bool = True
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("side", 1e-3, 1e3),
+            ("density", 1e-3, 1e6),
+            ("gravity", 0.0, 1e3),
+            ("friction", 0.0, 10.0),
+            ("rolling", 0.0, 1.0),
+            ("restitution", 0.0, 1.0),
+            ("damping", 0.0, 1.0),
+            ("step", 1e-5, 0.02),
+            ("limit", 0.0, 3600.0),
+            ("rest", 0.0, 10.0),
+            ("calm", 0.0, 60.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} {value!r} is not possible: {low:g} to {high:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """PyBullet's number for an item, and where it was put.
+
+    bulk: of its pieces, in box units. reach: from the centre of mass to its farthest corner.
+    """
+
+    number: int
+    mass: float
+    bulk: Bulk
+    reach: float
+
+
+class World:
+    """The box's walls on the ground, and what is put in, in a PyBullet world of its own.
+
+    size: (3,) of the box in box units. The box is open above; what leaves it lands beside it. Close
+    it, or use it in a `with`. PyBullet's own units are 100 to a box unit, in which its tolerances,
+    such as the 0.001 by which it grows hulls, are far below the contact tolerance.
+    """
+
+    def __init__(self, size: Floats, settings: PhysicsSettings) -> None:
+        self._settings = settings
+        self._scale = UNIT / settings.side
+        with contextlib.ExitStack() as undo:
+            self._folder = Path(tempfile.mkdtemp(prefix="packit-world-"))
+            undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            with quiet():
+                self._client = pybullet.connect(pybullet.DIRECT)
+            if self._client < 0:
+                raise PhysicsError("PyBullet has no room for another world: close other ones")
+            undo.callback(_disconnect, self._client)
+            self._set_up()
+            self._walls = self._build_walls(size)
+            self.close = weakref.finalize(self, undo.pop_all().close)
+        self._bodies: list[_Body] = []
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
+
+    def add(self, pieces: Sequence[Piece], mass: float) -> int:
+        """Puts in an item of convex pieces, where they are; returns its number.
+
+        mass: kg, spread evenly over the pieces; 0 for an item that stays where it is.
+        """
+        bulk = Bulk.of(pieces)
+        own = [((p.vertices - bulk.center) @ bulk.axes, p.faces) for p in pieces]
+        path = self._folder / f"{len(self._bodies)}.obj"
+        path.write_text(objects(own, 1.0))
+        with quiet():
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
+            )
+        number = self._body(shape, bulk.center, mass, _quaternion(bulk.axes))
+        if mass:
+            pybullet.changeDynamics(
+                number,
+                -1,
+                mass=mass,  # else it becomes 0
+                localInertiaDiagonal=(bulk.moments * mass * UNIT**2).tolist(),
+                physicsClientId=self._client,
+            )
+        reach = max(float(np.linalg.norm(vertices, axis=1).max()) for vertices, _ in own)
+        self._bodies.append(_Body(number, mass, bulk, reach))
+        return len(self._bodies) - 1
+
+    def ignore(self, one: int, other: int) -> None:
+        """Lets two items pass through each other."""
+        numbers = (self._bodies[n].number for n in (one, other))
+        pybullet.setCollisionFilterPair(*numbers, -1, -1, 0, physicsClientId=self._client)
+
+    def step(self) -> None:
+        """Goes on by one step of time."""
+        pybullet.stepSimulation(physicsClientId=self._client)
+
+    @property
+    def speeds(self) -> Floats:
+        """(n,) m/s that no point of an item exceeds."""
+        found = []
+        for body in self._bodies:
+            linear, angular = (np.linalg.norm(v) for v in self._velocity(body))
+            found.append(float(linear + angular * body.reach * UNIT) / self._scale)
+        return np.array(found)
+
+    @property
+    def moves(self) -> list[Floats]:
+        """How each item has moved since it was put in: (4, 4) matrices, in box units."""
+        found = []
+        for body in self._bodies:
+            center, turn = self._pose(body)
+            move = np.eye(4)
+            move[:3, :3] = turn @ body.bulk.axes.T
+            move[:3, 3] = center - move[:3, :3] @ body.bulk.center
+            found.append(move)
+        return found
+
+    @property
+    def contacts(self) -> set[tuple[int, int | str]]:
+        """Items that press on each other, the lower number first, and on which of `WALLS`."""
+        names: dict[int, int | str] = {body.number: n for n, body in enumerate(self._bodies)}
+        names |= dict(zip(self._walls, WALLS, strict=True))
+        points = pybullet.getContactPoints(physicsClientId=self._client)
+        found = set()
+        for point in points:
+            one, other = names[point[1]], names[point[2]]
+            if isinstance(one, str) or (isinstance(other, int) and other < one):
+                one, other = other, one
+            if isinstance(one, int) and point[9] > 0:
+                found.add((one, other))
+        return found
+
+    @property
+    def energy(self) -> float:
+        """J of all that can move: of its motion, and of its height above the ground."""
+        total = 0.0
+        for body in self._bodies:
+            center, turn = self._pose(body)
+            linear, angular = (np.array(v) for v in self._velocity(body))
+            spin = body.bulk.moments * UNIT**2 @ (turn.T @ angular) ** 2
+            height = center[2] * self._settings.side
+            total += body.mass * (
+                (linear @ linear + spin) / self._scale**2 / 2 + self._settings.gravity * height
+            )
+        return total
+
+    def _set_up(self) -> None:
+        settings = self._settings
+        pybullet.setGravity(0, 0, -settings.gravity * self._scale, physicsClientId=self._client)
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=settings.step,
+            numSolverIterations=_ITERATIONS,
+            useSplitImpulse=0,  # with it light items below heavy ones creep for seconds
+            contactBreakingThreshold=_NEAR * UNIT,
+            restitutionVelocityThreshold=_NO_BOUNCE * self._scale,
+            deterministicOverlappingPairs=1,
+            enableFileCaching=0,
+            physicsClientId=self._client,
+        )
+
+    def _build_walls(self, size: Floats) -> list[int]:
+        """Bodies of `WALLS`, in order."""
+        walls = []
+        for axis in (0, 1):
+            half = size / 2 + _THICKNESS * np.array((1, 1, 0))
+            half[axis] = _THICKNESS / 2
+            for side in (-half[axis], size[axis] + half[axis]):
+                center = size / 2
+                center[axis] = side
+                shape = pybullet.createCollisionShape(
+                    pybullet.GEOM_BOX,
+                    halfExtents=(half * UNIT).tolist(),
+                    physicsClientId=self._client,
+                )
+                walls.append(self._body(shape, center, 0.0))
+        ground = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
+        return [*walls, self._body(ground, np.zeros(3), 0.0)]
+
+    def _body(self, shape: int, center: Floats, mass: float, turn: Quaternion = _UPRIGHT) -> int:
+        number: int = pybullet.createMultiBody(
+            baseMass=mass,
+            baseCollisionShapeIndex=shape,
+            basePosition=(center * UNIT).tolist(),
+            baseOrientation=turn,
+            useMaximalCoordinates=1,
+            physicsClientId=self._client,
+        )
+        settings = self._settings
+        friction = math.sqrt(settings.friction)  # PyBullet multiplies those of the two bodies,
+        arm = settings.rolling * self._scale  # and adds up one's arm times the other's friction
+        resistance = arm / friction / 2 if friction else 0.0
+        pybullet.changeDynamics(
+            number,
+            -1,
+            lateralFriction=friction,
+            rollingFriction=resistance,
+            spinningFriction=resistance,
+            restitution=math.sqrt(settings.restitution),
+            linearDamping=settings.damping,
+            angularDamping=settings.damping,
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+            physicsClientId=self._client,
+        )
+        return number
+
+    def _pose(self, body: _Body) -> tuple[Floats, Floats]:
+        """(3,) the centre of mass in box units, and (3, 3) the principal axes as columns."""
+        center, turn = pybullet.getBasePositionAndOrientation(
+            body.number, physicsClientId=self._client
+        )
+        x, y, z, w = turn
+        matrix = transformations.quaternion_matrix((w, x, y, z))[:3, :3]
+        return np.array(center) / UNIT, matrix
+
+    def _velocity(self, body: _Body) -> tuple[Sequence[float], Sequence[float]]:
+        """PyBullet's, linear and in radians."""
+        found: tuple[Sequence[float], Sequence[float]] = pybullet.getBaseVelocity(
+            body.number, physicsClientId=self._client
+        )
+        return found
+
+
+def _disconnect(client: int) -> None:
+    with quiet():
+        pybullet.disconnect(physicsClientId=client)
+
+
+def _quaternion(turn: Floats) -> Quaternion:
+    w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
+    return x, y, z, w

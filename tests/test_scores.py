@@ -1,0 +1,64 @@
+"""What packs are worth: a box with known scores, and the command that tells them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from packit_sim import Pack, ShapeLibrary, write_packs
+from packit_sim.box import Box
+from packit_sim.cli.app import app
+from packit_sim.datasets.packs import LibraryRef
+from packit_sim.geometry.shapes import Item
+from packit_sim.physics import store
+from packit_sim.physics.decomposition import DecompositionSettings
+from packit_sim.physics.scores import scores
+from packit_sim.physics.world import PhysicsSettings
+from tests.zoo import cube_of
+
+HALVES = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+
+
+@pytest.fixture(autouse=True)
+def _store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path / "kept"))
+
+
+def test_a_cube_that_floats_beside_one_that_stands() -> None:
+    """It falls by 0.12; both go straight up; pushed together they are twice as deep as wide."""
+    box = Box((40, 40, 40))
+    box.place(cube_of(12), (0, 0, 0))
+    box.place(cube_of(12), (5, 5, 3))
+    found = scores(box, HALVES)
+    assert found.floating == (1,)
+    row = found.row()
+    assert row["density"] == pytest.approx(2 * 0.12**3 / 0.4**3)
+    assert (row["stable"], row["stable as packed"]) == (0.5, 0.5)
+    assert (row["insertable"], row["from above"], row["removable"]) == (1.0, 1.0, 1.0)
+    assert (row["interlocked"], row["floating"]) == (0, 1)
+    assert row["filled, pushed"] > row["filled"]
+    assert scores(Box(), HALVES).row()["stable"] == 1.0
+
+
+def test_the_command_judges_what_agents_packed(tmp_path: Path) -> None:
+    library = ShapeLibrary.open("everyday")
+    box = Box()
+    for id in library.ids[:2]:
+        box.fill(Item(library[id], 0.1))
+    packs = [
+        Pack.of(box, LibraryRef.of(library), by="mine", **{"return": 0.75}),
+        Pack.of(box, LibraryRef.of(library), by="yours"),
+    ]
+    write_packs(tmp_path / "packs.jsonl", packs)
+    out = tmp_path / "scores.json"
+    told = ["score", str(tmp_path / "packs.jsonl"), "--pieces", "bisection", "--out", str(out)]
+    done = CliRunner().invoke(app, told)
+    assert done.exit_code == 0, done.output
+    mine, yours = json.loads(out.read_text())["each"]
+    assert (mine["by"], mine["reward"], yours["by"]) == ("mine", 0.75, "yours")
+    assert "reward" not in yours and mine["insertable"] == yours["insertable"] == 1.0
+    assert 0 <= mine["stable"] <= 1 and mine["floating"] == []
+    assert "insertable" in done.output and "mine" in done.output
