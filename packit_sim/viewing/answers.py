@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _FITS, _BLOCKED = PALETTE[0], PALETTE[5]
 """Blue and vermilion, which all can tell apart."""
 
-_POINT = 0.012
+_POINT = 0.007
 """Side of a feasible location's dot, in box units."""
 
 

@@ -47,8 +47,8 @@ class Display:
 
     step: how many, from the first on; None for all. explode: how far they are moved apart, as a
     share of where they stand from the middle of the floor. cut: where the box is cut open.
-    colors: of each item; None for each shape's own. focus: numbers of the items that stay solid
-    while the others turn to glass; None for all.
+    colors: of each item; None for each shape's own. focus: numbers of the items that are `solid`
+    while the others turn to glass; None for all. solid: how opaque, 0 to 1.
     """
 
     step: int | None = None
@@ -56,6 +56,7 @@ class Display:
     cut: Cut | None = None
     colors: tuple[Color, ...] | None = None
     focus: frozenset[int] | None = None
+    solid: float = 1.0
 
 
 USUAL = Display()
@@ -154,9 +155,10 @@ class ShownBox:
         parts = self._cut_open(key, color) if inside and not gone else ()
         self._items[key].visible = inside and not gone and not parts
         glass = display.focus is not None and number not in display.focus
+        opacity = _GLASS if glass else display.solid
         for handle in (self._items[key], *self._parts.get(key, ())):
             handle.position = pose.center
-            handle.opacity = _GLASS if glass else None
+            handle.opacity = None if opacity >= 1 else opacity
             handle.cast_shadow = not glass
         for handle in self._parts.get(key, ()):
             handle.visible = inside

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
@@ -84,10 +84,12 @@ class Controls:
             self.answer = gui.add_markdown("")
         with tabs.add_tab("About"):
             self.facts = gui.add_html("")
-        for handle in (self._pack, self._beside, self._item, self._axis, self._color, self._wanted):
-            handle.on_update(lambda event: changed())
-        for slider in (self._step, self._explode, self._at, self._rotation, *self._location):
-            slider.on_update(lambda event: changed())
+        handles: tuple[viser.GuiInputHandle[Any], ...] = (
+            *(self._pack, self._beside, self._item, self._axis, self._color, self._wanted),
+            *(self._step, self._explode, self._at, self._rotation, *self._location),
+        )
+        for handle in handles:
+            _on_update(handle, changed)
 
     @property
     def asked(self) -> Asked:
@@ -110,20 +112,21 @@ class Controls:
     def offer_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
         """What may stand beside the pack, and what does."""
         self._beside.options = (NOTHING, *(self._titles[n] for n in rivals))
-        self._beside.value = NOTHING if beside is None else self._titles[beside]
+        _set(self._beside, NOTHING if beside is None else self._titles[beside])
 
     def offer_steps(self, steps: int) -> None:
         """So many, and all of them are shown."""
         self._step.max = max(1, steps)
-        self._step.value = steps
+        _set(self._step, steps)
 
     def offer_pack(self, exhibit: Exhibit) -> None:
         """The items and the extents of another pack; nothing is chosen."""
-        self._item.value = self._wanted.value = NOTHING
+        _set(self._item, NOTHING)
+        _set(self._wanted, NOTHING)
         self._item.options = (NOTHING, *(label(exhibit, n) for n in range(len(exhibit.items))))
         self._at.max = max(exhibit.cells) * CELL
         for slider, nodes in zip(self._location, grid_nodes(exhibit.cells), strict=True):
-            slider.value = 0
+            _set(slider, 0)
             slider.max = nodes - 1
 
     def offer_outside(self, exhibit: Exhibit, step: int) -> None:
@@ -146,23 +149,23 @@ class Controls:
         self._notice.content = notice
 
     def set_step(self, step: int) -> None:
-        self._step.value = step
+        _set(self._step, step)
 
     def choose(self, exhibit: Exhibit, number: int) -> None:
         """Chooses an item; once more, none."""
         text = label(exhibit, number)
-        self._item.value = NOTHING if self._item.value == text else text
+        _set(self._item, NOTHING if self._item.value == text else text)
 
     def ask(self, rotation: int, location: Triple) -> None:
         """Sets where "why not here?" looks."""
-        self._rotation.value = rotation
+        _set(self._rotation, rotation)
         for slider, node in zip(self._location, location, strict=True):
-            slider.value = node
+            _set(slider, node)
 
     def _turn(self, by: int) -> None:
         """To another pack, and from the last on to the first."""
         number = self._titles.index(self._pack.value) + by
-        self._pack.value = self._titles[number % len(self._titles)]
+        _set(self._pack, self._titles[number % len(self._titles)])
 
 
 def label(exhibit: Exhibit, number: int) -> str:
@@ -174,3 +177,11 @@ def label(exhibit: Exhibit, number: int) -> str:
 def _number(text: str) -> int | None:
     """Of the item with such an entry."""
     return None if text == NOTHING else int(text.partition(" ")[0])
+
+
+def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
+    handle.value = value  # type: ignore[misc] # viser's setter stands apart from its property
+
+
+def _on_update(handle: viser.GuiInputHandle[Any], changed: Callable[[], None]) -> None:
+    handle.on_update(lambda event: changed())

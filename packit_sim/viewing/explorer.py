@@ -30,6 +30,9 @@ PACE = 0.5
 _GAP = 0.35
 """Between two boxes, as a share of the first one's width."""
 
+_BLOCKING = 0.5
+"""How opaque items are that are in another's way: it can be seen through them."""
+
 _NAMES = ("/first", "/second")
 """Of the two boxes' nodes in the scene."""
 
@@ -175,13 +178,19 @@ class Explorer:
         colors, legend = _colored(self._exhibits, asked.coloring)
         self._question = self._questioned(asked)
         for n, (exhibit, box) in enumerate(zip(self._exhibits, self._boxes, strict=True)):
+            inside, focus = len(exhibit.placed), self._focus(n, exhibit, asked)
             display = Display(
-                asked.step, asked.explode, asked.cut, colors[n], self._focus(n, exhibit, asked)
+                asked.step,
+                asked.explode,
+                asked.cut,
+                colors[n][:inside],
+                focus,
+                1.0 if self._question is None else _BLOCKING,
             )
-            box.show(exhibit.at(len(exhibit.placed)), display)
+            box.show(exhibit.at(inside), display)
             chosen = None if asked.chosen is None else first.items[asked.chosen]
-            inside = [] if chosen is None else sorted(exhibit.same(chosen))
-            box.label(next((m for m in inside if m < asked.step), None))
+            same = [] if chosen is None else sorted(exhibit.same(chosen))
+            box.label(next((m for m in same if m < asked.step), None))
         self.controls.enable(asked)
         self.controls.legend.content = tables.legend(legend)
         self.controls.items.content = tables.items(first, colors[0], asked.step, asked.chosen)

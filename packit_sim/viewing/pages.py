@@ -47,9 +47,12 @@ class Page:
         self._server: viser.ViserServer | None = _serve(host, port or 0)
         atexit.register(self.close)
         here = self._server.get_host().replace(_EVERYWHERE, LOOPBACK)
+        self._points: npt.NDArray[np.float64] | None = None
+        self._aspects: dict[int, float] = {}
         self.address = f"http://{here}:{self._server.get_port()}"
         try:
             _dress(self._server)
+            self._server.on_client_connect(self._follow)
         except BaseException:
             self.close()
             raise
@@ -66,15 +69,26 @@ class Page:
         return self._server
 
     def frame(self, points: npt.NDArray[np.float64]) -> None:
-        """Has points (n, 3) in view, from where pictures are taken, in every browser."""
-        middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        cameras: list[tuple[viser.InitialCameraConfig | viser.CameraHandle, float]] = [
-            (self.server.initial_camera, _ASPECT)
-        ]
-        cameras += [(c.camera, c.camera.aspect) for c in self.server.get_clients().values()]
-        for camera, aspect in cameras:
-            camera.position = ISO.eye(points, aspect, middle)
-            camera.look_at = middle  # after the position, which takes it along
+        """Has points (n, 3) in view, from where pictures are taken, in every browser.
+
+        Also in those that come later, and again where a window gets another shape.
+        """
+        self._points = points
+        _look(self.server.initial_camera, points, _ASPECT)
+        for client in self.server.get_clients().values():
+            _look(client.camera, points, client.camera.aspect)
+
+    def _follow(self, client: viser.ClientHandle) -> None:
+        """Keeps all in view of a browser whose window, or what a panel leaves of it, changes."""
+
+        def changed(camera: viser.CameraHandle) -> None:
+            aspect = camera.aspect
+            if self._points is not None and self._aspects.get(client.client_id) != aspect:
+                self._aspects[client.client_id] = aspect
+                _look(camera, self._points, aspect)
+
+        changed(client.camera)
+        client.camera.on_update(changed)
 
     def close(self) -> None:
         """Ends the page, its server and its threads, and frees the port; once more does nothing."""
@@ -83,6 +97,17 @@ class Page:
             atexit.unregister(self.close)
             with _silence():
                 server.stop()
+
+
+def _look(
+    camera: viser.InitialCameraConfig | viser.CameraHandle,
+    points: npt.NDArray[np.float64],
+    aspect: float,
+) -> None:
+    """Turns a camera to points (n, 3), from as near as has them whole."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    camera.position = ISO.eye(points, aspect, middle)
+    camera.look_at = middle  # after the position, which takes it along
 
 
 def _serve(host: str, port: int) -> viser.ViserServer:

@@ -36,8 +36,8 @@ def items(exhibit: Exhibit, colors: Sequence[Color], step: int, chosen: int | No
 
     Those that are not in the box after so many steps are pale, the chosen one is marked.
     """
-    heads = (("", _NAME), ("#", _NUMBER), ("item", _NAME), ("category", _NAME))
-    heads += (("volume", _NUMBER), ("reward", _NUMBER))
+    names = ("", "#", "item", "category", "volume", "reward")
+    heads = [(name, _NUMBER if name in ("#", "volume", "reward") else _NAME) for name in names]
     head = "".join(f'<th style="{style};{_HEAD}">{name}</th>' for name, style in heads)
     rows = "".join(
         _row(exhibit, n, color, n < min(step, len(exhibit.placed)), n == chosen)
