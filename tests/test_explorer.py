@@ -287,7 +287,11 @@ def test_a_question_by_hand() -> None:
     assert question.answer((15, 0, 0)) == "At (15, 0, 0) it fits."
     assert "0 (cube) is in its way" in question.answer((0, 0, 0))
     assert "sticks out at the right and top" in question.answer((20, 15, 20))
-    assert question.mask[15, 3, 2] and question.mask[0, 15, 0] and len(question.centers) == question.mask.sum()
+    assert (
+        question.mask[15, 3, 2]
+        and question.mask[0, 15, 0]
+        and len(question.centers) == question.mask.sum()
+    )
     assert question.centers.min(axis=0) == pytest.approx((0.2, 0.2, 0.2))
     nowhere = Question(box, cube_of(48))
     assert nowhere.first is None and "none of 15,625" in nowhere.summary()

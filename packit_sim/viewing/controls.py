@@ -84,10 +84,14 @@ class Controls:
             self.answer = gui.add_markdown("")
         with tabs.add_tab("About"):
             self.facts = gui.add_html("")
-        handles: tuple[viser.GuiInputHandle[Any], ...] = (
-            *(self._pack, self._beside, self._item, self._axis, self._color, self._wanted),
-            *(self._step, self._explode, self._at, self._rotation, *self._location),
-        )
+        handles: list[viser.GuiInputHandle[Any]] = [
+            self._pack,
+            self._beside,
+            self._item,
+            self._axis,
+        ]
+        handles += [self._color, self._wanted, self._step, self._explode, self._at, self._rotation]
+        handles += self._location
         for handle in handles:
             _on_update(handle, changed)
 
