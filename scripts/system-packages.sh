@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Installs what PyBullet needs to draw with OpenGL without a screen: libEGL and a Mesa driver.
-# Does nothing where both are there. Never fails: pictures then come from the software renderer.
+# Installs what PyBullet needs to draw with OpenGL without a screen, libEGL and a Mesa driver, and
+# Chromium, in which the tests look at the viewer's page. Does nothing where all are there. Never
+# fails: pictures then come from the software renderer, and those tests are skipped.
 set -euo pipefail
 
 have_egl() {
@@ -21,17 +22,22 @@ apt_install() {
         apt-get "${options[@]}" install -y --no-install-recommends "$@"
 } < /dev/null > /dev/null 2>&1
 
+have_chromium() {
+    command -v chromium || command -v chromium-browser
+} > /dev/null
+
 missing=()
 have_egl || missing+=(libegl1)
 have_driver || missing+=(libgl1-mesa-dri)
+have_chromium || missing+=(chromium)
 if [ ${#missing[@]} -eq 0 ]; then
     exit 0
 fi
 if [ "$(id -u)" -eq 0 ] && command -v apt-get > /dev/null; then
-    echo "installing ${missing[*]} for pictures by OpenGL"
+    echo "installing ${missing[*]} for pictures by OpenGL and tests of the viewer's page"
     if apt_install "${missing[@]}"; then
         exit 0
     fi
 fi
-echo "no OpenGL without a screen: pictures come from the slower software renderer;" \
-    "install ${missing[*]} for the faster one"
+echo "not everything is there to draw with OpenGL and to test the viewer's page: pictures may come" \
+    "from the slower software renderer, and tests be skipped; install ${missing[*]} for them"

@@ -13,13 +13,15 @@ import pytest
 pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
 
 import torch
+from sb3_contrib.common.maskable.distributions import MaskableCategoricalDistribution
 from trimesh import creation
 
 from packit_agents.learning import training
 from packit_agents.learning.augmentation import AugmentedEnv, turned
 from packit_agents.learning.heads import LocationHead, RotationHead
-from packit_agents.learning.imitation import LESSON, TaughtEnv
+from packit_agents.learning.imitation import IMPOSSIBLE, LESSON, SMALLER, TaughtEnv, TaughtPPO
 from packit_agents.learning.learned import FIELDS, LearnedShape, log_probabilities, masked
+from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
 from packit_agents.learning.training import Training, TrainingError
 from packit_agents.learning.training_settings import SettingsError, TrainingSettings, read_settings
@@ -368,7 +370,7 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         steps=600, split=None, annealed=False, network=NetworkSettings(width=64, heads=2)
     )
     for change, message in (
-        ("stps=3", "no setting 'stps': choose from observation, augmented, packs"),
+        ("stps=3", "no setting 'stps': choose from observation, augmented, mixed, packs"),
         ("steps", "'steps' is no setting: give NAME=VALUE"),
         ("steps=1.5", "steps = 1.5 must be of type int"),
         ("steps=0", "steps = 0 is not possible"),
@@ -414,6 +416,12 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
         {"observation": "prospects", "augmented": True},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
+        {
+            "teacher": "largest-fitting-first/aligned/blbf",
+            "imitation": 128,
+            "regrets": True,
+            "mixed": 0.5,
+        },
         {"network": replace(SMALL, policies="all")},
     ],
 )
@@ -578,9 +586,81 @@ def test_augmented_shapes_are_turned_once_an_episode_and_nothing_else_is(library
     assert kept[0] == kept[1] != kept[2]
 
 
+def test_mixed_tasks_are_of_two(library) -> None:
+    tasks = load_tasks("starter", library)
+    mixture = Mixture(tasks, library, share=0.5)
+    rng = np.random.default_rng(0)
+    made = [mixture(rng) for _ in range(40)]
+    known = {task.digest: task for task in tasks}
+    mixed = [task for task in made if task.digest not in known]
+    assert 8 < len(mixed) < 32
+    of = {(item.shape.id, item.scale) for task in tasks for item in task.items}
+    for task in mixed:
+        assert {(item.shape.id, item.scale) for item in task.items} <= of
+        assert task.cells == tasks[0].cells and not task.solution
+    assert np.mean([len(t.items) for t in made]) == pytest.approx(
+        np.mean([len(t.items) for t in tasks]), rel=0.2
+    )
+    again = np.random.default_rng(0)
+    assert [mixture(again).digest for _ in made] == [task.digest for task in made]
+
+
 def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
     with pytest.raises(SettingsError, match="training setting augmented = True is not possible"):
         read_settings(None, ["augmented=true", "network.policies=all"])
+
+
+def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(library) -> None:
+    rules = {"rotation": "aligned", "location": "blbf", "observation": "prospects"}
+    plain = PackItEnv("starter", **rules)
+    env = TaughtEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
+    teacher = load_policy(Stage.SHAPE, "largest-fitting-first")
+    seen, _ = env.reset(seed=0)
+    over, without_room = False, 0
+    while not over:
+        assert seen in env.observation_space
+        told, outside, room = seen[LESSON], seen["outside"] > 0, seen["prospects"][:, 0] > 0
+        volumes = np.array([item.volume for item in plain.episode.task.items])
+        best = teacher(plain.episode, np.random.default_rng(0))
+        assert told[best] == 0 and (told[~outside] == IMPOSSIBLE).all()
+        without = outside & ~room
+        without[best] = False
+        assert (told[without] == 1).all() and (told[outside & room] <= SMALLER).all()
+        fits = np.flatnonzero(outside & room)
+        if room[best]:
+            expected = SMALLER * (1 - volumes[fits] / volumes[best])
+            np.testing.assert_allclose(told[fits], expected, atol=1e-6)
+        without_room += int(without.sum())
+        seen, _, over, *_ = env.step(best)
+    assert without_room > 0 and not seen[LESSON].any()
+
+
+def test_with_regrets_a_gamble_is_left_for_what_surely_has_room() -> None:
+    """Two shapes may have room one time in two, a small one always: choices alone would gamble."""
+    model = TaughtPPO.__new__(TaughtPPO)
+    model.imitation, model.num_timesteps = 100, 100
+    logits = torch.zeros(1, 3, requires_grad=True)
+    lessons = torch.tensor([[0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
+    for _ in range(300):
+        loss = model._loss(_distribution(logits.expand(2, 3)), lessons)
+        (gradient,) = torch.autograd.grad(loss, logits)
+        logits = (logits - gradient).detach().requires_grad_()
+    assert logits.argmax() == 2
+    model.num_timesteps = 0
+    choices = torch.nn.functional.cross_entropy(logits.expand(2, 3), torch.tensor([0, 1]))
+    assert model._loss(_distribution(logits.expand(2, 3)), lessons) == choices
+
+
+def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:
+    distribution = MaskableCategoricalDistribution(logits.shape[1])
+    return distribution.proba_distribution(logits)
+
+
+@pytest.mark.parametrize("change", ["network.policies=all", "teacher=none imitation=0"])
+def test_regrets_are_of_shapes_and_of_a_teacher(change) -> None:
+    taught = "teacher=largest-first/aligned/blbf imitation=64 regrets=true"
+    with pytest.raises(SettingsError, match="training setting regrets = True is not possible"):
+        read_settings(None, f"{taught} {change}".split())
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import pytest
 from packit_sim.box import Box
 from packit_sim.errors import PackItError, RenderError
 from packit_sim.geometry.shapes import Item
-from packit_sim.pictures.viewer import Viewer
+from packit_sim.viewing.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of
 
 viser = pytest.importorskip("viser")
@@ -30,7 +30,7 @@ BYTES = 4
 
 LEFT_OPEN = """
 from packit_sim.box import Box
-from packit_sim.pictures.viewer import Viewer
+from packit_sim.viewing.viewer import Viewer
 print(Viewer(Box()).address)
 """
 
@@ -124,7 +124,7 @@ def test_update_changes_only_what_changed(viewer: Viewer) -> None:
 
 def test_another_box_has_another_frame(viewer: Viewer) -> None:
     viewer.update(Box((200, 40, 80)))
-    scene = viewer._server.scene
+    scene = viewer._page.server.scene
     assert scene.get_handle_by_name("/box/edges").points.max(axis=(0, 1)).tolist() == pytest.approx(
         [2.0, 0.4, 0.8]
     )
@@ -245,7 +245,7 @@ def test_a_closed_viewer_says_so(viewer: Viewer) -> None:
 
 def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    spec = importlib.util.find_spec("packit_sim.pictures.viewer")
+    spec = importlib.util.find_spec("packit_sim.viewing.viewer")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -37,6 +37,7 @@ from packit_sim.cli.pictures import (
 )
 from packit_sim.cli.report import report_command
 from packit_sim.cli.reproduce import reproduce_command
+from packit_sim.cli.view import view_command
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import (
@@ -69,6 +70,7 @@ app.command("evaluate")(evaluate_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce_command)
 app.command("report")(report_command)
+app.command("view")(view_command)
 app.command("render")(render_command)
 app.command("film")(film_command)
 app.command("export")(export_command)

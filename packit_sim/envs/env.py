@@ -27,9 +27,9 @@ from packit_sim.envs.policies import Policy, load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.pictures.viewer import Viewer
 from packit_sim.scene import USUAL, Look, Scene
 from packit_sim.statistics import statistics
+from packit_sim.viewing.viewer import Viewer
 
 FRESH = "fresh"
 """The name of tasks that are made on the fly."""

@@ -66,9 +66,9 @@ class Simplification:
     def _reduced(self, shape: Shape, limit: float) -> tuple[QuantizedMesh, float]:
         best: tuple[float, QuantizedMesh] | None = None
         for tolerance in TOLERANCES:
-            mesh = _collapsed(shape.mesh, 0, tolerance)
+            mesh = collapsed(shape.mesh, 0, tolerance)
             if len(mesh.faces) > limit:
-                mesh = _collapsed(shape.mesh, int(limit), 1.0)
+                mesh = collapsed(shape.mesh, int(limit), 1.0)
             if len(mesh.faces) > limit:
                 raise MeshError(
                     f"its {len(shape.mesh.faces):,} triangles can't be reduced to {limit:,}: "
@@ -87,10 +87,11 @@ class Simplification:
         return kept, error
 
 
-def _collapsed(mesh: trimesh.Trimesh, triangles: int, error: float) -> trimesh.Trimesh:
+def collapsed(mesh: trimesh.Trimesh, triangles: int, error: float) -> trimesh.Trimesh:
     """The same with as few triangles as this error allows, but no fewer than asked for.
 
-    By collapsing edges (Garland and Heckbert, 1997), with meshoptimizer.
+    error: in the mesh's own units. By collapsing edges (Garland and Heckbert, 1997), with
+    meshoptimizer.
     """
     indices = np.ascontiguousarray(mesh.faces, dtype=np.uint32).ravel()
     kept = np.empty_like(indices)

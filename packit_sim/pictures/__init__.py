@@ -1,1 +1,1 @@
-"""What people look at: PyBullet's camera, contact sheets, the viewer's page, plots."""
+"""What people look at: PyBullet's camera, contact sheets, films, exports, plots."""

@@ -29,17 +29,18 @@ def is_beyond(placed: Placed, cut: Cut) -> bool:
     return float(_span(placed, cut)[0]) >= _plane(cut)
 
 
-def section(placed: Placed, cut: Cut) -> Section | None:
+def section(placed: Placed, cut: Cut, mesh: trimesh.Trimesh | None = None) -> Section | None:
     """What is left of an item that stands across a cut; None where it does not.
 
-    The cut is at the face between fine cells that is next to it.
+    The cut is at the face between fine cells that is next to it. mesh: what is shown of the item,
+    about its centre, in box units; by default its own.
     """
     low, high = _span(placed, cut)
     at = _plane(cut)
     if not low < at < high:
         return None
     normal = -np.eye(3)[cut.dimension]
-    mesh = placed.item.mesh
+    mesh = placed.item.mesh if mesh is None else mesh
     plane = (at - placed.center) * -normal
     vertices, faces, _ = trimesh.intersections.slice_faces_plane(
         np.asarray(mesh.vertices), np.asarray(mesh.faces), normal, plane

@@ -2,6 +2,8 @@
 
 The network plays, and at each state is told what the teacher would choose there (DAgger: Ross,
 Gordon and Bagnell, 2011): it sees the states that its own play leads to, not the teacher's alone.
+Or it is told what it would regret to choose (AggreVaTe: Ross and Bagnell, 2014): a network that
+can't tell whether a shape has room must learn that a smaller one is the lesser evil.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 from sb3_contrib import MaskablePPO
 from torch import Tensor, nn
@@ -22,22 +25,38 @@ from packit_sim.envs.policies import Agent
 LESSON = "lesson"
 """The field of an observation that tells what the teacher would choose."""
 
+SMALLER = 0.15
+"""The regret of a shape of no volume that has room; of one that has none it is 1."""
+
+IMPOSSIBLE = 2.0
+"""Told for what may not be chosen."""
+
 
 class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
     """An environment whose observations tell what a teacher would choose.
 
     teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
-    is always the same chance. lesson: int64 (1,), the action; 0 when the episode is over, and while
+    is always the same chance. lesson: int64 (1,), the action. With `regrets`, where shapes alone
+    are chosen and prospects observed, float32 (actions,) instead: 0 for the teacher's choice, 1 for
+    what has no room, between them what is smaller. All 0 when the episode is over, and while
     `taught` is false: asking may take time.
     """
 
-    def __init__(self, env: gym.Env[Observation, Any], teacher: str) -> None:
+    def __init__(
+        self, env: gym.Env[Observation, Any], teacher: str, *, regrets: bool = False
+    ) -> None:
         super().__init__(env)
         self._teacher = Agent.from_name(teacher)
+        self._regrets = regrets
         self.taught = True
         assert isinstance(env.observation_space, spaces.Dict)
         assert isinstance(env.action_space, spaces.Discrete)
-        lesson = spaces.Box(0, int(env.action_space.n) - 1, (1,), np.int64)
+        actions = int(env.action_space.n)
+        lesson = (
+            spaces.Box(0, IMPOSSIBLE, (actions,), np.float32)
+            if regrets
+            else spaces.Box(0, actions - 1, (1,), np.int64)
+        )
         self.observation_space = spaces.Dict({**env.observation_space.spaces, LESSON: lesson})
 
     def reset(
@@ -54,15 +73,30 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
         env = self.env.unwrapped
         assert isinstance(env, PackItEnv)
         episode, lesson = env.episode, 0
-        if self.taught and episode.end is None:
+        told = self.taught and episode.end is None
+        if told:
             lesson = self._teacher.act(episode, np.random.default_rng(0))
-        return {**seen, LESSON: np.array([lesson])}
+        if not self._regrets:
+            return {**seen, LESSON: np.array([lesson])}
+        costs = _regrets(seen, lesson) if told else np.zeros(len(seen["outside"]), np.float32)
+        return {**seen, LESSON: costs}
+
+
+def _regrets(seen: Observation, best: int) -> npt.NDArray[np.float32]:
+    """(n,) of each shape, as `TaughtEnv` tells them. best: the teacher's choice."""
+    room, volumes = seen["prospects"][:, 0] > 0, seen["prospects"][:, 7]
+    smaller = SMALLER * np.clip(1 - volumes / volumes[best], 0, 1)
+    costs = np.where(seen["outside"], np.where(room, smaller, 1.0), IMPOSSIBLE)
+    costs[best] = 0
+    return costs.astype(np.float32)
 
 
 class TaughtPPO(MaskablePPO):
     """MaskablePPO that for its first `imitation` steps imitates what its observations tell.
 
-    Meanwhile the value network learns the returns, as always.
+    Where they tell regrets, it is the choice of least regret at first, and less and less of it;
+    what is to be expected of regret takes its place. Meanwhile the value network learns the
+    returns, as always.
     """
 
     imitation = 0
@@ -82,14 +116,25 @@ class TaughtPPO(MaskablePPO):
         self.logger.record("train/imitation_loss", float(np.mean(losses)))
 
     def _imitate(self, data: Any) -> float:
-        """A step on a minibatch; returns the cross-entropy with the teacher."""
+        """A step on a minibatch; returns the loss of the actor."""
         seen = data.observations
-        lessons: Tensor = seen[LESSON].long().flatten()  # (b,)
+        lessons: Tensor = seen[LESSON]
         distribution = self.policy.get_distribution(seen, data.action_masks)
-        cross_entropy = -distribution.log_prob(lessons).mean()
+        loss = self._loss(distribution, lessons)
         error = functional.mse_loss(self.policy.predict_values(seen).flatten(), data.returns)
         self.policy.optimizer.zero_grad()
-        (cross_entropy + self.vf_coef * error).backward()  # type: ignore[no-untyped-call]
+        (loss + self.vf_coef * error).backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         self.policy.optimizer.step()
-        return float(cross_entropy.item())
+        return float(loss.item())
+
+    def _loss(self, distribution: Any, lessons: Tensor) -> Tensor:
+        """Of the actor. lessons: (b, 1) choices, or (b, actions) regrets."""
+        regrets = lessons.shape[1] > 1
+        choices = lessons.argmin(1) if regrets else lessons.long().flatten()
+        cross_entropy: Tensor = -distribution.log_prob(choices).mean()
+        if not regrets:
+            return cross_entropy
+        expected = (distribution.distribution.probs * lessons).sum(1).mean()
+        share = min(self.num_timesteps / self.imitation, 1.0)
+        return (1 - share) * cross_entropy + share * expected

@@ -26,12 +26,13 @@ from packit_agents.learning.augmentation import AugmentedEnv
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
 from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
+from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim._version import __version__
 from packit_sim.datasets.packs import LibraryRef, Task, load_tasks
-from packit_sim.envs.env import FRESH, PackItEnv
+from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.errors import PackItError
@@ -341,13 +342,20 @@ def _env(
     fields: tuple[str, ...],
 ) -> ReplayableEnv:
     """An environment of a training, which tells what is among the fields."""
-    env: gym.Env[Any, Any] = PackItEnv(tasks, library, **rules)
+    if settings.regrets:
+        rules = {**rules, "observation": "prospects"}
+    source: str | Sequence[Task] | TaskMaker = tasks
+    if settings.mixed and not isinstance(tasks, str):
+        source = Mixture(tasks, library, settings.mixed)
+    env: gym.Env[Any, Any] = PackItEnv(source, library, **rules)
     if settings.teacher is not None:
-        env = TaughtEnv(env, settings.teacher)
+        env = TaughtEnv(env, settings.teacher, regrets=settings.regrets)
     if settings.augmented:
         env = AugmentedEnv(env)
     assert isinstance(env.observation_space, spaces.Dict)
     seen = env.observation_space.spaces
+    if settings.observation == "features":  # regrets are told by prospects, which stay hidden
+        fields = tuple(name for name in fields if name != "prospects")
     return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LESSON) if n in seen]))
 
 

@@ -24,6 +24,7 @@ class TrainingSettings:
     network: of the policy, and of the value.
     observation: "features", or "prospects".
     augmented: shapes are seen turned and mirrored by chance, another way in each episode.
+    mixed: share of the tasks that are mixed of two (see `Mixture`).
     packs, split, library: the tasks; packs may be "fresh", the split is then the library's.
     validation_packs, validation: those that say which weights are the best, a dataset and its
         split; without the first a split of the same packs. validation_tasks: the first so many.
@@ -31,6 +32,7 @@ class TrainingSettings:
     easy: PackIt-Easy.
     steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
+    regrets: whether regrets are told, not the teacher's choices alone (see `TaughtEnv`).
     imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
         `learning_rate` meanwhile.
     learning_rate: of PPO at first; it falls linearly to 0 where `annealed`.
@@ -42,6 +44,7 @@ class TrainingSettings:
     network: NetworkSettings = field(default_factory=NetworkSettings)
     observation: Literal["features", "prospects"] = "features"
     augmented: bool = False
+    mixed: float = 0.0
     packs: str = "everyday-v1"
     split: str | None = "train"
     validation_packs: str | None = None
@@ -51,6 +54,7 @@ class TrainingSettings:
     steps: int = 200_000
     teacher: str | None = None
     imitation: int = 0
+    regrets: bool = False
     imitation_rate: float = 1e-3
     learning_rate: float = 3e-4
     annealed: bool = True
@@ -69,13 +73,16 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         """Raises ValueError that names the setting that is out of range."""
+        shapes_alone = self.network.policies == "shape"
         checks = {
             "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
+            "mixed": 0 <= self.mixed <= 1 and (self.packs != "fresh" or not self.mixed),
             "observation": self.observation in ("features", "prospects"),
-            "augmented": not self.augmented or self.network.policies == "shape",
+            "augmented": not self.augmented or shapes_alone,
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
             "imitation": 0 <= self.imitation <= self.steps,
+            "regrets": not self.regrets or (self.teacher is not None and shapes_alone),
             "imitation_rate": 0 < self.imitation_rate < math.inf,
             "learning_rate": 0 < self.learning_rate < math.inf,
             "envs": self.envs >= 1,

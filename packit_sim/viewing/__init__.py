@@ -1,0 +1,1 @@
+"""Boxes on a local web page: one that follows as it fills, and datasets and results to explore."""

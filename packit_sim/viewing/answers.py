@@ -1,0 +1,74 @@
+"""The answer to "why not here?" in the scene: the item where it is asked for, and where it fits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from packit_sim.geometry.lattice import Triple
+from packit_sim.occupancy import Placed
+from packit_sim.pictures.coloring import PALETTE
+from packit_sim.pictures.layouts import Pose
+from packit_sim.viewing.boxes import rgb
+from packit_sim.viewing.questions import Question
+from packit_sim.viewing.surfaces import surface
+
+if TYPE_CHECKING:
+    import viser
+
+_FITS, _BLOCKED = PALETTE[0], PALETTE[5]
+"""Blue and vermilion, which all can tell apart."""
+
+_POINT = 0.007
+"""Side of a feasible location's dot, in box units."""
+
+
+class ShownAnswer:
+    """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits."""
+
+    def __init__(self, server: viser.ViserServer, name: str) -> None:
+        self._server = server
+        self._name = name
+        self._question: Question | None = None
+        self._item: viser.MeshHandle | None = None
+
+    def show(self, question: Question, location: Triple) -> None:
+        """Shows the item of the question at a location."""
+        placed = Placed(question.item, location)
+        color = _BLOCKED if question.blockers(location) else _FITS
+        if question is not self._question or self._item is None:
+            self.remove()
+            self._question = question
+            self._item = self._add(placed)
+        self._item.position = placed.center
+        self._item.color = rgb(color)
+
+    def remove(self) -> None:
+        """Takes it out of the scene."""
+        if self._question is not None:
+            self._server.scene.remove_by_name(self._name)
+        self._question = self._item = None
+
+    def _add(self, placed: Placed) -> viser.MeshHandle:
+        assert self._question is not None
+        self._server.scene.add_frame(self._name, show_axes=False)
+        self._server.scene.add_point_cloud(
+            f"{self._name}/dots",
+            self._question.centers,
+            rgb(_FITS),
+            point_size=_POINT,
+            point_shape="circle",
+            precision="float32",
+        )
+        mesh = surface(placed.item.shape)
+        return self._server.scene.add_mesh_simple(
+            f"{self._name}/item",
+            np.asarray(mesh.vertices),
+            np.asarray(mesh.faces),
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+            scale=float(np.cbrt(placed.item.scale)),
+            wxyz=Pose.of(placed.item, placed.center).turn,
+        )

@@ -1,0 +1,419 @@
+"""The explorer without a browser: what it holds, what its panel does, and what it answers."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from packit_sim.box import Box
+from packit_sim.datasets.packs import OutsideItem, Pack, dataset_file, read_packs, write_packs
+from packit_sim.envs.episode import End
+from packit_sim.errors import PackItError
+from packit_sim.experiments.results import ResultsError, Rollout
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.pictures.coloring import PALETTE, Key, Scale, by_category
+from packit_sim.viewing import tables
+from packit_sim.viewing.controls import NOTHING
+from packit_sim.viewing.exhibits import Collection
+from packit_sim.viewing.questions import Question
+from packit_sim.viewing.surfaces import MOST_TRIANGLES, surface
+from packit_sim.viewing.workers import Worker
+from tests.zoo import BALL, CUBE, cube_of
+
+pytest.importorskip("viser")
+from packit_sim.viewing.explorer import Explorer
+
+GLASS = 0.12
+
+
+@pytest.fixture(name="library", scope="module")
+def _library() -> ShapeLibrary:
+    return ShapeLibrary.open("everyday")
+
+
+@pytest.fixture(name="packs", scope="module")
+def _packs() -> list[Pack]:
+    return read_packs(dataset_file("starter"))[:3]
+
+
+def result(pack: Pack, library: ShapeLibrary, number: int, kept: int, agent: str) -> Pack:
+    """What an agent would leave that places the first so many items where they were."""
+    task = pack.task(library)
+    items = pack.items[:kept]
+    volume = sum(library[i.shape].volume * i.scale for i in items)
+    left = replace(
+        pack,
+        items=items,
+        density=volume,
+        made={
+            "results": 1,
+            "by": agent,
+            "task": number,
+            "task_digest": task.digest,
+            "seed": 0,
+            "easy": False,
+            "kinematic": False,
+            "return": volume / task.volume,
+            "end": str(End.NO_LOCATION),
+        },
+    )
+    told = {**left.made, "seconds": 1.0}
+    return Rollout.from_pack(replace(left, made=told)).to_pack()
+
+
+@pytest.fixture(name="explorer")
+def _explorer(packs: list[Pack], library: ShapeLibrary) -> Iterator[Explorer]:
+    with Explorer(Collection(packs, library)) as explorer:
+        yield explorer
+
+
+def shown(explorer: Explorer, box: int = 0) -> int:
+    """How many whole items can be seen."""
+    return sum(handle.visible for handle in explorer.boxes[box].items)
+
+
+def test_a_pack_is_shown_whole_at_first(explorer: Explorer, packs: list[Pack]) -> None:
+    assert explorer.address.startswith("http://127.0.0.1:")
+    assert shown(explorer) == len(packs[0].items)
+    asked = explorer.controls.asked
+    assert (asked.pack, asked.beside, asked.step) == (0, None, len(packs[0].items))
+
+
+def test_the_step_says_how_many_items_are_seen(explorer: Explorer) -> None:
+    explorer.controls.set_step(4)
+    explorer.settle()
+    assert [handle.visible for handle in explorer.boxes[0].items[:6]] == [True] * 4 + [False] * 2
+    assert shown(explorer) == 4
+
+
+def test_the_sequence_plays_to_its_end(
+    explorer: Explorer, packs: list[Pack], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("packit_sim.viewing.explorer.PACE", 0.01)
+    explorer.controls.set_step(2)
+    explorer.settle()
+    explorer.play()
+    deadline = time.monotonic() + 60
+    while explorer.controls.play.label != "Pause" and time.monotonic() < deadline:
+        time.sleep(0.005)
+    while explorer.controls.play.label != "Play" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert explorer.controls.asked.step == shown(explorer) == len(packs[0].items)
+
+
+def test_another_pack_takes_the_place_of_the_first(explorer: Explorer, packs: list[Pack]) -> None:
+    explorer.controls._turn(-1)
+    explorer.settle()
+    assert explorer.controls.asked.pack == 2
+    assert shown(explorer) == len(packs[2].items)
+    explorer.controls._turn(1)
+    explorer.settle()
+    assert explorer.controls.asked.pack == 0
+
+
+def test_items_move_apart(explorer: Explorer, packs: list[Pack], library: ShapeLibrary) -> None:
+    explorer.controls._explode.value = 0.5
+    explorer.settle()
+    middle = np.array((0.5, 0.5, 0.0))
+    for handle, placed in zip(explorer.boxes[0].items, packs[0].placed(library), strict=True):
+        assert handle.position == pytest.approx(placed.center + 0.5 * (placed.center - middle))
+
+
+def test_a_cut_takes_away_what_is_beyond(
+    explorer: Explorer, packs: list[Pack], library: ShapeLibrary
+) -> None:
+    explorer.controls._axis.value = "y"
+    explorer.settle()
+    scene = explorer._page.server.scene
+    for n, placed in enumerate(packs[0].placed(library)):
+        low, high = placed.center[1] + np.array((-0.5, 0.5)) * placed.item.extents[1]
+        handle = explorer.boxes[0].items[n]
+        cap = scene.get_handle_by_name(f"/first/parts/{n}/cap")
+        if low < 0.5 < high:
+            assert not handle.visible and cap.visible
+            assert (cap.vertices + cap.position)[:, 1] == pytest.approx(0.5)
+        else:
+            assert handle.visible == (high <= 0.5) and cap is None
+    explorer.controls._axis.value = NOTHING
+    explorer.settle()
+    assert shown(explorer) == len(packs[0].items)
+    assert scene.get_handle_by_name("/first/parts/0/cap") is None
+
+
+def test_a_chosen_item_stays_solid_while_the_others_turn_to_glass(explorer: Explorer) -> None:
+    explorer._choose(0, 3)
+    explorer.settle()
+    opacities = [handle.opacity for handle in explorer.boxes[0].items]
+    assert opacities[3] is None and set(opacities) == {None, GLASS}
+    assert explorer._page.server.scene.get_handle_by_name("/first/label").text.startswith("3 ")
+    explorer._choose(0, 3)
+    explorer.settle()
+    assert {handle.opacity for handle in explorer.boxes[0].items} == {None}
+    assert explorer._page.server.scene.get_handle_by_name("/first/label") is None
+
+
+def test_why_not_here_shows_where_and_names_what_blocks(
+    explorer: Explorer, packs: list[Pack], library: ShapeLibrary
+) -> None:
+    controls = explorer.controls
+    controls.set_step(6)
+    explorer.settle()
+    controls._wanted.value = controls._wanted.options[1]
+    explorer.settle()
+    wanted = packs[0].placed(library)[6]
+    assert (controls.asked.wanted, controls.asked.location) == (6, wanted.location)
+    assert f"{wanted.location} it fits" in controls.answer.content
+    box = Box()
+    for placed in packs[0].placed(library)[:6]:
+        box.place(placed.item, placed.location)
+    mask = box.feasible(wanted.item)
+    assert f"{np.count_nonzero(mask):,} of 15,625" in controls.answer.content
+    scene = explorer._page.server.scene
+    assert len(scene.get_handle_by_name("/answer/dots").points) == np.count_nonzero(mask)
+    blocked = next(tuple(n.tolist()) for n in np.argwhere(~mask) if box.why_not(wanted.item, n))
+    controls.ask(wanted.item.rotation, blocked)
+    explorer.settle()
+    found = box.why_not(wanted.item, blocked)
+    for n in found.items:
+        assert f"{n} ({packs[0].items[n].shape})" in controls.answer.content
+        assert explorer.boxes[0].items[n].opacity == 0.5
+    explorer._to_first()
+    explorer.settle()
+    assert controls.asked.location == box.blbf(wanted.item)
+    controls.set_step(7)
+    explorer.settle()
+    assert controls.asked.wanted is None
+    assert scene.get_handle_by_name("/answer/item") is None
+
+
+def test_two_agents_stand_side_by_side(packs: list[Pack], library: ShapeLibrary) -> None:
+    played = [
+        result(packs[0], library, 0, 5, "one/of/them"),
+        result(packs[1], library, 1, 4, "one/of/them"),
+        result(packs[0], library, 0, 9, "the/other/one"),
+    ]
+    collection = Collection(played, library, packs)
+    assert [collection.rivals(0), collection.rivals(1)] == [(2, 3), (4,)]
+    with Explorer(collection, 0, 2) as explorer:
+        assert [shown(explorer, n) for n in (0, 1)] == [5, 9]
+        explorer._choose(1, 2)
+        explorer.settle()
+        for box in explorer.boxes:
+            assert box.items[2].opacity is None and box.items[0].opacity == GLASS
+        explorer.controls._turn(1)
+        explorer.settle()
+        assert len(explorer.boxes) == 1 and explorer.controls.asked.beside is None
+
+
+def test_what_an_agent_left_outside_is_known_from_the_tasks(
+    packs: list[Pack], library: ShapeLibrary
+) -> None:
+    task = packs[0].task(library)
+    exhibit = Collection([result(packs[0], library, 0, 5, "a/b/c")], library, packs)[0]
+    assert sorted(i.shape.id for i in exhibit.items) == sorted(i.shape.id for i in task.items)
+    assert sum(map(exhibit.reward, range(len(exhibit.items)))) == pytest.approx(1)
+    without = Collection([result(packs[0], library, 0, 5, "a/b/c")], library)[0]
+    assert without.outside == ()
+    assert without.reward(2) == pytest.approx(exhibit.reward(2))
+
+
+def test_tasks_that_were_not_played_are_refused(packs: list[Pack], library: ShapeLibrary) -> None:
+    played = [result(packs[0], library, 0, 5, "a/b/c")]
+    with pytest.raises(ResultsError, match="another task 0"):
+        _ = Collection(played, library, [packs[1]])[0]
+    with pytest.raises(ResultsError, match=r"of task 2.*0 to 0"):
+        Collection([result(packs[2], library, 2, 1, "a/b/c")], library, packs[:1])
+    with pytest.raises(PackItError, match="no pack 9: choose 0 to 0"):
+        _ = Collection(packs[:1], library)[9]
+
+
+def test_a_pack_that_cant_be_shown_is_told_and_the_page_goes_on(
+    packs: list[Pack], library: ShapeLibrary
+) -> None:
+    broken = replace(packs[1], outside=(OutsideItem("no-such-shape", 1.0),))
+    with Explorer(Collection([packs[0], broken], library)) as explorer:
+        explorer.controls._turn(1)
+        explorer.settle()
+        assert "no-such-shape" in explorer.controls._notice.content
+        explorer.controls._turn(1)
+        explorer.settle()
+        assert explorer.controls._notice.content == "" and shown(explorer) == len(packs[0].items)
+
+
+def test_an_empty_box_and_one_without_neighbours_are_shown(
+    packs: list[Pack], library: ShapeLibrary
+) -> None:
+    empty = replace(packs[0], items=(), density=0.0)
+    with Explorer(Collection([empty], library)) as explorer:
+        assert explorer.boxes[0].items == ()
+
+
+def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:
+    pack = replace(packs[0], made={"by": "<script>alert(1)</script>"})
+    exhibit = Collection([pack], library)[0]
+    assert "<script" not in tables.facts(exhibit)
+    assert "&lt;b" in tables.legend(Key("", (("<b>", PALETTE[0]),)))
+    assert "&lt;b" in tables.legend(Scale("<b>", "0", "1")) and tables.legend(None) == ""
+
+
+def test_the_list_has_every_item_with_its_volume_and_reward(
+    packs: list[Pack], library: ShapeLibrary
+) -> None:
+    exhibit = Collection(packs, library)[0]
+    text = tables.items(exhibit, by_category(exhibit.items).of, 3, 1)
+    assert text.count("<tr") == len(exhibit.items) + 1
+    assert text.count("opacity:0.5") == len(exhibit.items) - 3
+    for n, item in enumerate(exhibit.items):
+        assert f"{item.volume:.2%}" in text and f"{exhibit.reward(n):.1%}" in text
+
+
+def test_a_question_by_hand() -> None:
+    box = Box()
+    box.place(cube_of(60), (0, 0, 0))
+    question = Question(box, cube_of(40))
+    assert question.first == (0, 15, 0)
+    assert question.answer((15, 0, 0)) == "At (15, 0, 0) it fits."
+    assert "0 (cube) is in its way" in question.answer((0, 0, 0))
+    assert "sticks out at the right and top" in question.answer((20, 15, 20))
+    assert (
+        question.mask[15, 3, 2]
+        and question.mask[0, 15, 0]
+        and len(question.centers) == question.mask.sum()
+    )
+    assert question.centers.min(axis=0) == pytest.approx((0.2, 0.2, 0.2))
+    nowhere = Question(box, cube_of(48))
+    assert nowhere.first is None and "none of 15,625" in nowhere.summary()
+
+
+def test_what_bars_the_way_down_is_named_where_items_come_from_above() -> None:
+    box = Box(kinematic=True)
+    box.place(Item(CUBE, cube_of(100).scale * 0.125), (0, 0, 12))
+    assert "0 (cube) is above it" in Question(box, cube_of(20)).answer((2, 2, 0))
+
+
+def test_large_meshes_are_reduced_and_small_ones_are_not() -> None:
+    from trimesh import creation
+
+    from packit_sim.geometry.shapes import Shape
+
+    fine = Shape.from_mesh(creation.icosphere(subdivisions=5), "fine")
+    assert len(fine.mesh.faces) > 4 * MOST_TRIANGLES
+    shown = surface(fine)
+    assert MOST_TRIANGLES / 2 < len(shown.faces) <= MOST_TRIANGLES
+    assert np.linalg.norm(shown.vertices, axis=1) == pytest.approx(3**-0.5 / 2, rel=0.02)
+    assert len(surface(BALL).faces) == len(BALL.mesh.faces)
+
+
+def test_a_worker_does_once_what_was_asked_often() -> None:
+    done: list[int] = []
+    worker = Worker(lambda: (time.sleep(0.05), done.append(1))[1])
+    worker.start()
+    for _ in range(50):
+        worker.wake()
+    worker.settle()
+    worker.close()
+    assert 1 <= len(done) <= 4
+
+
+def test_work_that_fails_is_logged_and_the_worker_goes_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    calls: list[int] = []
+
+    def work() -> None:
+        calls.append(1)
+        if len(calls) == 1:
+            raise ZeroDivisionError
+
+    worker = Worker(work)
+    worker.start()
+    worker.settle()
+    worker.wake()
+    worker.settle()
+    worker.close()
+    assert "could not be drawn" in caplog.text and len(calls) == 2
+
+
+@pytest.fixture(name="packit")
+def _packit(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts `packit view` without a screen; ends it at last."""
+    started: list[subprocess.Popen[str]] = []
+
+    def run(*arguments: str, **variables: str) -> subprocess.Popen[str]:
+        without = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+        command = [sys.executable, "-u", "-m", "packit_sim", "view", *arguments]
+        environment = {**without, "COLUMNS": "400", **variables}
+        pipe = subprocess.PIPE
+        started.append(
+            subprocess.Popen(command, env=environment, text=True, stdout=pipe, stderr=pipe)
+        )
+        return started[-1]
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_without_a_screen_the_address_is_told_and_ctrl_c_ends_it(packit) -> None:
+    process = packit("starter")
+    assert "is shown at http://127.0.0.1:" in process.stdout.readline()
+    assert "no screen" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out.strip(), err) == (0, "the viewer is closed", "")
+
+
+def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
+    noted = tmp_path / "noted"
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {noted}\n')
+    browser.chmod(0o755)
+    process = packit("starter", "--pack", "1", DISPLAY=":0", BROWSER=f"{browser} %s")
+    address = process.stdout.readline().split()[4]
+    deadline = time.monotonic() + 60
+    while not (noted.exists() and noted.read_text()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert noted.read_text().strip() == address
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("starter", "--pack", "99"), "no pack 99: choose 0 to"),
+        (("nowhere",), "nowhere: No such file"),
+        (("starter", "--tasks", "nowhere"), "nowhere: No such file"),
+    ],
+)
+def test_what_cant_be_shown_is_one_line(packit, arguments, told) -> None:
+    _, err = packit(*arguments).communicate(timeout=120)
+    assert told in err and err.count("\n") == 1
+
+
+def test_a_busy_port_is_told(packit) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        process = packit("starter", "--port", port)
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 2
+    assert f"port {port}" in err and "choose another port" in err and err.count("\n") == 1
+
+
+def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) -> None:
+    path = tmp_path / "results.jsonl"
+    write_packs(path, [result(packs[0], library, 0, 5, "a/b/c")])
+    assert json.loads(path.read_text())["made"]["by"] == "a/b/c"
+    process = packit(str(path), "--tasks", "starter", "--beside", "1")
+    assert "results.jsonl is shown at" in process.stdout.readline()

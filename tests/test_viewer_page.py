@@ -1,0 +1,186 @@
+"""The viewer's page in a real browser, Chromium without a screen: what it asks, shows and does."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+from packit_sim.datasets.packs import dataset_file, read_packs
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.viewing.exhibits import Collection
+
+pytest.importorskip("viser")
+from packit_sim.viewing.explorer import Explorer
+
+REFERENCES = Path(__file__).parent / "pages"
+WINDOW = {"width": 640, "height": 480}
+SMALL = 4
+"""Pixels to one of a reference, an axis: edges are blurred away, places and colours stay."""
+
+NEAR = 3.0
+"""Mean difference of 255 that two renderings of the same may have."""
+
+LONG = 120_000
+"""Milliseconds that a busy machine may take to draw a page."""
+
+
+@dataclass
+class Opened:
+    """A page, what it said, and what it asked for."""
+
+    explorer: Explorer
+    page: Any
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def image(self) -> npt.NDArray[np.float64]:
+        """The scene, (H, W, 3) of 255, once it stands still."""
+        before = None
+        deadline = time.monotonic() + LONG / 1000
+        while time.monotonic() < deadline:
+            canvas = self.page.locator("canvas").first.bounding_box()
+            png = self.page.screenshot(timeout=LONG, clip=canvas)
+            image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB").reduce(SMALL), float)
+            if before is not None and np.abs(image - before).max() < 1:
+                return image
+            before = image
+            time.sleep(0.5)
+        raise TimeoutError("the page does not stand still")
+
+    def wait(self, holds: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + LONG / 1000
+        while not holds():
+            assert time.monotonic() < deadline, "the page did not do it"
+            self.page.wait_for_timeout(100)
+        self.explorer.settle()
+
+
+@pytest.fixture(name="opened", scope="module")
+def _opened(chromium) -> Iterator[Opened]:
+    """One page for all tests: to start a browser and its WebGL takes seconds."""
+    packs = read_packs(dataset_file("starter"))[:2]
+    collection = Collection(packs, ShapeLibrary.open("everyday"))
+    with Explorer(collection) as explorer:
+        page = chromium.new_page(viewport=WINDOW)
+        page.set_default_timeout(LONG)
+        opened = Opened(explorer, page)
+        page.on("console", lambda m: opened.errors.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: opened.errors.append(str(error)))
+        page.on("request", lambda request: opened.requests.append(request.url))
+        page.on("websocket", lambda socket: opened.requests.append(socket.url))
+        page.goto(explorer.address)
+        page.locator(".mantine-Notification-closeButton").click()  # it tells that there is no GPU
+        page.get_by_text("Why not here?").wait_for()
+        yield opened
+        page.close()
+
+
+@pytest.fixture(autouse=True)
+def _as_at_first(opened: Opened) -> None:
+    """What the tests may have set: they stand by themselves."""
+    controls = opened.explorer.controls
+    controls.set_step(len(opened.explorer._exhibits[0].placed))
+    controls._item.value = controls._axis.value = "nothing"
+    controls._explode.value = 0.0
+    opened.explorer.settle()
+
+
+def pixel(opened: Opened, point: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Where in the window a point (3,) of the scene is."""
+    (client,) = opened.explorer._page.server.get_clients().values()
+    camera = client.camera
+    import viser
+
+    x, y, z = viser.transforms.SO3(camera.wxyz).inverse().apply(point - camera.position)
+    focal = camera.image_height / 2 / np.tan(camera.fov / 2)
+    canvas = opened.page.locator("canvas").first.bounding_box()
+    return (
+        canvas["x"] + canvas["width"] / 2 + focal * x / z,
+        canvas["y"] + canvas["height"] / 2 + focal * y / z,
+    )
+
+
+def alike(image: npt.NDArray[np.float64], name: str) -> None:
+    """Holds a picture against the reference, which is made where there is none."""
+    path = REFERENCES / f"{name}.png"
+    if not path.exists():
+        REFERENCES.mkdir(exist_ok=True)
+        Image.fromarray(image.astype(np.uint8)).save(path)
+        pytest.fail(f"{path} was made: look at it, and run again")
+    reference = np.asarray(Image.open(path), dtype=float)
+    assert np.abs(image - reference).mean() < NEAR
+
+
+def test_the_page_loads_without_errors_and_asks_nothing_outside(opened: Opened) -> None:
+    alike(opened.image(), "whole")
+    assert opened.errors == []
+    address = opened.explorer.address
+    own = (address, f"blob:{address}", address.replace("http", "ws"), "data:")
+    assert [url for url in opened.requests if not url.startswith(own)] == []
+    assert any(url.startswith("ws") for url in opened.requests)
+
+
+def test_the_whole_box_is_in_view(opened: Opened) -> None:
+    canvas = opened.page.locator("canvas").first.bounding_box()
+    for corner in np.indices((2, 2, 2)).reshape(3, 8).T:
+        x, y = pixel(opened, corner)
+        assert canvas["x"] < x < canvas["x"] + canvas["width"]
+        assert canvas["y"] < y < canvas["y"] + canvas["height"]
+
+
+def test_the_step_slider_moves_items(opened: Opened) -> None:
+    whole = opened.image()
+    thumb = opened.page.locator('[role="slider"]').first
+    thumb.focus()
+    for _ in range(3):
+        thumb.press("ArrowLeft")
+    placed = len(opened.explorer._exhibits[0].placed)
+    opened.wait(lambda: opened.explorer.controls.asked.step == placed - 3)
+    thumb.press("Home")
+    opened.wait(lambda: opened.explorer.controls.asked.step == 0)
+    empty = opened.image()
+    assert np.abs(empty - whole).mean() > 3 * NEAR
+    alike(empty, "empty")
+
+
+def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
+    controls = opened.explorer.controls
+    last = len(opened.explorer._exhibits[0].placed) - 1
+    handle = opened.explorer.boxes[0].items[last]
+    x, y = pixel(opened, handle.position)
+    opened.page.mouse.click(x, y)
+    opened.wait(lambda: controls.asked.chosen is not None)
+    chosen = controls.asked.chosen
+    assert chosen is not None
+    text = f"{chosen} {opened.explorer._exhibits[0].items[chosen].shape.id}"
+    fields = opened.page.locator("input:visible")
+    opened.wait(lambda: text in [one.input_value() for one in fields.all()])
+    opened.page.mouse.click(x, y)
+    opened.wait(lambda: controls.asked.chosen != chosen)
+
+
+def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
+    whole = opened.image()
+    opened.explorer.controls._axis.value = "y"
+    opened.explorer.settle()
+    cut = opened.image()
+    alike(cut, "cut")
+    opened.explorer.controls._axis.value = "nothing"
+    opened.explorer.controls._explode.value = 0.4
+    opened.explorer.settle()
+    apart = opened.image()
+    for one, other in ((whole, cut), (whole, apart), (cut, apart)):
+        assert np.abs(one - other).mean() > 2 * NEAR
+
+
+def test_no_error_came_up_in_the_end(opened: Opened) -> None:
+    assert opened.errors == []
