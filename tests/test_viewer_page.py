@@ -156,15 +156,17 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     controls = opened.explorer.controls
     last = len(opened.explorer._exhibits[0].placed) - 1
     handle = opened.explorer.boxes[0].items[last]
+    opened.image()  # all items are drawn: they can be hit
     x, y = pixel(opened, handle.position)
-    opened.page.mouse.click(x, y)
+    opened.page.mouse.click(x, y, delay=100)
     opened.wait(lambda: controls.asked.chosen is not None)
     chosen = controls.asked.chosen
     assert chosen is not None
     text = f"{chosen} {opened.explorer._exhibits[0].items[chosen].shape.id}"
     fields = opened.page.locator("input:visible")
     opened.wait(lambda: text in [one.input_value() for one in fields.all()])
-    opened.page.mouse.click(x, y)
+    opened.image()
+    opened.page.mouse.click(x, y, delay=100)
     opened.wait(lambda: controls.asked.chosen != chosen)
 
 
