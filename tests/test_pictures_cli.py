@@ -17,14 +17,19 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from trimesh import creation
 
+from packit_sim.box import Box
 from packit_sim.cli.app import main
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.creation.evolution import evolve
-from packit_sim.datasets.packs import Pack, read_packs, write_packs
+from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
+from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.pictures import figures
+from packit_sim.pictures.coloring import ramp
 from packit_sim.pictures.looks import BACKGROUND
+from tests.zoo import cube_of
 
 pytestmark = pytest.mark.usefixtures("tiny")
 
@@ -110,6 +115,28 @@ def test_legends_stand_beside_and_a_turntable_is_eight_views(packit, packs, tmp_
     assert views.shape == (80, 160, 3)
     tiles = {views[y : y + 40, x : x + 40].tobytes() for y in (0, 40) for x in range(0, 160, 40)}
     assert len(tiles) == 8
+
+
+def test_colours_tell_what_moves_when_a_box_is_let_go(packit, tmp_path) -> None:
+    """Two cubes, one on the floor, one 0.4 above it: the ramp's ends are seen."""
+    creation.box((1, 1, 1)).export(tmp_path / "cube.stl")
+    library = ShapeLibrary.open(tmp_path)
+    box = Box()
+    box.place(Item(library["cube"], cube_of(30).scale), (0, 0, 0))
+    box.place(Item(library["cube"], cube_of(30).scale), (10, 10, 10))
+    write_packs(tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library))])
+    out = tmp_path / "stability.png"
+    told = (tmp_path / "packs.jsonl", "--library", tmp_path, "--out", out, "--color", "stability")
+    done = packit("render", *told, "--size", "128", "--camera", "top", "--no-legend")
+    assert done.code == 0, done.err
+    found = pixels(out).reshape(-1, 3).astype(int)
+    for color in (ramp(0.0), ramp(1.0)):  # in whatever light
+        hue = np.array(color) / np.linalg.norm(color)
+        bright = found[found.sum(axis=1) > 60]
+        likeness = bright @ hue / np.linalg.norm(bright, axis=1)
+        assert (likeness > 0.995).sum() > 100
+    done = packit("render", *told, "--task")
+    assert done.code == 2 and "only a packed box can be let go" in done.err
 
 
 def test_shapes_of_a_library_side_by_side(packit, tmp_path) -> None:

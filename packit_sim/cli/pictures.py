@@ -27,9 +27,11 @@ from packit_sim.errors import PackItError
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.settling import settle
+from packit_sim.physics.stability import DISTANCE
 from packit_sim.pictures import export, films, video
 from packit_sim.pictures.cameras import CAMERAS, Camera
-from packit_sim.pictures.coloring import COLORINGS, ByShare, Coloring
+from packit_sim.pictures.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
 from packit_sim.pictures.layouts import Layout, unplaced
 from packit_sim.pictures.legends import beside
 from packit_sim.pictures.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
@@ -44,8 +46,8 @@ TURNTABLE = "turntable"
 VIEWS = 8
 """Of a picture by that camera, in two rows."""
 
-ColoringName = Literal["item", "category", "order", "share"]
-assert set(get_args(ColoringName)) == set(COLORINGS)
+ColoringName = Literal["item", "category", "order", "share", "stability"]
+assert set(get_args(ColoringName)) == {*COLORINGS, "stability"}
 
 PackOption = Annotated[int, typer.Option("--pack", min=0, help="Which pack of the dataset.")]
 CameraOption = Annotated[
@@ -217,24 +219,33 @@ def _shown(
     color: ColoringName,
 ) -> tuple[Contents, Layout | None, Coloring]:
     """What a picture is of, where it is shown if not in its places, and its colours."""
+    if color == "stability" and (packs is None or task):
+        raise PackItError("only a packed box can be let go: leave out --color stability")
+    rule = COLORINGS.get(color, by_item)
     if packs is None:
         if not (categories or ids):
             raise PackItError("nothing to draw: give PACKS, or shapes by --category or --id")
         items = [Item(library[name]) for name in selection(library, categories, ids)]
-        return unplaced(items, BOX_CELLS), Layout.standing(items), COLORINGS[color]
+        return unplaced(items, BOX_CELLS), Layout.standing(items), rule
     if categories or ids:
         raise PackItError(f"--category and --id are of a library: leave them out, or {packs!r}")
     pack = picked(packs, split, number)
-    coloring = COLORINGS[color]
     if task:
         items = list(pack.task(library).items)
         size = np.array(pack.cells) * CELL
-        return unplaced(items, pack.cells), Layout.standing(items, size), coloring
+        return unplaced(items, pack.cells), Layout.standing(items, size), rule
     placed = pack.placed(library)
     reached = pack.made.get("return")
     if color == "share" and isinstance(reached, float) and reached > 0:
-        coloring = ByShare(sum(one.item.volume for one in placed) / reached)
-    return Contents(pack.cells, placed), None, coloring
+        rule = ByShare(sum(one.item.volume for one in placed) / reached)
+    box = Contents(pack.cells, placed)
+    return box, None, _by_stability(box) if color == "stability" else rule
+
+
+def _by_stability(box: Contents) -> Coloring:
+    """How far the point of each item moves that moves most when the box is let go."""
+    farthest = {n: item.farthest for n, item in enumerate(settle(box).items)}
+    return ByNumber("moves when let go", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")
 
 
 def picked(packs: str, split: str | None, number: int) -> Pack:
