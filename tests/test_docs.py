@@ -15,7 +15,7 @@ REPRODUCED = ROOT / "docs" / "reproduced"
 
 IN_THE_README = {
     **{row.label: ("table1", row.agent) for row in TABLES["table1"].rows},
-    "the same with 4 beams": ("beam", f"{HEURISTIC}+beam=4"),
+    "the Heuristic with 4 beams": ("beam", f"{HEURISTIC}+beam=4"),
     "the same with 8 backtracks": ("backtrack", f"{HEURISTIC}+backtrack=8"),
     "the same in PackIt-Easy": ("easy", HEURISTIC),
 }

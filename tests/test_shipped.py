@@ -1,0 +1,87 @@
+"""The networks that come along play by their names, and their card tells what is in them."""
+
+import hashlib
+import json
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from packit_agents.learning import shipped
+from packit_agents.learning.weights import read_weights
+from packit_sim.datasets.packs import load_tasks
+from packit_sim.envs.episode import Episode
+from packit_sim.envs.policies import Agent
+from packit_sim.estimates import Estimate, told
+from packit_sim.libraries.library import ShapeLibrary
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "assets" / "weights"
+FILES = sorted(FOLDER.glob("*.safetensors"))
+MEASURED = json.loads((ROOT / "benchmarks" / "results" / "learned.json").read_text())
+
+
+def on_the_card() -> list[list[str]]:
+    """The rows of all tables of the card."""
+    lines = (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line[1:-1].split("|")] for line in lines if line[:1] == "|"]
+
+
+def test_the_card_names_each_file_and_no_other() -> None:
+    named = {
+        row[0].strip("`"): row[-1].strip("`") for row in on_the_card() if "safetensors" in row[0]
+    }
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in FILES}
+    assert named == {name: digest[:16] for name, digest in digests.items()}
+    assert {"packnn.safetensors", "packnn-prospects.safetensors"} <= set(named)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
+    _, prospects, made = read_weights(file)
+    settings = made["settings"]
+    assert (prospects > 0) == (settings["observation"] == "prospects")
+    assert settings["packs"] == "everyday-v1" and settings["split"] == "train"
+    assert settings["validation"] == "validation"
+    assert not settings["easy"]
+
+
+@pytest.mark.parametrize("name", ["packnn", "packnn-prospects"])
+def test_a_network_plays_by_its_name(name) -> None:
+    agent = Agent.from_name(f"{name}/aligned/blbf")
+    task = load_tasks("starter", ShapeLibrary.open("everyday"))[0]
+    returns = []
+    for player in (agent, pickle.loads(pickle.dumps(agent))):
+        episode = Episode(task)
+        player.play(episode, np.random.default_rng(0))
+        returns.append(episode.total)
+    assert returns[0] == returns[1] > 0.3
+
+
+def test_the_papers_network_sees_what_the_papers_does() -> None:
+    network, prospects, made = read_weights(FOLDER / "packnn.safetensors")
+    assert prospects == 0 and made["settings"]["network"]["network"] == "packnn"
+    assert type(network).__name__ == "PackNN"
+    assert shipped.PackNN().scores is not None
+
+
+def test_the_card_quotes_the_last_measurement() -> None:
+    rows = {row["name"]: row for row in MEASURED["rows"]}
+    quoted = 0
+    for row in on_the_card():
+        found = rows.get(row[0].strip("`"))
+        if found is None:
+            continue
+        reward, success, ratio = (
+            told(Estimate(**found["reward"]), ".3f"),
+            told(Estimate(**found["success"]), ".1f"),
+            told(Estimate(**found["comparison"]["ratio"]), ".3f"),
+        )
+        assert row[1:4] == [reward, success, ratio], row[0]
+        quoted += 1
+    assert quoted >= 8 and MEASURED["tasks"] == 150
+    assert not re.search(r"/tmp|/home|/work", json.dumps(MEASURED))
