@@ -37,6 +37,13 @@ class Pose:
         w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
         return cls(center, (w, x, y, z))
 
+    @classmethod
+    def lying(cls, item: Item, pose: Floats) -> Pose:
+        """An item in any turn; pose: its (4, 4) shape-to-box matrix."""
+        turn = pose[:3, :3] / np.cbrt(item.scale)
+        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
+        return cls(pose[:3, 3], (w, x, y, z))
+
     def between(self, other: Pose, share: float, center: Floats) -> Pose:
         """A turn that is so far, 0 to 1, on the shortest way to another; with its centre there."""
         w, x, y, z = transformations.quaternion_slerp(self.turn, other.turn, share).tolist()

@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rich
 import trimesh
-from trimesh import transformations
 
 from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.geometry.rotations import MATRICES
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Load, Standing
 from packit_sim.pictures.cameras import ISO
 from packit_sim.pictures.coloring import color_of
+from packit_sim.pictures.layouts import Pose
 from packit_sim.pictures.looks import BACKGROUND
-from packit_sim.placement import Contents
 
 if TYPE_CHECKING:
     import viser
@@ -57,10 +55,10 @@ class Viewer:
     address: str
     """Where a browser on this machine finds the page."""
 
-    def __init__(self, box: Contents, *, host: str = _LOOPBACK, port: int | None = None) -> None:
+    def __init__(self, box: Load, *, host: str = _LOOPBACK, port: int | None = None) -> None:
         self._server: viser.ViserServer | None = None
         self._cells: Triple | None = None
-        self._items: dict[tuple[int, Placed], viser.MeshHandle] = {}
+        self._items: dict[tuple[int, Standing], viser.MeshHandle] = {}
         self._server = _serve(host, port or 0)
         atexit.register(self.close)
         here = self._server.get_host().replace(_EVERYWHERE, _LOOPBACK)
@@ -77,7 +75,7 @@ class Viewer:
         """Viser's handle of each item that is shown, in the order of placing."""
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
-    def update(self, box: Contents) -> None:
+    def update(self, box: Load) -> None:
         """Shows the box as it stands; items that stayed are left alone.
 
         Raises RenderError after `close`.
@@ -198,8 +196,8 @@ def _show_walls(server: viser.ViserServer, cells: Triple) -> None:
         camera.look_at = size / 2  # after the position, which takes it along
 
 
-def _show_item(server: viser.ViserServer, number: int, placed: Placed) -> viser.MeshHandle:
-    shape = placed.item.shape
+def _show_item(server: viser.ViserServer, number: int, placed: Standing) -> viser.MeshHandle:
+    shape, pose = placed.item.shape, Pose.lying(placed.item, placed.pose)
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
     mesh = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
     return server.scene.add_mesh_simple(
@@ -210,6 +208,6 @@ def _show_item(server: viser.ViserServer, number: int, placed: Placed) -> viser.
         side="double",
         receive_shadow=False,
         scale=float(np.cbrt(placed.item.scale)),
-        wxyz=transformations.quaternion_from_matrix(MATRICES[placed.item.rotation]),
-        position=placed.center,
+        wxyz=pose.turn,
+        position=pose.center,
     )
