@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from trimesh import creation
+from trimesh import creation, transformations
 
 from packit_sim import Agent, bodies
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
@@ -26,6 +28,7 @@ from packit_sim.physics import store
 from packit_sim.physics.box import Lying, SettlingBox
 from packit_sim.physics.decomposition import DecompositionSettings
 from packit_sim.physics.world import PhysicsSettings
+from packit_sim.pictures.viewer import Viewer
 from packit_sim.placement import first
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, cube_of
 
@@ -156,8 +159,7 @@ def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
     box = SettlingBox(CELLS, replace(SETTINGS, limit=0.1))
     settled = box.place(cube_of(8), (3, 3, 8))
     assert not settled.at_rest and box.density == 0.0 and box.placed[0].landed is None
-    gained = [box.put(cube_of(4), (9, 9, 0)) for _ in range(1)]
-    assert gained == [0.0]
+    assert box.put(cube_of(4), (9, 9, 0)) == 0.0
     patient = SettlingBox(CELLS, SETTINGS)
     patient.restore(box.snapshot())
     assert patient.put(cube_of(4), (0, 0, 0)) == pytest.approx(0.08**3 + 2 * 0.04**3)
@@ -274,6 +276,43 @@ def test_a_picture_shows_where_items_lie() -> None:
     changed = np.argwhere((low != empty).any(axis=2))
     assert changed[:, 0].mean() > height / 2  # on the floor, though it was placed high up
     env.close()
+
+
+def test_the_page_shows_where_items_lie(settled: SettlingBox) -> None:
+    pytest.importorskip("viser")
+    with Viewer(settled) as viewer:
+        for shown, lying in zip(viewer.items, settled.placed, strict=True):
+            assert np.allclose(shown.position, lying.center)
+            turn = transformations.quaternion_matrix(shown.wxyz)[:3, :3]
+            assert np.allclose(turn * np.cbrt(lying.item.scale), lying.pose[:3, :3], atol=1e-6)
+
+
+def test_many_play_side_by_side() -> None:
+    envs = gym.make_vec(
+        "PackItPhysics-v0",
+        2,
+        tasks=[task_of(cube_of(8), cube_of(6))],
+        physics=SETTINGS,
+        rotation="aligned",
+        location="blbf",
+        observation="prospects",
+        max_shapes=2,
+    )
+    seen, _ = envs.reset(seed=0)
+    assert seen["prospects"].shape == (2, 2, 8) and seen["action_mask"].all()
+    seen, rewards, *_ = envs.step(np.array((0, 1)))
+    assert rewards == pytest.approx(np.array((8**3, 6**3)) / (8**3 + 6**3))
+    assert seen["action_mask"].tolist() == [[0, 1], [1, 0]]
+    envs.close()
+
+
+def test_the_code_of_the_page_on_physics_runs() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "physics.md").read_text(encoding="utf-8")
+    example = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[-1]
+    told: dict[str, object] = {}
+    exec(compile(example, "physics.md", "exec"), told)
+    assert 0 < told["reward"] < 1
+    told["env"].close()
 
 
 def test_what_is_not_possible_is_said() -> None:
