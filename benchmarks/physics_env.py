@@ -152,7 +152,7 @@ def main() -> None:
         "placements a second": {name: rate for name, (_, rate) in rates.items()},
         "agents": rows,
     }
-    report(Console(width=120), result)
+    report(Console(width=150), result)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "physics_env.json").write_text(json.dumps(result, indent=1) + "\n")
 
@@ -162,7 +162,7 @@ def report(console: Console, result: dict[str, Any]) -> None:
     for name, rate in result["steps a second"].items():
         speeds.add_row(name, f"{rate:.1f}", f"{result['placements a second'][name]:.1f}")
     console.print(speeds)
-    table = Table("agent", "on the grid", "with physics", "placed", "inside", "drift", "s a task")
+    table = Table("", "on the grid", "with physics", "placed", "inside", "drift", "s a task")
     for name, row in result["agents"].items():
         kinds = ("return on the grid", "return", "placed", "inside")
         table.add_row(
