@@ -12,7 +12,11 @@ from packit_sim.experiments.evaluation import evaluate, play
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 
-for _id, _settings in (("PackIt-v0", {}), ("PackItEasy-v0", {"easy": True})):
+for _id, _settings in (
+    ("PackIt-v0", {}),
+    ("PackItEasy-v0", {"easy": True}),
+    ("PackItPhysics-v0", {"physics": True}),
+):
     gymnasium.register(
         _id,
         entry_point="packit_sim.envs.env:PackItEnv",

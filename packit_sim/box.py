@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from packit_sim import lifting, placement
 from packit_sim.errors import InfeasibleError
-from packit_sim.geometry import rotations
-from packit_sim.geometry.bits import Words
-from packit_sim.geometry.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
+from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.geometry.voxels import unpack
 from packit_sim.occupancy import Occupancy, Placed
 from packit_sim.placement import ORIGIN, Blockers, Mask
+from packit_sim.room import Room
 
 
 @dataclass(frozen=True)
@@ -27,7 +22,7 @@ class Snapshot:
     placed: tuple[Placed, ...]
 
 
-class Box:
+class Box(Room):
     """A box to pack, by default the unit cube of 100 cells an axis.
 
     cells: cells an axis, whole grid steps; a cell is 1/100 of a unit, so 200 cells make 2 units.
@@ -35,23 +30,11 @@ class Box:
     `lifting`). Raises ValueError where the cells are not possible.
     """
 
+    _occupancy: Occupancy[Placed]
+
     def __init__(self, cells: Sequence[int] = BOX_CELLS, *, kinematic: bool = False) -> None:
-        self._occupancy = Occupancy(box_cells(cells))
+        super().__init__(cells)
         self.kinematic = kinematic
-
-    @property
-    def cells(self) -> Triple:
-        return self._occupancy.cells
-
-    @property
-    def nodes(self) -> Triple:
-        """Grid nodes an axis: the shape of masks."""
-        return grid_nodes(self.cells)
-
-    @property
-    def size(self) -> npt.NDArray[np.float64]:
-        """(3,) in box units."""
-        return np.array(self.cells) * CELL
 
     @property
     def placed(self) -> tuple[Placed, ...]:
@@ -63,59 +46,19 @@ class Box:
         """Placed volume over the box's volume."""
         return sum(p.item.volume for p in self.placed) / float(self.size.prod())
 
-    @property
-    def outer(self) -> npt.NDArray[np.bool_]:
-        """Bool over `cells`: those that hold an outer fine cell of a placed item."""
-        return unpack(self.outer_words)
-
-    @property
-    def outer_words(self) -> Words:
-        """The same as words [x, y, z], one for 4 x 4 x 4 cells (see `bits`)."""
-        return self._occupancy.outer_words
-
     def feasible(self, item: Item) -> Mask:
-        """Bool [x, y, z] over the grid's nodes: where the item can stand, exactly."""
         mask = placement.feasible(self._occupancy, item)
         return lifting.clear(self.placed, item, mask) if self.kinematic else mask
 
     def blbf(self, item: Item, start: Triple = ORIGIN) -> Triple | None:
-        """The bottom-left-back-fill location (i, j, k), or None where the item fits nowhere.
-
-        start: where the search may begin, because nothing before it is feasible: such as what was
-        found when less was in the box, since room that is gone never comes back.
-        """
         if self.kinematic:
             return placement.first(self.feasible(item))
         return placement.blbf(self._occupancy, item, start)
 
-    def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
-        """Bool [rotation, x, y, z]: where the item can stand in each of the 24 rotations, exactly.
-
-        Whatever the item's own rotation.
-        """
-        return np.stack([self.feasible(item.turned(n)) for n in range(rotations.COUNT)])
-
     def feasible_in_any(self, item: Item) -> Mask:
-        """Bool [x, y, z]: where the item can stand in at least one of the 24 rotations, exactly."""
         if self.kinematic:
-            return np.logical_or.reduce(self.feasible_rotations(item))
+            return super().feasible_in_any(item)
         return placement.feasible_in_any(self._occupancy, item)
-
-    def rotations_at(self, item: Item, location: Sequence[int]) -> npt.NDArray[np.bool_]:
-        """Bool (24,): the rotations in which the item can stand at a location, exactly.
-
-        Raises InfeasibleError where the location is no node of the grid.
-        """
-        node = placement.checked_location(self.cells, location)
-        turned = (item.turned(n) for n in range(rotations.COUNT))
-        return np.array([self._can_stand(Placed(item, node)) for item in turned])
-
-    def is_feasible(self, item: Item, location: Sequence[int]) -> bool:
-        """Whether the item can stand at a location, exactly: the mask's value there.
-
-        Raises InfeasibleError where the location is no node of the grid.
-        """
-        return self._can_stand(Placed(item, placement.checked_location(self.cells, location)))
 
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Which walls and which placed items, by number, keep an item from a location.
@@ -132,6 +75,9 @@ class Box:
             raise InfeasibleError(self._why_not(placed))
         self._occupancy.add(placed)
         return placed
+
+    def put(self, item: Item, location: Sequence[int]) -> float:
+        return self.place(item, location).item.volume
 
     def fill(self, item: Item, start: Triple = ORIGIN) -> Placed | None:
         """Places an item at its bottom-left-back-fill location; None where it fits nowhere.
@@ -158,11 +104,9 @@ class Box:
         self._occupancy.truncate(0)
 
     def snapshot(self) -> Snapshot:
-        """The state of the box, to go back to; costs next to nothing."""
         return Snapshot(self.cells, self.placed)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Goes back, or on, to a snapshot of a box of the same cells; else raises ValueError."""
         if snapshot.cells != self.cells:
             raise ValueError(
                 f"a snapshot of a box of {snapshot.cells} cells can't be restored "
@@ -176,9 +120,6 @@ class Box:
         self._occupancy.truncate(kept)
         for placed in snapshot.placed[kept:]:
             self._occupancy.add(placed)
-
-    def __repr__(self) -> str:
-        return f"Box({self.cells}, {len(self.placed)} items, density {self.density:.3f})"
 
     def _can_stand(self, candidate: Placed) -> bool:
         return placement.is_feasible(self._occupancy, candidate) and (

@@ -9,17 +9,20 @@ import fcl
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.caches import bounded
+from packit_sim.caches import bounded, cached_property
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Placed, Standing
 
 COLLISION_MESHES_BUDGET = 2_000_000
 """Triangles that the process's cache of collision meshes holds, roughly 0.7 kB each."""
 
 COLLISIONS_BUDGET = 250_000
 """Answers of FCL that the process remembers, roughly 0.4 kB each."""
+
+BODY_COLLISIONS_BUDGET = 100_000
+"""Such answers about bodies off the grid."""
 
 _moving = threading.Lock()
 """Held while a mesh is somewhere for a question."""
@@ -72,6 +75,32 @@ def _ask(a: Item, b: Item, offset: Triple) -> bool:
         return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
 
 
+def meets(placed: Placed, body: Standing) -> bool:
+    """As `collides`, of an item on the grid and one that may be anywhere, in any turn.
+
+    The pose of the second is taken as seen from the centre of the first.
+    """
+    turn = body.pose[:3, :3] / np.cbrt(body.item.scale)
+    there = fcl.Transform(turn, body.pose[:3, 3] - placed.center)
+    fixed = collision_mesh(placed.item).fixed(placed.item.rotation)
+    loose = collision_mesh(body.item).loose
+    with _moving:
+        loose.setTransform(there)
+        return bool(fcl.collide(fixed, loose, _REQUEST, fcl.CollisionResult()))
+
+
+@bounded(
+    "collisions with bodies",
+    BODY_COLLISIONS_BUDGET,
+    "answers",
+    size=lambda answer: 1,
+    key=lambda placed, body: (placed.item.key, placed.location, body.item.key, body.pose.tobytes()),
+)
+def meets_memo(placed: Placed, body: Standing) -> bool:
+    """As `meets`, and remembered."""
+    return meets(placed, body)
+
+
 class CollisionMesh:
     """A shape at a scale as FCL sees it: drawn in by half the contact tolerance on each side."""
 
@@ -94,6 +123,11 @@ class CollisionMesh:
     def moving(self, rotation: int) -> fcl.CollisionObject:
         """Turned, and wherever it was put last."""
         return self._turned(self._moving, rotation)
+
+    @cached_property
+    def loose(self) -> fcl.CollisionObject:
+        """Turned and put wherever it was last."""
+        return fcl.CollisionObject(self.model, fcl.Transform())
 
     def _turned(self, made: dict[int, fcl.CollisionObject], rotation: int) -> fcl.CollisionObject:
         if rotation not in made:  # python-fcl never frees all of one: so none is made twice

@@ -95,7 +95,7 @@ def way_out(
         return (candidate.location,)
     x, y, z = cells
     rise = -(-candidate.item.cells[2] // STEP) * STEP
-    tall = Occupancy((x, y, min(z + rise, MAX_CELLS)))
+    tall: Occupancy[Placed] = Occupancy((x, y, min(z + rise, MAX_CELLS)))
     for other in others:
         tall.add(other)
     free = placement.feasible(tall, candidate.item)

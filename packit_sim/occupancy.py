@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +15,49 @@ from packit_sim.compiled import kernel
 from packit_sim.geometry.bits import Words, lowest_bit
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import Voxels
 
 _1 = np.uint64(1)
 _NO_PAGE = -1
 _INDICES = np.empty(0, dtype=np.int32)
+
+
+class Standing(Protocol):
+    """An item somewhere in a box, on the grid or off it.
+
+    center: (3,) of its bounding box before it was turned off the grid, and vertices: (n, 3) of its
+    mesh, in box units. pose: (4, 4) shape-to-box matrix.
+    """
+
+    @property
+    def item(self) -> Item: ...
+    @property
+    def center(self) -> npt.NDArray[np.float64]: ...
+    @property
+    def pose(self) -> npt.NDArray[np.float64]: ...
+    @property
+    def vertices(self) -> npt.NDArray[np.float64]: ...
+
+
+class Load(Protocol):
+    """A box by what is in it, on the grid or off it, and its cells an axis."""
+
+    @property
+    def cells(self) -> Triple: ...
+    @property
+    def placed(self) -> Sequence[Standing]: ...
+
+
+class Filling(Protocol):
+    """What fills cells of a box: bricks, from a grid node on."""
+
+    @property
+    def location(self) -> Triple: ...
+    @property
+    def voxels(self) -> Voxels: ...
+
+
+_Filling = TypeVar("_Filling", bound=Filling)
 
 
 @dataclass(frozen=True)
@@ -52,6 +92,16 @@ class Placed:
         pose[:3, 3] = self.center
         return pose
 
+    @property
+    def vertices(self) -> npt.NDArray[np.float64]:
+        """(n, 3) of its mesh, in box units."""
+        return np.asarray(self.item.mesh.vertices + self.center)
+
+    @property
+    def voxels(self) -> Voxels:
+        """Of the item."""
+        return self.item.voxels
+
 
 class Stack:
     """Rows one after the other, with room for more. array: its first `count` rows are in use."""
@@ -74,8 +124,10 @@ class Stack:
         self.count += len(rows)
 
 
-class Occupancy:
+class Occupancy(Generic[_Filling]):
     """The cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
+
+    Placed are items on the grid (`Placed`), or what stands for bodies off it (`bodies.Filled`).
 
     Bricks (see `voxels`) are in the order of bottom-left-back fill, so that a scan in that order
     reads neighbours: number `(k * nx + i) * ny + j` for the brick at node (i, j, k).
@@ -93,7 +145,7 @@ class Occupancy:
         self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
         self.page = np.full(count, _NO_PAGE, dtype=np.int32)
         self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64))
-        self._placed: list[Placed] = []
+        self._placed: list[_Filling] = []
         self._spans = Stack(np.empty((0, 6), dtype=np.int64))
         self._starts = Stack(np.empty((0, 3), dtype=np.int64))
         words: Words = np.empty(0, dtype=np.uint64)
@@ -103,7 +155,7 @@ class Occupancy:
         self._before: list[tuple[int, Words, Words]] = []
 
     @property
-    def placed(self) -> tuple[Placed, ...]:
+    def placed(self) -> tuple[_Filling, ...]:
         return tuple(self._placed)
 
     @property
@@ -129,9 +181,9 @@ class Occupancy:
         x, y, z = grid_nodes(self.cells)
         return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
 
-    def add(self, placed: Placed) -> None:
+    def add(self, placed: _Filling) -> None:
         """Fills the cells of an item. Whether it is feasible there was checked before."""
-        voxels = placed.item.voxels
+        voxels = placed.voxels
         self._pages.reserve(len(voxels.bricks))
         pages, words, shared = _fill(
             self.bricks,
@@ -190,11 +242,11 @@ class Occupancy:
                 shared,
             )
 
-    def _brick_numbers(self, placed: Placed) -> tuple[npt.NDArray[np.int16], int, int, int]:
+    def _brick_numbers(self, placed: _Filling) -> tuple[npt.NDArray[np.int16], int, int, int]:
         """What tells the kernels where in the box an item's bricks are."""
         nx, ny, _ = grid_nodes(self.cells)
         i, j, k = placed.location
-        return placed.item.voxels.bricks, (k * nx + i) * ny + j, nx, ny
+        return placed.voxels.bricks, (k * nx + i) * ny + j, nx, ny
 
 
 @kernel

@@ -57,7 +57,7 @@ class Contents(Protocol):
     def placed(self) -> tuple[Placed, ...]: ...
 
 
-def feasible(occupancy: Occupancy, item: Item) -> Mask:
+def feasible(occupancy: Occupancy[Placed], item: Item) -> Mask:
     """The exact mask: bool over the grid's nodes, True where the item is feasible."""
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
@@ -71,7 +71,7 @@ def feasible(occupancy: Occupancy, item: Item) -> Mask:
     return mask
 
 
-def feasible_in_any(occupancy: Occupancy, item: Item) -> Mask:
+def feasible_in_any(occupancy: Occupancy[Placed], item: Item) -> Mask:
     """The exact union of the masks of all 24 rotations: PackIt-Easy's question (section 4.3).
 
     Meshes are asked only about locations that cells show free in no rotation.
@@ -93,7 +93,7 @@ def feasible_in_any(occupancy: Occupancy, item: Item) -> Mask:
 
 
 def _states(
-    occupancy: Occupancy, item: Item
+    occupancy: Occupancy[Placed], item: Item
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
     """What is known of each location that is inside the box, and the tables that say the rest."""
     tables = nofit.tables(occupancy.placed, item)
@@ -106,7 +106,7 @@ def _states(
 
 
 def _decided(
-    occupancy: Occupancy,
+    occupancy: Occupancy[Placed],
     item: Item,
     tables: Sequence[nofit.NoFit] | None,
     undecided: Locations,
@@ -127,7 +127,7 @@ def _decided(
     )
 
 
-def blbf(occupancy: Occupancy, item: Item, start: Triple = ORIGIN) -> Triple | None:
+def blbf(occupancy: Occupancy[Placed], item: Item, start: Triple = ORIGIN) -> Triple | None:
     """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None.
 
     start: where to begin, in that order.
@@ -152,7 +152,7 @@ def first(mask: Mask) -> Triple | None:
     return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
 
 
-def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
+def is_feasible(occupancy: Occupancy[Placed], candidate: Placed) -> bool:
     """Whether one item is feasible at one location: the mask's value there."""
     if not is_inside(occupancy.cells, candidate):
         return False
@@ -163,7 +163,9 @@ def is_feasible(occupancy: Occupancy, candidate: Placed) -> bool:
     )
 
 
-def crosses(occupancy: Occupancy, item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
+def crosses(
+    occupancy: Occupancy[Placed], item: Item, locations: Locations
+) -> npt.NDArray[np.bool_]:
     """Whether a placed item's mesh crosses the item's at each of some locations (n, 3), by FCL.
 
     Asked only where the cells of the two leave it open; no location may be blocked by them.
@@ -196,7 +198,7 @@ class Blockers:
         return bool(self.walls or self.items or self.above)
 
 
-def blockers(occupancy: Occupancy, candidate: Placed) -> Blockers:
+def blockers(occupancy: Occupancy[Placed], candidate: Placed) -> Blockers:
     """Why an item is not feasible at a location, exactly: each wall and each item by itself."""
     walls = tuple(
         wall
@@ -254,8 +256,8 @@ def conflicts(a: Placed, b: Placed) -> bool:
         )
         for p in (a, b)
     )
-    outer_a, inner_a = _fine_cells(a.item)
-    outer_b, inner_b = _fine_cells(b.item)
+    outer_a, inner_a = whole_cells(a.item)
+    outer_b, inner_b = whole_cells(b.item)
     return bool(
         (inner_a[window_a] & outer_b[window_b]).any()
         or (outer_a[window_a] & inner_b[window_b]).any()
@@ -287,6 +289,6 @@ def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
     size=lambda fine: fine[0].nbytes + fine[1].nbytes,
     key=operator.attrgetter("key"),
 )
-def _fine_cells(item: Item) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Bool over the fine cells of the item's cell box: outer, and inner."""
+def whole_cells(item: Item) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """What oracles look at. Bool over the fine cells of the item's cell box: outer, and inner."""
     return item.voxels.outer_fine, item.voxels.inner_fine

@@ -35,20 +35,20 @@ def locations(cells: Triple, item: Item) -> Triple:
     return min(x, nodes[0]), min(y, nodes[1]), min(z, nodes[2])
 
 
-def screen(occupancy: Occupancy, item: Item) -> States:
+def screen(occupancy: Occupancy[Any], item: Item) -> States:
     """The state of every location from (0, 0, 0) to the last at which the item is inside."""
     size = locations(occupancy.cells, item)
     return _screen(*_box(occupancy), *_item(item.voxels), occupancy.spans, size)
 
 
-def screen_at(occupancy: Occupancy, candidate: Placed) -> int:
+def screen_at(occupancy: Occupancy[Any], candidate: Placed) -> int:
     """The state of one location, at which the item is inside the box."""
     voxels = candidate.item.voxels
     return int(_screen_at(*_box(occupancy), *_item(voxels), candidate.location))
 
 
 def unblocked(
-    occupancy: Occupancy, item: Item, start: Triple
+    occupancy: Occupancy[Any], item: Item, start: Triple
 ) -> Iterator[tuple[Triple, npt.NDArray[np.int64], int]]:
     """The locations that are not blocked, from `start` on, in the order of (z, x, y).
 
@@ -69,7 +69,7 @@ def unblocked(
         i, j, k, number, count = _next_unblocked(*box, *own, size, number, *hosts)
 
 
-def open_pairs(occupancy: Occupancy, item: Item, at: Locations) -> npt.NDArray[np.int64]:
+def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDArray[np.int64]:
     """(pairs, 2): number of a location (n, 3), and of a placed item that leaves it open.
 
     By location, and then by placed item; for locations that no item blocks.
@@ -93,7 +93,7 @@ def screen_offsets(a: Item, b: Item) -> States:
     return _screen_offsets(*_host(a.voxels), *_item(b.voxels), b.voxels.number.shape)
 
 
-def _box(occupancy: Occupancy) -> tuple[Any, ...]:
+def _box(occupancy: Occupancy[Any]) -> tuple[Any, ...]:
     """What kernels read of a box."""
     nx, ny, _ = grid_nodes(occupancy.cells)
     return occupancy.bricks, occupancy.page, occupancy.fine, nx, ny

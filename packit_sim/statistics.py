@@ -59,6 +59,9 @@ class Statistics:
 _COUNTED = ("masks", "searches", "checks", "locations", "undecided")
 _counts = dict.fromkeys(_COUNTED, 0)
 
+_ANSWERS = ("collisions", "collisions with bodies")
+"""The caches of what FCL said."""
+
 
 def count(kind: str, locations: int, undecided: int) -> None:
     """Counts one query: "masks", "searches" or "checks"."""
@@ -73,4 +76,4 @@ def statistics() -> Statistics:
     with caches.lock:
         counts = dict(_counts)
     used = caches.usage()
-    return Statistics(**counts, fcl_calls=used["collisions"].misses, caches=used)
+    return Statistics(**counts, fcl_calls=sum(used[kind].misses for kind in _ANSWERS), caches=used)

@@ -1,4 +1,4 @@
-"""The Gymnasium environments `PackIt-v0` and `PackItEasy-v0` (paper, section 4): one class.
+"""The Gymnasium environments `PackIt-v0`, `PackItEasy-v0` and `PackItPhysics-v0`: one class.
 
 An action is a number of one Discrete space whatever the stage: the index of a shape, a rotation, or
 the C-order index of a location. `action_mask` in the observation marks the valid ones.
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from packit_sim.box import Box
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.creation.sampler import TaskSampler
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
@@ -27,6 +28,11 @@ from packit_sim.envs.policies import Policy, load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.box import SettlingBox
+from packit_sim.physics.world import PhysicsSettings
+from packit_sim.pictures.layouts import Layout, unplaced
+from packit_sim.placement import Contents
+from packit_sim.room import Room
 from packit_sim.scene import USUAL, Look, Scene
 from packit_sim.statistics import statistics
 from packit_sim.viewing.viewer import Viewer
@@ -64,15 +70,18 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     or of the library for fresh tasks. order: "random" draws a task at each reset, "cycle" takes
     them in turn, whatever the seed. cells: the box's, an axis; by default those of the tasks. easy:
     PackIt-Easy's order of sub-tasks. kinematic: whether an item can stand only where it comes
-    straight down from the open top (see `lifting`). shape, rotation, location: a policy or its
-    name, where that sub-task is not the agent's; then it is no step, and the action space holds
-    what the others need. observation: "voxels", "features", "prospects" or "none" (see
+    straight down from the open top (see `lifting`). physics: whether all that is placed settles
+    after each item (see `physics.box`), by the usual settings or these. shape, rotation, location:
+    a policy or its name, where that sub-task is not the agent's; then it is no step, and the action
+    space holds what the others need. observation: "voxels", "features", "prospects" or "none" (see
     `observations`).
     max_shapes: the most items that a task may have.
     render_mode: "rgb_array", for `render()`, or "human", for a page that shows the box as it fills.
     look: of what `render()` gives (see `looks`).
 
-    The reward is the placed volume over the volume of the task's items. info tells "task" (its
+    The reward is the placed volume over the volume of the task's items; with physics it is the
+    change of what is inside and stable, which may be less than 0, and "density" and "placed_volume"
+    are of that. info tells "task" (its
     number, -1 for one made on the fly), "action_mask", "density" of the box, "placed_volume",
     "fcl_calls" since the last reset, and, when the episode is over, "end": why. Raises ValueError
     where a setting is out of range or the tasks don't go together.
@@ -91,6 +100,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         cells: Sequence[int] | None = None,
         easy: bool = False,
         kinematic: bool = False,
+        physics: bool | PhysicsSettings = False,
         shape: Policy | str | None = None,
         rotation: Policy | str | None = None,
         location: Policy | str | None = None,
@@ -102,11 +112,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
         _one_of("order", order, ("random", "cycle"))
         _one_of("observation", observation, tuple(OBSERVERS))
+        if kinematic and physics:
+            raise ValueError("a box is either kinematic or has physics, not both")
         self._cells = None if cells is None else box_cells(cells)
         self.tasks, self.maker = _source(tasks, library, split, self._cells)
         self.cells = self._cells or _common_cells(self.tasks)
         self.easy = easy
         self.kinematic = kinematic
+        self.physics = PhysicsSettings() if physics is True else physics or None
         self.render_mode = render_mode
         self.look = look
         self._max_shapes = max_shapes
@@ -215,10 +228,11 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """The box as a picture (512, 512, 3), where the render mode is "rgb_array"."""
         if self.render_mode != "rgb_array":
             return None
+        box, layout = _shown(self.episode.box)
         if self._scene is None:
-            self._scene = Scene(self.episode.box)
-        self._scene.update(self.episode.box)
-        return self._scene.snapshot(look=self.look).image
+            self._scene = Scene(box)
+        self._scene.update(box)
+        return self._scene.snapshot(look=self.look, layout=layout).image
 
     def close(self) -> None:
         if self._scene is not None:
@@ -229,7 +243,9 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._viewer = None
 
     def _begun(self, task: Task) -> Episode:
-        return Episode(task, easy=self.easy, kinematic=self.kinematic, cells=self._cells)
+        cells = self._cells or task.cells
+        box = SettlingBox(cells, self.physics) if self.physics else None
+        return Episode(task, easy=self.easy, kinematic=self.kinematic, cells=cells, box=box)
 
     def _show(self) -> None:
         """Brings the page up to date, where the render mode is "human"."""
@@ -288,6 +304,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
                     f"it goes into no box of {self.cells}"
                 )
+
+
+def _shown(box: Room) -> tuple[Contents, Layout | None]:
+    """A box for a picture, and where its items are shown, if not in their places."""
+    if isinstance(box, SettlingBox):
+        return unplaced([lying.item for lying in box.placed], box.cells), box.layout
+    assert isinstance(box, Box)
+    return box, None
 
 
 def _source(

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim import placement
-from packit_sim.box import Box, Snapshot
+from packit_sim.box import Box
 from packit_sim.caches import cached_property
 from packit_sim.datasets.packs import Task
 from packit_sim.errors import InfeasibleError
@@ -21,6 +22,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
+from packit_sim.room import Room
 
 
 class Stage(enum.IntEnum):
@@ -52,7 +54,7 @@ class Choice:
     item: in the chosen rotation; upright where none is chosen yet.
     """
 
-    def __init__(self, box: Box, item: Item, any_rotation: bool = False) -> None:
+    def __init__(self, box: Room, item: Item, any_rotation: bool = False) -> None:
         self._box = box
         self._any_rotation = any_rotation
         self.item = item
@@ -78,9 +80,9 @@ class Choice:
 
 @dataclass(frozen=True)
 class State:
-    """Where an episode stands: a value, to go back to."""
+    """Where an episode stands: a value, to go back to. box: the snapshot of one of its kind."""
 
-    box: Snapshot
+    box: Any
     outside: tuple[bool, ...]
     stage: Stage
     shape: int | None
@@ -94,11 +96,12 @@ class Episode:
     """A task being played.
 
     easy: whether by PackIt-Easy's rules. kinematic: whether the box is (see `Box`). cells: of the
-    box, if not the task's. outside: bool (n,), which of the task's items are still outside.
-    stage: the next sub-task. shape, rotation, location: what was chosen for the item that is being
-    placed, None before. choice: that item, and where there is room, once that is asked for: when
-    its rotation is chosen, in PackIt-Easy at once. total: the sum of the rewards so far. end: why
-    it is over, or None.
+    box, if not the task's. box: an empty one of another kind, which then says all of that, such as
+    one in which items settle (see `physics.box`). outside: bool (n,), which of the task's items are
+    still outside. stage: the next sub-task. shape, rotation, location: what was chosen for the item
+    that is being placed, None before. choice: that item, and where there is room, once that is
+    asked for: when its rotation is chosen, in PackIt-Easy at once. total: the sum of the rewards so
+    far. end: why it is over, or None.
     """
 
     def __init__(
@@ -108,10 +111,11 @@ class Episode:
         easy: bool = False,
         kinematic: bool = False,
         cells: Triple | None = None,
+        box: Room | None = None,
     ) -> None:
         self.task = task
         self.easy = easy
-        self.box = Box(cells or task.cells, kinematic=kinematic)
+        self.box = box or Box(cells or task.cells, kinematic=kinematic)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
         self.shape: int | None = None
@@ -210,11 +214,11 @@ class Episode:
         assert self.shape is not None and self.rotation is not None and self.location is not None
         item = self.task.items[self.shape].turned(self.rotation)
         try:
-            self.box.place(item, self.location)
+            gained = self.box.put(item, self.location)
         except InfeasibleError:
             self.end = End.INVALID_ACTION
             return 0.0
-        reward = item.volume / self.task.volume
+        reward = gained / self.task.volume
         self.total += reward
         self.outside[self.shape] = False
         self.shape = self.rotation = self.location = self.choice = None

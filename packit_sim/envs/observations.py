@@ -15,7 +15,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import centred
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Standing
 
 Observation = dict[str, Any]
 
@@ -215,7 +215,7 @@ class ProspectObserver(FeatureObserver):
         self._size = np.array(cells) * CELL
         self._items: list[Item] = []
         self._locations: dict[int, Triple | None] = {}
-        self._placed: tuple[Placed, ...] = ()
+        self._placed: Sequence[Standing] = ()
         limit = np.full((max_shapes, PROSPECTS), np.inf, dtype=np.float32)
         self.space = spaces.Dict(
             {**self.space.spaces, "prospects": spaces.Box(np.zeros_like(limit), limit)}

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from packit_sim.box import Box
 from packit_sim.datasets.packs import Pack, Task, read_packs, write_packs
 from packit_sim.envs.episode import End, Episode
 from packit_sim.errors import PackItError
@@ -59,8 +60,16 @@ class Rollout:
     def of(
         cls, episode: Episode, agent: str, number: int, seed: int, rules: Rules, seconds: float
     ) -> Rollout:
-        """The record of an episode that is over."""
+        """The record of an episode that is over.
+
+        Raises ResultsError where items settled: a pack's stand on the grid.
+        """
         assert episode.end is not None
+        if not isinstance(episode.box, Box):
+            raise ResultsError(
+                f"what lies in a {type(episode.box).__name__} can't be told as a pack, "
+                "whose items stand on the grid"
+            )
         made = {
             "results": RESULTS_FORMAT,
             "by": agent,

@@ -10,7 +10,14 @@ import numpy.typing as npt
 
 from packit_sim.compiled import kernel
 from packit_sim.geometry.bits import HIGH, LOW, STRIDES, Words
-from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE_PER_CELL, MAX_CELLS, Triple
+from packit_sim.geometry.lattice import (
+    CELL,
+    CONTACT_TOLERANCE,
+    FINE_PER_CELL,
+    MAX_CELLS,
+    STEP,
+    Triple,
+)
 
 _X_LOW, _Y_LOW, _Z_LOW = LOW
 _X_HIGH, _Y_HIGH, _Z_HIGH = HIGH
@@ -36,6 +43,22 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
         )
     touched = _touched(triangles, np.array(cells), CELL, CONTACT_TOLERANCE / 2)
     return touched, _reached(touched)
+
+
+def lattice_cells(
+    triangles: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.int64], Words, Words]:
+    """As `fine_cells`, of a surface anywhere: from which cell on, touched and reached ones.
+
+    triangles: (n, 3, 3) corners in box units. The cells are the box's own, all that the grown
+    surface meets, from a grid node (3,) on.
+    """
+    grow = CONTACT_TOLERANCE / 2
+    low, high = triangles.min(axis=(0, 1)) - grow, triangles.max(axis=(0, 1)) + grow
+    start = np.floor(low / (STEP * CELL)).astype(np.int64) * STEP
+    stop = np.ceil(high / CELL).astype(np.int64)
+    x, y, z = (stop - start).tolist()
+    return start, *fine_cells(triangles - (start + stop) * (CELL / 2), (x, y, z))
 
 
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:

@@ -24,7 +24,7 @@ from packit_sim.geometry.bits import (
     turning_swaps,
 )
 from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple
-from packit_sim.geometry.voxelization import fine_cells
+from packit_sim.geometry.voxelization import fine_cells, lattice_cells
 
 _1 = np.uint64(1)
 
@@ -58,6 +58,23 @@ class Voxels:
         large (see `voxelization.fine_cells`).
         """
         return cls(cells, *_bricks(*fine_cells(triangles, cells)))
+
+    @classmethod
+    def in_box(cls, triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Triple, Voxels]:
+        """Of a surface anywhere: the part that is in a box of so many cells, and where it begins.
+
+        triangles: (n, 3, 3) corners in box units. What is enclosed, the whole surface says. The
+        part begins at a grid node, (i, j, k); where nothing is in the box it has no cells. Raises
+        ValueError where the surface is too large (see `voxelization.fine_cells`).
+        """
+        start, touched, reached = lattice_cells(triangles)
+        low = np.clip(start, 0, cells)
+        high = np.clip(start + touched.shape, low, cells)
+        part = tuple(map(slice, low - start, high - start))
+        x, y, z = (high - low).tolist()
+        i, j, k = (low // STEP).tolist()
+        bricks = _bricks(np.ascontiguousarray(touched[part]), np.ascontiguousarray(reached[part]))
+        return (i, j, k), cls((x, y, z), *bricks)
 
     @property
     def nbytes(self) -> int:

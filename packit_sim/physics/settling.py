@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from trimesh import transformations
 
 from packit_sim.caches import cached_property
 from packit_sim.geometry.lattice import CELL
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Load, Standing
 from packit_sim.physics.decomposition import Decomposition, decompose
 from packit_sim.physics.fitting import Part, fitted
 from packit_sim.physics.pieces import Floats, Piece
 from packit_sim.physics.world import WALLS, PhysicsSettings, World
 from packit_sim.pictures.layouts import Layout, Pose
-from packit_sim.placement import Contents
 
 INSIDE = 0.005
 """Box units by which an item may reach out of the box and still be inside: a contact gives way a
@@ -37,7 +35,7 @@ class SettledItem:
     the end, and walls: which of `WALLS`. inside: whether all of it is in the box (see `INSIDE`).
     """
 
-    placed: Placed
+    placed: Standing
     move: Floats
     displacement: float
     farthest: float
@@ -54,10 +52,7 @@ class SettledItem:
     @property
     def pose(self) -> Pose:
         """Where a picture shows it."""
-        pose = self.move @ self.placed.pose
-        turn = pose[:3, :3] / np.cbrt(self.placed.item.scale)
-        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
-        return Pose(pose[:3, 3], (w, x, y, z))
+        return Pose.lying(self.placed.item, self.move @ self.placed.pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +78,7 @@ class Settled:
         return Layout(tuple(item.pose for item in self.items), np.concatenate(points))
 
 
-def settle(box: Contents, settings: PhysicsSettings | None = None) -> Settled:
+def settle(box: Load, settings: PhysicsSettings | None = None) -> Settled:
     """Lets go of all that is placed, at once, until it is at rest or the time is over.
 
     Items start where they were packed, without speed. The same box and settings give the same
@@ -96,7 +91,7 @@ def settle(box: Contents, settings: PhysicsSettings | None = None) -> Settled:
         return _simulated(world, box, settings, cut, free, [])
 
 
-def settle_each(box: Contents, settings: PhysicsSettings | None = None) -> Settled:
+def settle_each(box: Load, settings: PhysicsSettings | None = None) -> Settled:
     """Lets go of each item by itself, where it was packed, on those placed before it.
 
     Those are held where they were packed, and what comes later is not there yet: it is what the
@@ -114,16 +109,18 @@ def settle_each(box: Contents, settings: PhysicsSettings | None = None) -> Settl
         return _simulated(world, box, settings, cut, free, held)
 
 
-def _size(box: Contents) -> Floats:
+def _size(box: Load) -> Floats:
     return np.array(box.cells) * CELL
 
 
-def _masses(box: Contents, settings: PhysicsSettings) -> list[float]:
+def _masses(box: Load, settings: PhysicsSettings) -> list[float]:
     """In kg."""
     return [p.item.volume * settings.side**3 * settings.density for p in box.placed]
 
 
-def _pieces(items: Sequence[Placed], settings: PhysicsSettings) -> tuple[list[list[Piece]], float]:
+def _pieces(
+    items: Sequence[Standing], settings: PhysicsSettings
+) -> tuple[list[list[Piece]], float]:
     """The pieces of items in their places, and the share of their volume that was cut away."""
     whole = [
         _parts(placed, decompose(placed.item.shape, settings.decomposition)) for placed in items
@@ -136,17 +133,17 @@ def _pieces(items: Sequence[Placed], settings: PhysicsSettings) -> tuple[list[li
     return pieces, 1 - after / before if items else 0.0
 
 
-def _parts(placed: Placed, decomposition: Decomposition) -> list[Part]:
+def _parts(placed: Standing, decomposition: Decomposition) -> list[Part]:
     size = float(np.cbrt(placed.item.scale))
     return [
-        (piece.moved(placed.item.linear, placed.center), out * size)
+        (piece.moved(placed.pose[:3, :3], placed.pose[:3, 3]), out * size)
         for piece, out in zip(decomposition.pieces, decomposition.overhangs, strict=True)
     ]
 
 
 def _simulated(
     world: World,
-    box: Contents,
+    box: Load,
     settings: PhysicsSettings,
     cut: float,
     free: Sequence[int],
@@ -182,7 +179,7 @@ def _simulated(
 
 
 def _settled(
-    placed: Placed, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
+    placed: Standing, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
 ) -> SettledItem:
     before, after = _moved(placed, np.eye(4)), _moved(placed, move)
     center = move[:3, :3] @ placed.center + move[:3, 3]
@@ -198,7 +195,6 @@ def _settled(
     )
 
 
-def _moved(placed: Placed, move: Floats) -> Floats:
+def _moved(placed: Standing, move: Floats) -> Floats:
     """(n, 3) vertices of an item's mesh, moved from its place, in box units."""
-    vertices = placed.item.mesh.vertices + placed.center
-    return vertices @ move[:3, :3].T + move[:3, 3]
+    return placed.vertices @ move[:3, :3].T + move[:3, 3]

@@ -13,7 +13,7 @@ from packit_sim.box import Snapshot
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.rotations import MATRICES
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Placed, Standing
 
 Floats = npt.NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -37,6 +37,13 @@ class Pose:
         w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
         return cls(center, (w, x, y, z))
 
+    @classmethod
+    def lying(cls, item: Item, pose: Floats) -> Pose:
+        """An item in any turn; pose: its (4, 4) shape-to-box matrix."""
+        turn = pose[:3, :3] / np.cbrt(item.scale)
+        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
+        return cls(pose[:3, 3], (w, x, y, z))
+
     def between(self, other: Pose, share: float, center: Floats) -> Pose:
         """A turn that is so far, 0 to 1, on the shortest way to another; with its centre there."""
         w, x, y, z = transformations.quaternion_slerp(self.turn, other.turn, share).tolist()
@@ -55,12 +62,12 @@ class Layout:
     points: Floats
 
     @classmethod
-    def packed(cls, placed: Sequence[Placed], size: Floats, explode: float = 0.0) -> Layout:
+    def packed(cls, placed: Sequence[Standing], size: Floats, explode: float = 0.0) -> Layout:
         """Each item in its place, or that much farther from the middle of the floor."""
         middle = size * (0.5, 0.5, 0.0)
-        moved = [p.center + explode * (p.center - middle) for p in placed]
-        poses = [Pose.of(p.item, center) for p, center in zip(placed, moved, strict=True)]
-        return cls(tuple(poses), _corners([p.item for p in placed], moved))
+        poses = [Pose.lying(p.item, p.pose) for p in placed]
+        moved = [replace(p, center=p.center + explode * (p.center - middle)) for p in poses]
+        return cls(tuple(moved), _corners([p.item for p in placed], moved))
 
     @classmethod
     def standing(cls, items: Sequence[Item], size: Floats | None = None) -> Layout:
@@ -72,7 +79,7 @@ class Layout:
         upright = [item.turned(0) for item in items]
         centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
         poses = [Pose.of(i, center) for i, center in zip(upright, centers, strict=True)]
-        return cls(tuple(poses), _corners(upright, centers))
+        return cls(tuple(poses), _corners(upright, poses))
 
     def all_round(self, size: Floats) -> Layout:
         """The same with all that a camera sees on its way around a box of such extents (3,)."""
@@ -116,8 +123,12 @@ def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
     return centers
 
 
-def _corners(items: Sequence[Item], centers: Sequence[Floats]) -> Floats:
-    """(8n, 3) the corners of items' bounding boxes."""
+def _corners(items: Sequence[Item], poses: Sequence[Pose]) -> Floats:
+    """(8n, 3) the corners of items' bounding boxes, turned with them."""
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
-    boxes = [center + signs * item.extents for item, center in zip(items, centers, strict=True)]
+    boxes = [
+        signs * item.turned(0).extents @ transformations.quaternion_matrix(pose.turn)[:3, :3].T
+        + pose.center
+        for item, pose in zip(items, poses, strict=True)
+    ]
     return np.concatenate([np.empty((0, 3)), *boxes])

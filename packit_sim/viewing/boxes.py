@@ -11,12 +11,11 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.occupancy import Placed
+from packit_sim.occupancy import Load, Placed, Standing
 from packit_sim.pictures.coloring import Color, by_item
 from packit_sim.pictures.layouts import Layout, Pose
 from packit_sim.pictures.looks import Cut
 from packit_sim.pictures.sections import is_beyond, section
-from packit_sim.placement import Contents
 from packit_sim.viewing.surfaces import surface
 
 if TYPE_CHECKING:
@@ -46,9 +45,9 @@ class Display:
     """How the items of a box are shown.
 
     step: how many, from the first on; None for all. explode: how far they are moved apart, as a
-    share of where they stand from the middle of the floor. cut: where the box is cut open.
-    colors: of each item; None for each shape's own. focus: numbers of the items that are `solid`
-    while the others turn to glass; None for all. solid: how opaque, 0 to 1.
+    share of where they stand from the middle of the floor. cut: where a box is cut open whose items
+    are on the grid. colors: of each item; None for each shape's own. focus: numbers of the items
+    that are `solid` while the others turn to glass; None for all. solid: how opaque, 0 to 1.
     """
 
     step: int | None = None
@@ -81,9 +80,9 @@ class ShownBox:
         self._on_click = on_click
         self._cells: Triple | None = None
         self._cut: Cut | None = None
-        self._surfaces: dict[tuple[int, Placed], trimesh.Trimesh] = {}
-        self._items: dict[tuple[int, Placed], viser.MeshHandle] = {}
-        self._parts: dict[tuple[int, Placed], tuple[viser.MeshHandle, ...]] = {}
+        self._surfaces: dict[tuple[int, Standing], trimesh.Trimesh] = {}
+        self._items: dict[tuple[int, Standing], viser.MeshHandle] = {}
+        self._parts: dict[tuple[int, Standing], tuple[viser.MeshHandle, ...]] = {}
         if name:
             position = np.zeros(3) if origin is None else origin
             server.scene.add_frame(name, show_axes=False, position=position)
@@ -93,7 +92,7 @@ class ShownBox:
         """Viser's handle of each item, in the order of placing."""
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
-    def show(self, box: Contents, display: Display = USUAL) -> None:
+    def show(self, box: Load, display: Display = USUAL) -> None:
         """Shows the box as it stands; items that stayed are left alone."""
         with self._server.atomic():
             if box.cells != self._cells:
@@ -134,7 +133,7 @@ class ShownBox:
         """Takes the box out of the scene."""
         self._server.scene.remove_by_name(self._name)
 
-    def _forget(self, rows: set[tuple[int, Placed]], cut: Cut | None) -> None:
+    def _forget(self, rows: set[tuple[int, Standing]], cut: Cut | None) -> None:
         """Takes away what is no more in the box, and the parts of another cut."""
         for key in self._items.keys() - rows:
             self._items.pop(key).remove()
@@ -145,13 +144,13 @@ class ShownBox:
         self._cut = cut
 
     def _show_item(
-        self, key: tuple[int, Placed], pose: Pose, color: Color, display: Display
+        self, key: tuple[int, Standing], pose: Pose, color: Color, display: Display
     ) -> None:
         number, placed = key
         inside = display.step is None or number < display.step
         if key not in self._items:
             self._items[key] = self._add_item(key, pose, color)
-        gone = display.cut is not None and is_beyond(placed, display.cut)
+        gone = display.cut is not None and is_beyond(_on_grid(placed), display.cut)
         parts = self._cut_open(key, color) if inside and not gone else ()
         self._items[key].visible = inside and not gone and not parts
         glass = display.focus is not None and number not in display.focus
@@ -165,7 +164,7 @@ class ShownBox:
         for handle, light in zip((self._items[key], *parts), (1.0, 1.0, _CAP), strict=False):
             handle.color = rgb(color, light)
 
-    def _cut_open(self, key: tuple[int, Placed], color: Color) -> tuple[viser.MeshHandle, ...]:
+    def _cut_open(self, key: tuple[int, Standing], color: Color) -> tuple[viser.MeshHandle, ...]:
         """What is left of an item that is cut through, and its section; nothing where it is not."""
         if self._cut is None:
             return ()
@@ -173,14 +172,14 @@ class ShownBox:
             number, placed = key
             mesh = self._surfaces[key]
             own = trimesh.Trimesh(mesh.vertices @ placed.item.linear.T, mesh.faces, process=False)
-            left = section(placed, self._cut, own)
+            left = section(_on_grid(placed), self._cut, own)
             parts = () if left is None else (("rest", left.rest), ("cap", left.cap))
             self._parts[key] = tuple(
                 self._add(f"parts/{number}/{name}", part, color, number) for name, part in parts
             )
         return self._parts[key]
 
-    def _add_item(self, key: tuple[int, Placed], pose: Pose, color: Color) -> viser.MeshHandle:
+    def _add_item(self, key: tuple[int, Standing], pose: Pose, color: Color) -> viser.MeshHandle:
         number, placed = key
         mesh = self._surfaces[key] = surface(placed.item.shape)
         scale = float(np.cbrt(placed.item.scale))
@@ -227,6 +226,11 @@ class ShownBox:
             cast_shadow=False,
             position=(size[0] / 2, size[1] / 2, -thickness),
         )
+
+
+def _on_grid(placed: Standing) -> Placed:
+    assert isinstance(placed, Placed), "a box is cut open whose items are on the grid"
+    return placed
 
 
 def corners(cells: Triple, origin: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Floats:

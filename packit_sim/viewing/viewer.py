@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from packit_sim.geometry.lattice import Triple
-from packit_sim.placement import Contents
+from packit_sim.occupancy import Load
 from packit_sim.viewing.boxes import ShownBox, corners
 from packit_sim.viewing.pages import LOOPBACK, Page
 
@@ -24,7 +24,7 @@ class Viewer:
     address: str
     """Where a browser on this machine finds the page."""
 
-    def __init__(self, box: Contents, *, host: str = LOOPBACK, port: int | None = None) -> None:
+    def __init__(self, box: Load, *, host: str = LOOPBACK, port: int | None = None) -> None:
         self._page = Page(host, port)
         self.address = self._page.address
         self._cells: Triple | None = None
@@ -41,7 +41,7 @@ class Viewer:
         """Viser's handle of each item that is shown, in the order of placing; none when closed."""
         return self._shown.items if self._page.is_open else ()
 
-    def update(self, box: Contents) -> None:
+    def update(self, box: Load) -> None:
         """Shows the box as it stands; items that stayed are left alone.
 
         Raises RenderError after `close`.

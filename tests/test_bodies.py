@@ -1,0 +1,123 @@
+"""Masks among bodies that lie off the grid: cases with a known answer, and the oracle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from trimesh import transformations
+
+from packit_sim import bodies, placement
+from packit_sim.bodies import Body, Filled
+from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
+from packit_sim.geometry.shapes import Item
+from packit_sim.occupancy import Placed
+from packit_sim.statistics import statistics
+from tests.zoo import BALL, HOLLOW, ZOO, cube_of, random_item
+
+CELLS: Triple = (32, 32, 32)
+
+
+def lying(item: Item, turn: np.ndarray, *center: float) -> Body:
+    """An item in any turn (4, 4), with its centre there."""
+    pose = turn * np.cbrt(item.scale)
+    pose[:3, 3], pose[3, 3] = center, 1.0
+    return Body(item, pose)
+
+
+def anywhere(rng: np.random.Generator, size: float = 0.2) -> Body:
+    """A shape of the zoo in any turn, which may reach through the walls."""
+    turn = transformations.random_rotation_matrix(rng.random(3))
+    return lying(random_item(ZOO, size, rng), turn, *rng.uniform(0.0, 0.32, 3))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_location_is_as_the_oracle_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    inside = [anywhere(rng) for _ in range(4)]
+    occupancy = bodies.filled(CELLS, inside)
+    before = statistics()
+    for _ in range(2):
+        item = random_item(ZOO, 0.15, rng)
+        mask = bodies.feasible(occupancy, item)
+        assert np.array_equal(mask, bodies.oracle(CELLS, inside, item))
+        assert bodies.blbf(occupancy, item) == placement.first(mask)
+        for at in np.argwhere(np.ones(mask.shape))[rng.permutation(mask.size)[:20]].tolist():
+            assert bodies.is_feasible(occupancy, Placed(item, tuple(at))) == mask[tuple(at)]
+    assert statistics().since(before).fcl_calls > 0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_bodies_on_the_grid_are_as_placed_items(seed: int) -> None:
+    """Two engines, one answer: off the grid is no other rule."""
+    rng = np.random.default_rng(seed)
+    items = [random_item(ZOO, 0.2, rng) for _ in range(3)]
+    placed = [Placed(item, (0, 3 * n, n)) for n, item in enumerate(items)]
+    occupancy = bodies.filled(CELLS, [Body.of(one) for one in placed])
+    item = random_item(ZOO, 0.12, rng)
+    mask = bodies.feasible(occupancy, item)
+    for i, j, k in np.argwhere(np.ones(mask.shape)).tolist():
+        assert mask[i, j, k] == placement.is_valid(CELLS, placed, Placed(item, (i, j, k)))
+
+
+def test_a_cube_on_its_edge_leaves_what_geometry_says() -> None:
+    """A cube of 16 cells, turned by 45 degrees about z: of its corners, a square on its tip."""
+    side, own = 0.16, 0.04
+    upright = transformations.rotation_matrix(math.pi / 4, (0, 0, 1))
+    occupancy = bodies.filled(CELLS, [lying(cube_of(16), upright, 0.16, 0.16, 0.08)])
+    mask = bodies.feasible(occupancy, cube_of(4))
+    x, y, z = np.indices(mask.shape) * (STEP * CELL)
+    across, along = abs(x + own / 2 - 0.16), abs(y + own / 2 - 0.16)
+    tip = side / math.sqrt(2)
+    apart = np.maximum(np.maximum(across, along) - tip - own / 2, across + along - tip - own)
+    clear = np.maximum(apart, z - side)
+    sure = abs(clear) > CONTACT_TOLERANCE
+    assert np.array_equal(mask[sure], clear[sure] > 0)
+    assert mask[~sure].all()  # on top of it: surfaces may touch
+    assert 0 < mask[..., 0].sum() < mask[..., 4].sum() == 64
+
+
+def test_what_is_enclosed_is_not_free_though_no_surface_is_crossed() -> None:
+    turn = transformations.rotation_matrix(0.5, (1, 2, 3))
+    hollow = lying(Item(HOLLOW, 0.1), turn, 0.16, 0.16, 0.16)
+    small = cube_of(2)
+    inside = Placed(small, (4, 4, 4))
+    assert not bodies.meets(inside, hollow)
+    assert not bodies.is_feasible(bodies.filled(CELLS, [hollow]), inside)
+    assert bodies.conflicts(inside, hollow)
+
+
+def test_what_left_the_box_blocks_nothing_and_what_reaches_in_does() -> None:
+    still = np.eye(4)
+    ball = Item(BALL, 0.005)
+    gone = [lying(ball, still, *at) for at in ((0.5, 0.1, 0.1), (0.1, -0.4, 0.1), (0.1, 0.1, 0.9))]
+    occupancy = bodies.filled(CELLS, gone)
+    assert occupancy.placed == ()
+    small = cube_of(4)
+    assert bodies.feasible(occupancy, small).all()
+    through = bodies.filled(CELLS, [lying(ball, still, -0.02, 0.02, 0.02)])
+    assert np.argwhere(~bodies.feasible(through, small)).tolist() == [
+        [0, j, k] for j in range(2) for k in range(2)
+    ]
+
+
+def test_too_large_an_item_fits_nowhere() -> None:
+    occupancy = bodies.filled(CELLS, [])
+    large = cube_of(33)
+    assert not bodies.feasible(occupancy, large).any()
+    assert bodies.blbf(occupancy, large) is None
+    assert not bodies.is_feasible(occupancy, Placed(large, (0, 0, 0)))
+
+
+def test_bodies_are_values() -> None:
+    rng = np.random.default_rng(1)
+    one = anywhere(rng)
+    same, other = (
+        Body(one.item, one.pose.copy()),
+        Body(one.item, one.pose @ np.diag((1, 1, 1, 1.5))),
+    )
+    assert one == same and hash(one) == hash(same)
+    assert one != other and one != one.item
+    (kept,) = bodies.filled((64, 64, 64), [one]).placed
+    assert isinstance(kept, Filled) and kept.body is one

@@ -1,0 +1,337 @@
+"""Boxes whose items settle, and the environment in which they do: scenes with known ends."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from trimesh import creation, transformations
+
+from packit_sim import Agent, bodies
+from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.episode import End, Episode
+from packit_sim.errors import InfeasibleError
+from packit_sim.experiments.results import PACKIT, ResultsError, Rollout
+from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.physics import store
+from packit_sim.physics.box import Lying, SettlingBox
+from packit_sim.physics.decomposition import DecompositionSettings
+from packit_sim.physics.world import PhysicsSettings
+from packit_sim.placement import first
+from packit_sim.viewing.viewer import Viewer
+from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, cube_of
+
+SETTINGS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+CELLS: Triple = (40, 40, 40)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Pieces are made once for this module, and left nowhere else."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(store.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
+def block(x: float, y: float, z: float) -> Item:
+    """A block of so many cells."""
+    shape = Shape.from_mesh(creation.box((x, y, z)), f"block-{x}-{y}-{z}")
+    return Item(shape, (math.hypot(x, y, z) / 100) ** 3)
+
+
+def task_of(*items: Item, cells: Triple = CELLS) -> Task:
+    return Task(items, Pack(LibraryRef("none", "1", ""), cells, (), 0.0), ())
+
+
+def env_of(*items: Item, **settings: object) -> PackItEnv:
+    usual = {"observation": "none", "physics": SETTINGS, "max_shapes": 6}
+    return PackItEnv([task_of(*items)], **usual | settings)
+
+
+def number(i: int, j: int, k: int) -> int:
+    """Of a location in the small box."""
+    return int(np.ravel_multi_index((i, j, k), (10, 10, 10)))
+
+
+@pytest.fixture(scope="module")
+def settled() -> SettlingBox:
+    """What tilts, rolls and lies across, let go one after the other."""
+    box = SettlingBox(CELLS, SETTINGS)
+    for item in (Item(TILTED, 0.01), Item(BALL, 0.006), Item(PLATE, 0.02, 3), cube_of(10)):
+        locations = np.argwhere(box.feasible(item))
+        box.place(item, locations[len(locations) // 2])
+    return box
+
+
+@pytest.mark.parametrize("item", [cube_of(7), Item(BALL, 0.003), Item(TILTED, 0.004, 9)])
+def test_masks_are_exact_among_what_settled(settled: SettlingBox, item: Item) -> None:
+    turned = [one for one in settled.placed if not np.allclose(one.pose, one.landed)]
+    assert len({tuple(np.round(one.center / 0.04, 3) % 1) for one in settled.placed}) > 1
+    assert all(one.inside for one in settled.placed) and len(turned) < 4
+    mask = settled.feasible(item)
+    assert 0 < mask.sum() < mask.size
+    assert np.array_equal(mask, bodies.oracle(CELLS, settled.placed, item))
+    assert settled.blbf(item) == first(mask)
+    assert np.array_equal(settled.feasible_rotations(item)[item.rotation], mask)
+    assert settled.rotations_at(item, (0, 0, 9)).tolist() == [
+        settled.is_feasible(item.turned(n), (0, 0, 9)) for n in range(24)
+    ]
+
+
+def test_a_ball_in_a_bowl_ends_at_the_bottom_and_is_in_the_way_there() -> None:
+    bowl, ball = Item(BOWL, 0.04), Item(BALL, 0.001)
+    box = SettlingBox(CELLS, SETTINGS)
+    box.place(bowl, (2, 2, 0))
+    middle = box.placed[0].center
+    centers = np.argwhere(box.feasible(ball)) * (STEP / 100) + ball.extents / 2
+    away = np.linalg.norm(centers[:, :2] - middle[:2], axis=1)
+    above = centers[:, 2] > middle[2]
+    slope = np.argwhere(box.feasible(ball))[(away > 0.03) & (away < 0.06) & above][0]
+    bottom = np.round((middle - ball.extents / 2) * 100 / STEP).astype(int)
+    bottom = (*bottom[:2].tolist(), 1)
+    assert box.is_feasible(ball, bottom)
+    box.place(ball, slope)
+    basin, rolled = box.placed
+    assert np.linalg.norm((rolled.center - basin.center)[:2]) < 0.02
+    lowest = basin.vertices[:, 2].min()
+    assert rolled.vertices[:, 2].min() == pytest.approx(lowest, abs=0.01)
+    assert rolled.counts and rolled.drift == 0.0
+    assert not box.is_feasible(ball, bottom)
+    assert np.array_equal(box.feasible(ball), bodies.oracle(CELLS, box.placed, ball))
+
+
+def test_an_item_falls_as_far_as_it_can() -> None:
+    box = SettlingBox(CELLS, SETTINGS)
+    box.place(cube_of(8), (3, 3, 8))
+    (cube,) = box.placed
+    assert cube.vertices[:, 2].min() == pytest.approx(0, abs=0.002)
+    assert box.density == pytest.approx(0.08**3 / 0.4**3)
+    assert not box.is_feasible(cube_of(8), (3, 3, 0)) and box.is_feasible(cube_of(8), (3, 3, 3))
+    assert box.outer[:, :, 10:].sum() == 0
+
+
+def test_the_reward_is_of_what_is_inside_and_stable_at_the_end() -> None:
+    """A load on the end of a plank tips it: its volume counts no more, and no less than that."""
+    base, plank, load = block(4, 20, 8), block(28, 12, 4), cube_of(10)
+    env = env_of(base, plank, load)
+    env.reset(seed=0)
+    rewards = []
+    for shape, at in ((0, (4, 3, 0)), (1, (1, 4, 2)), (2, (5, 4, 3))):
+        env.step(shape)
+        env.step(0)
+        rewards.append(env.step(number(*at))[1])
+    whole = base.volume + plank.volume + load.volume
+    kept = [one.counts for one in env.episode.box.placed]
+    assert kept == [True, False, True]
+    assert rewards[:2] == pytest.approx([base.volume / whole, plank.volume / whole])
+    assert rewards[2] == pytest.approx((load.volume - plank.volume) / whole)
+    assert env.episode.total == pytest.approx((base.volume + load.volume) / whole)
+    assert env.episode.end is End.COMPLETE
+    info = env._info()
+    assert info["placed_volume"] == pytest.approx(base.volume + load.volume)
+    assert len(env.episode.box.placed) == 3
+    env.close()
+
+
+def test_what_counts() -> None:
+    cube = cube_of(10)
+    here, there = np.eye(4), np.eye(4)
+    there[2, 3] = 0.06
+    assert Lying(cube, here, True, here).counts
+    assert not Lying(cube, here, True, there).counts
+    assert Lying(cube, here, True, there).drift == pytest.approx(0.06)
+    assert not Lying(cube, here, False, here).counts
+    assert not Lying(cube, here, True).counts
+
+
+def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
+    box = SettlingBox(CELLS, replace(SETTINGS, limit=0.1))
+    settled = box.place(cube_of(8), (3, 3, 8))
+    assert not settled.at_rest and box.density == 0.0 and box.placed[0].landed is None
+    assert box.put(cube_of(4), (9, 9, 0)) == 0.0
+    patient = SettlingBox(CELLS, SETTINGS)
+    patient.restore(box.snapshot())
+    assert patient.put(cube_of(4), (0, 0, 0)) == pytest.approx(0.08**3 + 2 * 0.04**3)
+
+
+def test_the_future_follows_from_the_state() -> None:
+    """A box that goes on, and one that was brought to the same state, end the same, bit for bit."""
+    first_box, other = SettlingBox(CELLS, SETTINGS), SettlingBox(CELLS, SETTINGS)
+    first_box.place(Item(TILTED, 0.01), (2, 2, 1))
+    state = pickle.loads(pickle.dumps(first_box.snapshot()))
+    first_box.place(cube_of(8), (3, 3, 5))
+    ends = [one.pose for one in first_box.placed]
+    other.restore(state)
+    other.place(cube_of(8), (3, 3, 5))
+    assert [one.pose.tobytes() for one in other.placed] == [end.tobytes() for end in ends]
+    other.restore(state)
+    assert other.placed == state.placed and len(other.placed) == 1
+    assert np.array_equal(
+        other.feasible(cube_of(8)), bodies.oracle(CELLS, state.placed, cube_of(8))
+    )
+    with pytest.raises(ValueError, match="can't be restored"):
+        SettlingBox((20, 20, 20), SETTINGS).restore(state)
+
+
+def test_what_is_not_feasible_changes_nothing() -> None:
+    box = SettlingBox(CELLS, SETTINGS)
+    box.place(cube_of(10), (3, 3, 0))
+    before = box.snapshot()
+    for at, said in (((3, 3, 1), "in conflict"), ((9, 9, 9), "not inside"), ((0, 0, 10), "grid")):
+        with pytest.raises(InfeasibleError, match=said):
+            box.place(cube_of(10), at)
+    assert box.snapshot() == before
+    assert repr(box) == "SettlingBox((40, 40, 40), 1 items, density 0.016)"
+
+
+@pytest.mark.parametrize("render_mode", [None, "rgb_array"])
+@pytest.mark.usefixtures("tiny")
+def test_gymnasiums_checker_is_content(render_mode: str | None) -> None:
+    """Warnings are errors."""
+    env = gym.make(
+        "PackItPhysics-v0",
+        tasks=[task_of(cube_of(8), Item(TILTED, 0.01))],
+        physics=SETTINGS,
+        observation="voxels" if render_mode else "features",
+        max_shapes=3,
+        render_mode=render_mode,
+    )
+    check_env(env.unwrapped, skip_render_check=render_mode is None)
+    env.close()
+
+
+def test_the_same_seed_is_the_same_episode() -> None:
+    def played() -> list[object]:
+        env = env_of(Item(TILTED, 0.01), Item(BALL, 0.006), cube_of(10), rotation="random")
+        rng = np.random.default_rng(5)
+        env.reset(seed=4)
+        told: list[object] = []
+        while env.episode.end is None:
+            action = int(rng.choice(np.flatnonzero(env.action_masks())))
+            seen, reward, *_ = env.step(action)
+            told += [action, reward, seen["action_mask"].tobytes()]
+        return [*told, *(one.pose.tobytes() for one in env.episode.box.placed)]
+
+    assert played() == played()
+
+
+def test_a_state_is_gone_back_to() -> None:
+    env = env_of(Item(TILTED, 0.01), cube_of(10), rotation="aligned", location="blbf")
+    env.reset(seed=0)
+    env.step(0)
+    state = pickle.loads(pickle.dumps(env.get_state()))
+    ends = []
+    for _ in range(2):
+        env.step(1)
+        ends.append([one.pose.tobytes() for one in env.episode.box.placed])
+        env.set_state(state)
+        assert len(env.episode.box.placed) == 1
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.parametrize(
+    "name", ["largest-first/aligned/blbf", "smallest-first/lowest/dblf+beam=2"]
+)
+def test_heuristics_and_searches_play_as_ever(name: str) -> None:
+    task = task_of(Item(CUBE, 0.008), Item(TILTED, 0.004), Item(BALL, 0.004))
+    episode = Episode(task, box=SettlingBox(CELLS, SETTINGS))
+    Agent.from_name(name).play(episode, np.random.default_rng(0))
+    assert episode.end is End.COMPLETE and len(episode.box.placed) == 3
+    counted = sum(one.item.volume for one in episode.box.placed if one.counts)
+    assert episode.total == pytest.approx(counted / task.volume)
+
+
+def test_easy_has_physics_too() -> None:
+    env = env_of(cube_of(10), Item(BALL, 0.004), easy=True)
+    env.reset(seed=0)
+    env.step(0)
+    env.step(number(2, 2, 3))
+    env.step(5)
+    seen, *_ = env.step(1)
+    ball = env.episode.task.items[1]
+    expected = bodies.oracle(CELLS, env.episode.box.placed, ball)
+    assert np.array_equal(seen["locations"], expected)  # all rotations of a ball are nearly one
+    env.close()
+
+
+def test_a_picture_shows_where_items_lie() -> None:
+    env = env_of(cube_of(12), render_mode="rgb_array")
+    env.reset(seed=0)
+    empty = env.render()
+    env.step(0)
+    env.step(0)
+    env.step(number(3, 3, 6))
+    low, (height, *_) = env.render(), empty.shape
+    changed = np.argwhere((low != empty).any(axis=2))
+    assert changed[:, 0].mean() > height / 2  # on the floor, though it was placed high up
+    env.close()
+
+
+def test_the_page_shows_where_items_lie(settled: SettlingBox) -> None:
+    pytest.importorskip("viser")
+    with Viewer(settled) as viewer:
+        for shown, lying in zip(viewer.items, settled.placed, strict=True):
+            assert np.allclose(shown.position, lying.center)
+            turn = transformations.quaternion_matrix(shown.wxyz)[:3, :3]
+            assert np.allclose(turn * np.cbrt(lying.item.scale), lying.pose[:3, :3], atol=1e-6)
+
+
+def test_many_play_side_by_side() -> None:
+    envs = gym.make_vec(
+        "PackItPhysics-v0",
+        2,
+        tasks=[task_of(cube_of(8), cube_of(6))],
+        physics=SETTINGS,
+        rotation="aligned",
+        location="blbf",
+        observation="prospects",
+        max_shapes=2,
+    )
+    seen, _ = envs.reset(seed=0)
+    assert seen["prospects"].shape == (2, 2, 8) and seen["action_mask"].all()
+    seen, rewards, *_ = envs.step(np.array((0, 1)))
+    assert rewards == pytest.approx(np.array((8**3, 6**3)) / (8**3 + 6**3))
+    assert seen["action_mask"].tolist() == [[0, 1], [1, 0]]
+    envs.close()
+
+
+def test_the_code_of_the_page_on_physics_runs() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "physics.md").read_text(encoding="utf-8")
+    example = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[-1]
+    told: dict[str, object] = {}
+    exec(compile(example, "physics.md", "exec"), told)
+    assert 0 < told["reward"] < 1
+    told["env"].close()
+
+
+def test_what_is_not_possible_is_said() -> None:
+    with pytest.raises(ValueError, match="kinematic or has physics, not both"):
+        env_of(cube_of(10), kinematic=True)
+    with pytest.raises(ValueError, match="friction -1 is not possible"):
+        gym.make("PackItPhysics-v0", physics=PhysicsSettings(friction=-1))
+    episode = Episode(task_of(cube_of(10)), box=SettlingBox(CELLS, SETTINGS))
+    Agent.from_name("largest-first/aligned/blbf").play(episode, np.random.default_rng(0))
+    with pytest.raises(ResultsError, match="SettlingBox can't be told as a pack"):
+        Rollout.of(episode, "someone", 0, 0, PACKIT, 0.0)
+
+
+def test_rewards_add_up_to_what_counts() -> None:
+    env = env_of(cube_of(10), Item(TILTED, 0.01), cube_of(6), rotation="aligned", location="blbf")
+    env.reset(seed=0)
+    totals = [0.0]
+    while env.episode.end is None:
+        env.step(int(np.flatnonzero(env.action_masks())[0]))
+        totals.append(env.episode.total)
+    assert all(b >= a for a, b in pairwise(totals))
+    assert totals[-1] * env.episode.task.volume == pytest.approx(env.episode.box.counted)
