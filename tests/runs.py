@@ -1,4 +1,4 @@
-"""Results and trainings made by hand, without playing: of starter packs, with returns as wished."""
+"""`packit` as tests run it; and results and trainings made by hand, without playing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from typer.testing import CliRunner
+
+from packit_sim.cli.app import app
 from packit_sim.datasets.packs import Task, load_tasks
 from packit_sim.envs.episode import End
 from packit_sim.experiments.results import PACKIT, Rollout, Rules, write_results
@@ -23,6 +26,15 @@ def everyday() -> ShapeLibrary:
 @cache
 def tasks() -> tuple[Task, ...]:
     return load_tasks("starter", everyday())
+
+
+def packit(*arguments: object) -> str:
+    """What `packit` prints, where it ends well."""
+    found = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if found.exception and not isinstance(found.exception, SystemExit):
+        raise found.exception
+    assert found.exit_code == 0, found.output
+    return found.output
 
 
 def rollout(agent: str, task: int, items: int, rules: Rules = PACKIT, **more: Any) -> Rollout:

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from packit_sim.cli.app import app
 from packit_sim.datasets.packs import Task, load_tasks, read_packs, verify
 from packit_sim.envs.policies import Agent
 from packit_sim.errors import BusyError, PackItError
@@ -23,6 +21,7 @@ from packit_sim.experiments.reproduction import TABLES, markdown, reproduced
 from packit_sim.experiments.results import ResultsError, Rollout, Rules, read_results, write_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers
+from tests.runs import packit
 
 NAMES = ("largest-first/aligned/blbf", "random/random/random", "random/aligned/blbf+backtrack=3")
 
@@ -170,15 +169,6 @@ def test_a_score_tells_density_and_time(rollouts) -> None:
     assert score.tasks == 3
     assert score.density.mean == pytest.approx(np.mean([r.pack.density for r in rollouts[:3]]))
     assert score.seconds == np.median([r.seconds for r in rollouts[:3]])
-
-
-def packit(*arguments: object) -> str:
-    """What `packit` prints, where it ends well."""
-    found = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    if found.exception and not isinstance(found.exception, SystemExit):
-        raise found.exception
-    assert found.exit_code == 0, found.output
-    return found.output
 
 
 def test_evaluate_and_compare_on_the_command_line(tmp_path) -> None:

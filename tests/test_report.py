@@ -13,9 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from packit_sim.cli.app import app
 from packit_sim.errors import PackItError
 from packit_sim.experiments.curves import CurveError, Trained
 from packit_sim.experiments.evaluation import Score, compare
@@ -25,7 +23,7 @@ from packit_sim.reports.gallery import SOLUTION, View, extremes, gallery
 from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
-from tests.runs import everyday, results, rollout, tasks, training
+from tests.runs import everyday, packit, results, rollout, tasks, training
 
 GOOD, BAD = "largest-first/aligned/blbf", "random/random/<b>&random"
 ALL = [len(task.items) for task in tasks()[:4]]
@@ -44,14 +42,6 @@ def texts(table: tables.Table, column: str) -> list[str]:
     """A column of a table."""
     (n,) = (n for n, each in enumerate(table.columns) if each.name == column)
     return [row[n].text for row in table.rows]
-
-
-def packit(*arguments: object) -> str:
-    found = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    if found.exception and not isinstance(found.exception, SystemExit):
-        raise found.exception
-    assert found.exit_code == 0, found.output
-    return found.output
 
 
 def test_scores_are_those_of_the_evaluation(runs) -> None:

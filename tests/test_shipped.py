@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("torch")
 
 from packit_agents.learning import shipped
+from packit_agents.learning.networks import PackNN
 from packit_agents.learning.weights import read_weights
 from packit_sim.datasets.packs import load_tasks
 from packit_sim.envs.episode import Episode
@@ -65,8 +66,8 @@ def test_a_network_plays_by_its_name(name) -> None:
 def test_the_papers_network_sees_what_the_papers_does() -> None:
     network, prospects, made = read_weights(FOLDER / "packnn.safetensors")
     assert prospects == 0 and made["settings"]["network"]["network"] == "packnn"
-    assert type(network).__name__ == "PackNN"
-    assert shipped.PackNN().scores is not None
+    assert isinstance(network, PackNN)
+    assert shipped.PackNN().made == made
 
 
 def test_the_card_quotes_the_last_measurement() -> None:

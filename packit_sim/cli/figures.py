@@ -23,6 +23,7 @@ from packit_sim.creation.census import dataset_files
 from packit_sim.creation.chromosomes import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, load_tasks, read_packs
 from packit_sim.envs.policies import Agent
+from packit_sim.experiments.reproduction import HEURISTIC
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.pictures import figures, plots
 
@@ -35,10 +36,6 @@ class FigureName(enum.StrEnum):
     EVOLUTION = "evolution"
     ROLLOUTS = "rollouts"
     LOOKS = "looks"
-
-
-PAPER_AGENT = "largest-first/aligned/blbf"
-"""The paper's heuristic."""
 
 
 def figures_command(
@@ -58,7 +55,7 @@ def figures_command(
         ),
     ] = None,
     generations: Annotated[int, typer.Option(min=0, help="Of that short evolution.")] = 100,
-    agent: Annotated[str, typer.Option(help="Whose rollouts are drawn.")] = PAPER_AGENT,
+    agent: Annotated[str, typer.Option(help="Whose rollouts are drawn.")] = HEURISTIC,
     tasks: Annotated[int, typer.Option(min=1, help="That it plays, the first of PACKS.")] = 40,
     seed: SeedOption = 0,
 ) -> None:

@@ -70,6 +70,11 @@ def color_of(shape: Shape) -> Color:
     return _tinted(int(shape.digest[:8], 16) % (len(_SHADES) * len(PALETTE)))
 
 
+def hexadecimal(color: Color) -> str:
+    """Its six digits."""
+    return bytes(round(255 * channel) for channel in color).hex()
+
+
 def ramp(share: float) -> Color:
     """The colour of a share, 0 for little and 1 for much."""
     at = np.clip(share, 0, 1) * (len(_RAMP) - 1)

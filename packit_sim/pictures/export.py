@@ -18,7 +18,7 @@ from packit_sim.errors import RenderError
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
 from packit_sim.occupancy import Placed
-from packit_sim.pictures.coloring import Color, Coloring, by_item
+from packit_sim.pictures.coloring import Color, Coloring, by_item, hexadecimal
 from packit_sim.pictures.lettering import plain
 from packit_sim.pictures.rendering import written
 from packit_sim.placement import Contents
@@ -92,7 +92,7 @@ def _glb(box: Contents, coloring: Coloring) -> bytes:
         shape = placed.item.shape
         mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
         mesh.visual = TextureVisuals(material=_material(color))
-        own = f"{_mesh_name(shape)} {bytes(round(255 * c) for c in color).hex()}"
+        own = f"{_mesh_name(shape)} {hexadecimal(color)}"
         if own in scene.geometry:
             scene.graph.update(frame_from=BOX, frame_to=name, matrix=placed.pose, geometry=own)
         else:

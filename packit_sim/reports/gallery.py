@@ -59,9 +59,7 @@ def chosen(runs: Runs, agent: str | None) -> Played:
     Raises ReportError where the runs hold no such.
     """
     if agent is None:
-        return max(
-            runs.played, key=lambda one: sum(r.total for r in one.rollouts) / len(one.rollouts)
-        )
+        return max(runs.played, key=lambda one: one.reward)
     for one in runs.played:
         if one.name == agent:
             return one

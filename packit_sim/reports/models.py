@@ -13,7 +13,7 @@ from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.occupancy import Placed
-from packit_sim.pictures.coloring import ByShare, Color, Coloring, by_category, by_item, by_order
+from packit_sim.pictures.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 from packit_sim.pictures.export import names
 
 TRIANGLES = 1500
@@ -38,13 +38,10 @@ class Models:
         box units cubed.
         """
         items = [one.item for one in placed]
-        rules: dict[str, Coloring] = {
-            "item": by_item,
-            "category": by_category,
-            "order": by_order,
-            "share": ByShare(total),
+        rules: dict[str, Coloring] = {**COLORINGS, "share": ByShare(total)}
+        colors = {
+            name: ["#" + hexadecimal(c) for c in rule(items).of] for name, rule in rules.items()
         }
-        colors = {name: [_hex(c) for c in rule(items).of] for name, rule in rules.items()}
         self._boxes.append(
             {
                 "size": [round(n * CELL, 6) for n in cells],
@@ -89,7 +86,3 @@ def _compact(shape: Shape) -> dict[str, Any]:
         "vertices": b64encode(mesh.vertices.astype("<u2").tobytes()).decode(),
         "faces": b64encode(mesh.faces.astype("<u4").tobytes()).decode(),
     }
-
-
-def _hex(color: Color) -> str:
-    return "#" + bytes(round(255 * channel) for channel in color).hex()

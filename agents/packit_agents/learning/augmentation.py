@@ -32,7 +32,8 @@ class AugmentedEnv(gym.Wrapper[Observation, Any, Observation, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         seen, info = self.env.reset(seed=seed, options=options)
         drawn = self.env.unwrapped.np_random.integers(len(_POSES), size=len(seen["shapes"]))
-        self._poses = drawn.tolist()
+        own = zip(seen["shapes"], drawn.tolist(), strict=True)
+        self._shapes = np.stack([turned(cubes, pose) for cubes, pose in own])
         return self._turned(seen), info
 
     def step(self, action: Any) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
@@ -40,10 +41,7 @@ class AugmentedEnv(gym.Wrapper[Observation, Any, Observation, Any]):
         return self._turned(seen), reward, terminated, truncated, info
 
     def _turned(self, seen: Observation) -> Observation:
-        shapes = seen["shapes"].copy()
-        for shape, pose in zip(shapes, self._poses, strict=True):
-            shape[:] = turned(shape.copy(), pose)
-        return {**seen, "shapes": shapes}
+        return {**seen, "shapes": self._shapes.copy()}
 
 
 def turned(cubes: npt.NDArray[np.float32], pose: int) -> npt.NDArray[np.float32]:

@@ -94,12 +94,16 @@ def _regrets(seen: Observation, best: int) -> npt.NDArray[np.float32]:
 class TaughtPPO(MaskablePPO):
     """MaskablePPO that for its first `imitation` steps imitates what its observations tell.
 
+    It goes over what it has seen in a rollout `imitation_epochs` times: lessons are true wherever
+    the policy goes meanwhile, other than advantages, and to ask for more of them costs more.
+
     Where they tell regrets, it is the choice of least regret at first, and less and less of it;
     what is to be expected of regret takes its place. Meanwhile the value network learns the
     returns, as always.
     """
 
     imitation = 0
+    imitation_epochs = 4
 
     def train(self) -> None:
         if self.num_timesteps > self.imitation:
@@ -109,10 +113,10 @@ class TaughtPPO(MaskablePPO):
         self._update_learning_rate(self.policy.optimizer)
         losses = [
             self._imitate(data)
-            for _ in range(self.n_epochs)
+            for _ in range(self.imitation_epochs)
             for data in self.rollout_buffer.get(self.batch_size)
         ]
-        self._n_updates += self.n_epochs
+        self._n_updates += self.imitation_epochs
         self.logger.record("train/imitation_loss", float(np.mean(losses)))
 
     def _imitate(self, data: Any) -> float:

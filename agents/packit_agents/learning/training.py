@@ -179,8 +179,10 @@ class Training:
 
     @property
     def _fields(self) -> tuple[str, ...]:
-        """What the network looks at."""
-        return FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
+        """What the network looks at; the prospects that regrets are told by may stay hidden."""
+        fields = FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
+        told = self.settings.observation == "prospects"
+        return tuple(name for name in fields if told or name != "prospects")
 
     def _rules(self) -> dict[str, Any]:
         """Of the environments, for training and for validation."""
@@ -211,6 +213,7 @@ class Training:
             device=self._device,
         )
         model.imitation = settings.imitation
+        model.imitation_epochs = settings.imitation_epochs
         logs = self.folder / "tensorboard"
         model.set_logger(Logger(None, [TensorBoardOutputFormat(str(logs))]))
         return model
@@ -229,7 +232,7 @@ class Training:
         replace_text(self.folder / CURVE_FILE, json.dumps(told, indent=1) + "\n")
 
     def _act(self, seen: Observation) -> npt.NDArray[np.int64]:
-        fields = {name: seen[name] for name in self._fields if name in seen}
+        fields = {name: seen[name] for name in self._fields}
         valid = seen["action_mask"].astype(bool)
         return log_probabilities(self.policy.actor, fields, valid).argmax(1)
 
@@ -354,8 +357,6 @@ def _env(
         env = AugmentedEnv(env)
     assert isinstance(env.observation_space, spaces.Dict)
     seen = env.observation_space.spaces
-    if settings.observation == "features":  # regrets are told by prospects, which stay hidden
-        fields = tuple(name for name in fields if name != "prospects")
     return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LESSON) if n in seen]))
 
 

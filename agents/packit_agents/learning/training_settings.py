@@ -32,6 +32,7 @@ class TrainingSettings:
     easy: PackIt-Easy.
     steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
+    imitation_epochs: how often a rollout is gone over meanwhile.
     regrets: whether regrets are told, not the teacher's choices alone (see `TaughtEnv`).
     imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
         `learning_rate` meanwhile.
@@ -54,6 +55,7 @@ class TrainingSettings:
     steps: int = 200_000
     teacher: str | None = None
     imitation: int = 0
+    imitation_epochs: int = 4
     regrets: bool = False
     imitation_rate: float = 1e-3
     learning_rate: float = 3e-4
@@ -82,6 +84,7 @@ class TrainingSettings:
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
             "imitation": 0 <= self.imitation <= self.steps,
+            "imitation_epochs": self.imitation_epochs >= 1,
             "regrets": not self.regrets or (self.teacher is not None and shapes_alone),
             "imitation_rate": 0 < self.imitation_rate < math.inf,
             "learning_rate": 0 < self.learning_rate < math.inf,
