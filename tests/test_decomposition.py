@@ -25,7 +25,16 @@ from packit_sim.physics.decomposition import (
     decompose_all,
 )
 from packit_sim.physics.fitting import fitted
-from packit_sim.physics.pieces import MOST_CORNERS, SHEET, Bulk, Piece, clipped, within
+from packit_sim.physics.pieces import (
+    MOST_CORNERS,
+    SHEET,
+    Bulk,
+    Floats,
+    Piece,
+    clipped,
+    covering,
+    within,
+)
 from packit_sim.physics.solids import Solid
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED
 
@@ -372,3 +381,31 @@ def test_what_is_as_large_as_its_shape_stays_whole() -> None:
     assert (first.volume, second.volume) == pytest.approx((1 - 0.075, 1.1 - 0.025))
     (first,), (second,) = fitted([[(left, 0.0)], [(block((1, 0, 0), (2, 1, 1)), 0.1)]])
     assert first is left
+
+
+def test_pieces_are_enlarged_to_a_surface_that_they_fall_short_of() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    triangles = np.asarray(ball.triangles)
+    halves = [ball.vertices[ball.vertices[:, 0] * side > 0.2] * 0.95 for side in (1, -1)]
+    short = [Piece.around(points) for points in halves]
+    whole = covering(short, triangles)
+    samples = np.concatenate((ball.vertices, triangles.mean(axis=1)))
+    assert farthest_out(samples, short) > 0.04
+    assert farthest_out(samples, whole) < 2 * SHEET
+    for before, after in zip(short, whole, strict=True):
+        assert farthest_out(before.vertices, [after]) < 1e-9
+
+
+def test_pieces_that_reach_to_the_surface_stay_as_they_are() -> None:
+    cube = trimesh.creation.box()
+    pieces = [block((-0.5, -0.5, -0.5), (0, 0.5, 0.5)), block((0, -0.5, -0.5), (0.5, 0.5, 0.5))]
+    assert all(
+        after is before
+        for before, after in zip(pieces, covering(pieces, np.asarray(cube.triangles)), strict=True)
+    )
+
+
+def farthest_out(points: Floats, pieces: list[Piece]) -> float:
+    """How far the farthest point is from the nearest piece, at least."""
+    out = [(points @ p.planes[:, :3].T + p.planes[:, 3]).max(axis=1) for p in pieces]
+    return float(np.min(out, axis=0).max())

@@ -1,8 +1,9 @@
 """Shapes as convex pieces, which is what can be let fall: by CoACD, and where it fails by halving.
 
 CoACD (Wei, Liu, Ling and Su, 2022) remeshes what is no closed body and makes it thicker by that, so
-that its hulls reach out of the shape on all sides. They serve as regions only: the pieces are the
-hulls of what of the shape's own surface is in each.
+that its hulls reach out of the shape on all sides; and they have few corners, so that they fall
+short of what is round. They serve as regions only: the pieces are the hulls of what of the shape's
+own surface is in each, or nearest to it where it is in none.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from packit_sim.errors import PhysicsError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics import store
 from packit_sim.physics.bisection import bisected
-from packit_sim.physics.pieces import Bulk, Floats, Piece, within
+from packit_sim.physics.pieces import Bulk, Floats, Piece, covering, within
 from packit_sim.physics.solids import Solid
 
 Method = Literal["coacd", "bisection"]
@@ -37,7 +38,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 PIECES_BUDGET = 200_000
 """Pieces that the process's cache of decompositions holds, roughly 5 kB each."""
 
-_FORMAT = 1
+_FORMAT = 2
 """Of what is kept on disk: one more wherever pieces come out otherwise."""
 
 _PATIENCE = 20
@@ -203,7 +204,9 @@ def _by_coacd(shape: Shape, settings: DecompositionSettings) -> tuple[list[Piece
     triangles = np.asarray(shape.mesh.triangles)
     inside = [within(triangles, Piece.around(hull)) for hull in hulls]
     pieces = [Piece.around(points) for points in inside if len(points)]
-    return pieces, problem if pieces else problem or "it found no pieces"
+    if not pieces:
+        return [], problem or "it found no pieces"
+    return covering(pieces, triangles), problem
 
 
 def _hulls(shape: Shape, settings: DecompositionSettings) -> tuple[list[Floats], str | None]:

@@ -26,11 +26,11 @@ def penetrations(settled: Settled) -> dict[tuple[int, int], float]:
     """How deep settled items are in each other, for each pair (i, j), i < j, whose meshes cross.
 
     The depth is the least of `DEPTHS` that frees them, when one is shifted by it in one of the 26
-    directions of a cube's faces, edges and corners, or when it goes back by no more than that on the
-    straight way to where it was packed beside the other: the true depth, which is the least motion
-    that frees them, is at most that. The way back tells of what stands in another's hollow, which
-    no shift frees. Packed items are free of each other, within 1e-4. The depth is inf where one is
-    wholly inside another, or farther than all `DEPTHS`.
+    directions of a cube's faces, edges and corners, or when it goes back by no more than that on
+    the straight way to where it was packed beside the other: the true depth, which is the least
+    motion that frees them, is at most that. The way back tells of what stands in another's hollow,
+    which no shift frees. Packed items are free of each other, within 1e-4. The depth is inf where
+    one is wholly inside another, or farther than all `DEPTHS`.
     """
     items = settled.items
     meshes = [_mesh(item, item.vertices) for item in items]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
+from trimesh import remesh
 
 from packit_sim.caches import cached_property
 from packit_sim.compiled import kernel
@@ -21,6 +22,12 @@ SHEET = 1e-4
 MOST_CORNERS = 200
 """Corners that a hull may have; of more, those farthest out in so many directions stay, which takes
 about 1% off a ball. The time of a simulation grows with them."""
+
+_GRAIN = 1 / 64
+"""The longest side of a part of a surface, as a share of the surface's own extent."""
+
+_HALVINGS = 12
+"""Of triangles' sides, at most: what is longer than 64 surfaces is none."""
 
 _ROUNDING = 1e-9
 """How far a point may be beyond a plane, in units of about the diagonal, and count as on it."""
@@ -114,6 +121,32 @@ def within(triangles: Floats, piece: Piece) -> Floats:
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
     near = ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
     return clipped(triangles[near], piece.planes)
+
+
+def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
+    """Pieces that reach at least to a surface, triangles (m, 3, 3).
+
+    What of it is in no piece, in parts of the size `_GRAIN`, is added to the one that is nearest.
+    """
+    size = float(np.ptp(surface, axis=(0, 1)).max()) * _GRAIN
+    vertices, faces = remesh.subdivide_to_size(
+        surface.reshape(-1, 3), np.arange(3 * len(surface)).reshape(-1, 3), size, max_iter=_HALVINGS
+    )
+    least, nearest = np.full(len(faces), np.inf), np.zeros(len(faces), dtype=int)
+    missed = np.ones(len(vertices), dtype=bool)
+    for n, piece in enumerate(pieces):
+        beyond = (vertices @ piece.planes[:, :3].T + piece.planes[:, 3]).max(axis=1)
+        missed &= beyond > SHEET
+        farthest = beyond[faces].max(axis=1)
+        nearest[farthest < least] = n
+        least = np.minimum(least, farthest)
+    grains = np.flatnonzero(missed[faces].any(axis=1))
+    return [
+        Piece.around(np.concatenate((piece.vertices, vertices[faces[own]].reshape(-1, 3))))
+        if len(own := grains[nearest[grains] == n])
+        else piece
+        for n, piece in enumerate(pieces)
+    ]
 
 
 def clipped(triangles: Floats, planes: Floats) -> Floats:
