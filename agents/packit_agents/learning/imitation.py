@@ -8,16 +8,18 @@ can't tell whether a shape has room must learn that a smaller one is the lesser 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.buffers import MaskableDictRolloutBuffer
 from torch import Tensor, nn
 from torch.nn import functional
 
+from packit_agents.learning.lessons import Lessons
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.policies import Agent
@@ -94,43 +96,51 @@ def _regrets(seen: Observation, best: int) -> npt.NDArray[np.float32]:
 class TaughtPPO(MaskablePPO):
     """MaskablePPO that for its first `imitation` steps imitates what its observations tell.
 
-    It goes over what it has seen in a rollout `imitation_epochs` times: lessons are true wherever
-    the policy goes meanwhile, other than advantages, and to ask for more of them costs more.
+    It goes over all that it was told so far, `lessons`, in minibatches that are drawn by chance,
+    after each rollout `imitation_epochs` times as many as the rollout has.
 
     Where they tell regrets, it is the choice of least regret at first, and less and less of it;
     what is to be expected of regret takes its place. Meanwhile the value network learns the
     returns, as always.
     """
 
+    lessons: Lessons
     imitation = 0
     imitation_epochs = 4
 
     def train(self) -> None:
         if self.num_timesteps > self.imitation:
+            self.lessons.clear()
             super().train()
             return
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
-        losses = [
-            self._imitate(data)
-            for _ in range(self.imitation_epochs)
-            for data in self.rollout_buffer.get(self.batch_size)
-        ]
-        self._n_updates += self.imitation_epochs
+        buffer = cast(MaskableDictRolloutBuffer, self.rollout_buffer)
+        size = cast(int, self.batch_size)
+        self.lessons.add(self.num_timesteps, buffer)
+        minibatches = self.imitation_epochs * -(-self.n_steps * self.n_envs // size)
+        losses = [self._imitate(size) for _ in range(minibatches)]
+        for _ in range(self.n_epochs):
+            for data in buffer.get(size):
+                values = self.policy.predict_values(data.observations).flatten()
+                self._descend(functional.mse_loss(values, data.returns))
+        self._n_updates += self.n_epochs
         self.logger.record("train/imitation_loss", float(np.mean(losses)))
 
-    def _imitate(self, data: Any) -> float:
-        """A step on a minibatch; returns the loss of the actor."""
-        seen = data.observations
-        lessons: Tensor = seen[LESSON]
-        distribution = self.policy.get_distribution(seen, data.action_masks)
-        loss = self._loss(distribution, lessons)
-        error = functional.mse_loss(self.policy.predict_values(seen).flatten(), data.returns)
+    def _imitate(self, size: int) -> float:
+        """A step of the actor on so many lessons; returns its loss."""
+        seen, masks = self.lessons.draw(size)
+        seen = {name: field.to(self.device) for name, field in seen.items()}
+        loss = self._loss(self.policy.get_distribution(seen, masks.numpy()), seen[LESSON])
+        self._descend(loss)
+        return float(loss.item())
+
+    def _descend(self, loss: Tensor) -> None:
+        """A step of the optimizer, of what the loss hangs on alone."""
         self.policy.optimizer.zero_grad()
-        (loss + self.vf_coef * error).backward()  # type: ignore[no-untyped-call]
+        loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         self.policy.optimizer.step()
-        return float(loss.item())
 
     def _loss(self, distribution: Any, lessons: Tensor) -> Tensor:
         """Of the actor. lessons: (b, 1) choices, or (b, actions) regrets."""

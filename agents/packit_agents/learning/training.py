@@ -26,6 +26,7 @@ from packit_agents.learning.augmentation import AugmentedEnv
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
 from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
+from packit_agents.learning.lessons import Lessons
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
@@ -75,8 +76,9 @@ class Training:
     """A training in a folder of its own, of which the same settings make the same weights.
 
     settings.json: what was asked for, and of which tasks. checkpoint.pt: all it takes to go on.
-    curve.json: the learning curve. best.safetensors: the weights that did best in validation, the
-    first of equal ones; last.safetensors: those at the end. tensorboard/: PPO's own numbers.
+    lessons: what a teacher told, until it is learned. curve.json: the learning curve.
+    best.safetensors: the weights that did best in validation, the first of equal ones;
+    last.safetensors: those at the end. tensorboard/: PPO's own numbers.
 
     folder: new, or of a training with the same settings, which goes on. device: "cpu", "cuda" or
     "auto". workers: processes of a Ray cluster that hold the environments, none for this one;
@@ -148,6 +150,7 @@ class Training:
                 left = self.settings.steps - self.steps
                 watch = _Watch(self, on_progress)
                 self._model.learn(left, watch, reset_num_timesteps=self.steps == 0)
+                self._model.lessons.clear()
                 self.look()
         on_progress(Progress(self.steps, self.reward, self.best))
 
@@ -296,6 +299,12 @@ class Training:
         """Goes on from the checkpoint, if there is one."""
         self._written = time.monotonic()
         found = read_checkpoint(self.folder / CHECKPOINT, self._device)
+        assert isinstance(self._envs.action_space, spaces.Discrete)
+        self._model.lessons = Lessons(
+            self.folder / "lessons",
+            int(self._envs.action_space.n),
+            0 if found is None else found[1]["steps"],
+        )
         if found is None:
             return
         tensors, told = found

@@ -32,7 +32,8 @@ class TrainingSettings:
     easy: PackIt-Easy.
     steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
-    imitation_epochs: how often a rollout is gone over meanwhile.
+    imitation_epochs: how many minibatches of all lessons so far are gone over after each rollout,
+        as a multiple of those that the rollout has.
     regrets: whether regrets are told, not the teacher's choices alone (see `TaughtEnv`).
     imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
         `learning_rate` meanwhile.
