@@ -507,6 +507,7 @@ def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
         assert policy(Episode(task), np.random.default_rng(0)) == first
 
 
+@pytest.mark.slow
 def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
     """Three cubes that fill the box to 3/4, where they are put side by side in the corners."""
     settings = cubes(tmp_path, (48, 48, 48), BOX_CELLS)
