@@ -116,12 +116,14 @@ def test_a_box_that_is_cut_or_apart_is_not_packed(look: Look) -> None:
         packing(packed(), look, PACE)
 
 
-@pytest.mark.parametrize("look", [Look(cut=Cut("x", 0.5)), Look(explode=0.5)])
+@pytest.mark.parametrize("look", [Look(cut=Cut("z", 0.1)), Look(explode=0.5)])
 def test_a_turn_is_of_a_box_that_is_cut_or_apart(look: Look) -> None:
     box = packed()
-    pictures = [list(shot(box, turning(box, 3, way), 48, 48)) for way in (look, Look())]
-    for changed, usual in zip(*pictures, strict=True):
-        assert (np.abs(changed.astype(int) - usual).max(axis=2) > 20).mean() > 0.01
+    other, usual = (
+        np.array(list(shot(box, turning(box, 3, way), 48, 48)), dtype=int) for way in (look, Look())
+    )
+    changed = (np.abs(other - usual).max(axis=3) > 20).mean(axis=(1, 2))
+    assert changed.max() > 0.03
 
 
 def test_an_empty_box_is_filmed_too() -> None:
