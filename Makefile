@@ -39,11 +39,13 @@ test-all: ## the slow tests too; MASKS=2000 SEED=1: so many full masks against t
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,cluster
 	@$(PYTEST) --masks $(MASKS) --seed $(SEED) $(PYTEST_ARGS)
 
-bench: ## every benchmark, one after the other
+bench: ## the benchmarks that take minutes, one after the other
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench,cluster
 	@$(BIN)/python -m benchmarks.placement
 	@$(BIN)/python -m benchmarks.library
 	@$(BIN)/python -m benchmarks.env
+	@$(BIN)/python -m benchmarks.pictures
+	@$(BIN)/python -m benchmarks.viewer
 	@$(BIN)/python -m benchmarks.cluster
 
 lint: $(STAMP) ## ruff: rules and format

@@ -1,20 +1,34 @@
-"""How long a page with a large pack takes: `python -m benchmarks.viewer`.
+"""What a page with a large pack costs: to show it, to go through its steps, to move it apart.
 
-Fifty items of 50,000 triangles each. Times are of the processor, all threads together.
+    .venv/bin/python -m benchmarks.viewer
+
+Fifty items of 50,800 triangles each. Times are of the processor, all threads together, so that they
+mean something on a machine that does other things as well. Prints a table, and writes
+`benchmarks/results/viewer.json`.
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
+import json
+import os
+import platform
 import time
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
+from rich.console import Console
+from rich.table import Table
 from trimesh import creation
 
+from benchmarks.placement import RESULTS, summaries
 from packit_sim.box import Snapshot
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.occupancy import Placed
+from packit_sim.pictures.looks import Cut
 from packit_sim.viewing.boxes import Display, ShownBox
 from packit_sim.viewing.pages import Page
 
@@ -40,27 +54,55 @@ def pack() -> Snapshot:
     return Snapshot(BOX_CELLS, tuple(placed))
 
 
-def seconds(work: Callable[[], None]) -> float:
+def milliseconds(work: Callable[[], None]) -> float:
+    """Of the processor."""
     before = time.process_time()
     work()
-    return time.process_time() - before
+    return (time.process_time() - before) * 1000
 
 
 def main() -> None:
-    box = pack()
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    parser.add_argument("--repeats", type=int, default=11, help="of all but the first display")
+    arguments = parser.parse_args()
+    console = Console(width=100)
+    with console.status("making the pack"):
+        box = pack()
     page = Page()
-    shown = ShownBox(page.server)
-    rows = {
-        "shown for the first time": seconds(lambda: shown.show(box)),
-        "one step on": seconds(lambda: shown.show(box, Display(step=25))),
-        "exploded": seconds(lambda: shown.show(box, Display(explode=0.5))),
-    }
+    try:
+        shown = ShownBox(page.server)
+        times = {"shown for the first time": [milliseconds(partial(shown.show, box))]}
+        repeats = range(1, arguments.repeats + 1)
+        for name, displays in {
+            "a step": [Display(step=n) for n in repeats],
+            "moved apart": [Display(explode=n / 10) for n in repeats],
+            "cut open": [Display(cut=Cut("y", 0.5 + n / 100)) for n in repeats],
+        }.items():
+            times[name] = [milliseconds(partial(shown.show, box, one)) for one in displays]
+        kept = sum(len(handle.faces) for handle in shown.items)
+    finally:
+        page.close()
     triangles = sum(len(placed.item.shape.mesh.faces) for placed in box.placed)
-    kept = sum(len(handle.faces) for handle in shown.items)
-    page.close()
-    print(f"{ITEMS} items of {triangles:,} triangles, {kept:,} of them on the page")
-    for name, taken in rows.items():
-        print(f"{name}: {taken:.3f} s")
+    result = {
+        "command": "python -m benchmarks.viewer",
+        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "items": ITEMS,
+        "triangles": triangles,
+        "triangles on the page": kept,
+        "processor, ms": summaries(times),
+    }
+    table = Table("what", "processor, ms", "10% to 90%", "n")
+    for name, row in summaries(times).items():
+        table.add_row(
+            name, f"{row['median']:.1f}", f"{row['p10']:.1f} to {row['p90']:.1f}", str(row["n"])
+        )
+    console.print(table)
+    console.print(f"{ITEMS} items of {triangles:,} triangles, {kept:,} of them on the page")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "viewer.json").write_text(json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import socket
@@ -12,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,8 +27,10 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.pictures.coloring import PALETTE, Key, Scale, by_category
 from packit_sim.viewing import tables
+from packit_sim.viewing.boxes import Floats, corners, reach
 from packit_sim.viewing.controls import NOTHING
 from packit_sim.viewing.exhibits import Collection
+from packit_sim.viewing.pages import _look, _view
 from packit_sim.viewing.questions import Question
 from packit_sim.viewing.surfaces import MOST_TRIANGLES, surface
 from packit_sim.viewing.workers import Worker
@@ -188,7 +192,9 @@ def test_why_not_here_shows_where_and_names_what_blocks(
     found = box.why_not(wanted.item, blocked)
     for n in found.items:
         assert f"{n} ({packs[0].items[n].shape})" in controls.answer.content
-        assert explorer.boxes[0].items[n].opacity == 0.5
+        assert explorer.boxes[0].items[n].opacity == 0.35
+    nodes = mask[:, :, blocked[2]]
+    assert len(scene.get_handle_by_name("/answer/level").points) == np.count_nonzero(nodes)
     explorer._to_first()
     explorer.settle()
     assert controls.asked.location == box.blbf(wanted.item)
@@ -196,6 +202,57 @@ def test_why_not_here_shows_where_and_names_what_blocks(
     explorer.settle()
     assert controls.asked.wanted is None
     assert scene.get_handle_by_name("/answer/item") is None
+
+
+def test_places_are_asked_about_where_items_are_in_theirs(
+    explorer: Explorer, packs: list[Pack], library: ShapeLibrary
+) -> None:
+    controls = explorer.controls
+    controls._explode.value = 0.5
+    controls.set_step(6)
+    explorer.settle()
+    placed = packs[0].placed(library)[5]
+    assert not np.allclose(explorer.boxes[0].items[5].position, placed.center)
+    controls._wanted.value = controls._wanted.options[1]
+    explorer.settle()
+    assert explorer.boxes[0].items[5].position == pytest.approx(placed.center)
+    assert controls._explode.disabled
+    controls._wanted.value = NOTHING
+    explorer.settle()
+    assert controls.asked.explode == 0.5 and not controls._explode.disabled
+
+
+@pytest.mark.parametrize("way", [(1.0, 2.0, 0.5), (-3.0, 0.1, -1.0), (0.0, 0.0, 1.0)])
+def test_a_camera_goes_to_what_it_is_to_see_on_the_side_where_it_is(way: Floats) -> None:
+    camera = SimpleNamespace(position=np.array(way) + 7, look_at=np.full(3, 7.0))
+    points = corners((300, 100, 50)) + np.array((1.0, -2.0, 3.0))
+    _look(camera, points, 1.5, _view(camera))
+    toward = camera.position - camera.look_at
+    toward /= np.linalg.norm(toward)
+    assert toward == pytest.approx(np.array(way) / np.linalg.norm(way), abs=2e-3)
+    view = _view(camera)
+    rays = points - camera.position
+    reach = math.tan(math.radians(view.fov) / 2) * -(rays @ toward)
+    assert (np.abs(rays @ view.right) < 1.5 * reach).all()
+    assert (np.abs(rays @ view.up) < reach).all()
+
+
+def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
+    packs: list[Pack], library: ShapeLibrary
+) -> None:
+    with Explorer(Collection(packs, library), 0, 1) as explorer:
+        scene = explorer._page.server.scene
+        for explode in (0.0, 1.5):
+            explorer.controls._explode.value = explode
+            explorer.settle()
+            spans, tops = [], []
+            for name, exhibit in zip(("/first", "/second"), explorer._exhibits, strict=True):
+                x, _, _ = scene.get_handle_by_name(name).position
+                points = reach(exhibit.at(len(exhibit.placed)), explode)
+                spans.append((x + points[:, 0].min(), x + points[:, 0].max()))
+                tops.append(points[:, 2].max())
+                assert scene.get_handle_by_name(f"{name}/title").position[2] > tops[-1]
+            assert spans[0][0] - spans[1][1] >= 0.2
 
 
 def test_two_agents_stand_side_by_side(packs: list[Pack], library: ShapeLibrary) -> None:

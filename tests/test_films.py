@@ -103,12 +103,27 @@ def test_an_item_comes_from_outside_and_is_turned_before_it_is_in() -> None:
 
 
 def test_every_frame_has_the_same_view_and_all_stays_in_it() -> None:
-    frames = list(packing(packed(), Look(cut=Cut("x", 0.5)), PACE))
+    frames = list(packing(packed(), pace=PACE))
     assert len({id(layout.points) for _, layout in frames}) == 1
-    assert {look.cut for look, _ in frames} == {None}
     for picture in shot(packed(), frames[::10], 64, 36):
         assert picture.shape == (36, 64, 3)
         assert not (picture[-1] != picture[-1, 0]).any()
+
+
+@pytest.mark.parametrize("look", [Look(cut=Cut("x", 0.5)), Look(explode=0.1)])
+def test_a_box_that_is_cut_or_apart_is_not_packed(look: Look) -> None:
+    with pytest.raises(ValueError, match="film a turn"):
+        packing(packed(), look, PACE)
+
+
+@pytest.mark.parametrize("look", [Look(cut=Cut("z", 0.1)), Look(explode=0.5)])
+def test_a_turn_is_of_a_box_that_is_cut_or_apart(look: Look) -> None:
+    box = packed()
+    other, usual = (
+        np.array(list(shot(box, turning(box, 3, way), 48, 48)), dtype=int) for way in (look, Look())
+    )
+    changed = (np.abs(other - usual).max(axis=3) > 20).mean(axis=(1, 2))
+    assert changed.max() > 0.03
 
 
 def test_an_empty_box_is_filmed_too() -> None:

@@ -16,6 +16,7 @@ from PIL import Image
 
 from packit_sim.datasets.packs import dataset_file, read_packs
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.viewing.boxes import corners, reach
 from packit_sim.viewing.exhibits import Collection
 
 pytest.importorskip("viser")
@@ -87,26 +88,27 @@ def _opened(chromium) -> Iterator[Opened]:
 @pytest.fixture(autouse=True)
 def _as_at_first(opened: Opened) -> None:
     """What the tests may have set: they stand by themselves."""
+    opened.page.mouse.move(1, 1)  # what is under it is outlined
     controls = opened.explorer.controls
     controls.set_step(len(opened.explorer._exhibits[0].placed))
-    controls._item.value = controls._axis.value = "nothing"
+    controls._item.value = controls._axis.value = controls._wanted.value = "nothing"
+    controls._beside.value = "nothing"
     controls._explode.value = 0.0
     opened.explorer.settle()
 
 
-def pixel(opened: Opened, point: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Where in the window a point (3,) of the scene is."""
+def pixels(opened: Opened, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(n, 2) where in the window points (n, 3) of the scene are."""
     (client,) = opened.explorer._page.server.get_clients().values()
     camera = client.camera
     import viser
 
-    x, y, z = viser.transforms.SO3(camera.wxyz).inverse().apply(point - camera.position)
+    turn = viser.transforms.SO3(camera.wxyz).as_matrix()
+    x, y, z = ((points - camera.position) @ turn).T
     focal = camera.image_height / 2 / np.tan(camera.fov / 2)
     canvas = opened.page.locator("canvas").first.bounding_box()
-    return (
-        canvas["x"] + canvas["width"] / 2 + focal * x / z,
-        canvas["y"] + canvas["height"] / 2 + focal * y / z,
-    )
+    middle = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
+    return np.stack((focal * x / z, focal * y / z), axis=1) + middle
 
 
 def settled_like(opened: Opened, name: str) -> npt.NDArray[np.float64]:
@@ -137,12 +139,26 @@ def test_the_page_loads_without_errors_and_asks_nothing_outside(opened: Opened) 
     assert any(url.startswith("ws") for url in opened.requests)
 
 
-def test_the_whole_box_is_in_view(opened: Opened) -> None:
+def in_view(opened: Opened, points: npt.NDArray[np.float64]) -> bool:
+    """Whether all points (n, 3) are."""
     canvas = opened.page.locator("canvas").first.bounding_box()
-    for corner in np.indices((2, 2, 2)).reshape(3, 8).T:
-        x, y = pixel(opened, corner)
-        assert canvas["x"] < x < canvas["x"] + canvas["width"]
-        assert canvas["y"] < y < canvas["y"] + canvas["height"]
+    places = pixels(opened, points)
+    low = np.array((canvas["x"], canvas["y"]))
+    high = low + np.array((canvas["width"], canvas["height"]))
+    return bool((places > low).all() and (places < high).all())
+
+
+def test_the_whole_box_is_in_view(opened: Opened) -> None:
+    assert in_view(opened, corners((100, 100, 100)))
+
+
+def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
+    first = opened.explorer._exhibits[0]
+    apart = reach(first.at(len(first.placed)), 1.5)
+    assert not in_view(opened, apart)
+    opened.explorer.controls._explode.value = 1.5
+    opened.explorer.settle()
+    assert in_view(opened, apart)
 
 
 def test_the_step_slider_moves_items(opened: Opened) -> None:
@@ -164,7 +180,7 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     last = len(opened.explorer._exhibits[0].placed) - 1
     handle = opened.explorer.boxes[0].items[last]
     settled_like(opened, "whole")  # all items are drawn: they can be hit
-    x, y = pixel(opened, handle.position)
+    ((x, y),) = pixels(opened, handle.position[None])
     opened.page.mouse.click(x, y, delay=100)
     opened.wait(lambda: controls.asked.chosen is not None)
     chosen = controls.asked.chosen
@@ -188,6 +204,34 @@ def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
     apart = settled_like(opened, "apart")
     for one, other in ((whole, cut), (whole, apart), (cut, apart)):
         assert np.abs(one - other).mean() > 2 * NEAR
+
+
+def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
+    explorer, controls = opened.explorer, opened.explorer.controls
+    controls.set_step(3)
+    explorer.settle()
+    controls._wanted.value = controls._wanted.options[1]
+    explorer.settle()
+    controls.ask(0, (6, 6, 4))
+    explorer.settle()
+    settled_like(opened, "blocked")
+    opened.page.get_by_text("Why not here?").click()
+    opened.page.get_by_text("is in its way").wait_for()
+    opened.page.get_by_text("To the first free place").click()
+    opened.page.get_by_text("it fits").wait_for()
+    settled_like(opened, "free")
+
+
+def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
+    opened.explorer.controls._beside.value = opened.explorer.controls._beside.options[1]
+    opened.explorer.settle()
+    settled_like(opened, "beside")
+    scene = opened.explorer._page.server.scene
+    for node, exhibit in zip(("/first", "/second"), opened.explorer._exhibits, strict=True):
+        title = scene.get_handle_by_name(f"{node}/title")
+        assert title.text == exhibit.name
+        place = title.position + scene.get_handle_by_name(node).position
+        assert in_view(opened, place[None])
 
 
 def test_no_error_came_up_in_the_end(opened: Opened) -> None:

@@ -143,7 +143,10 @@ def film_command(
     cut: CutOption = None,
     color: ColorOption = "item",
 ) -> None:
-    """Films how a pack is packed, item by item; by the camera turntable, a turn around it."""
+    """Films how a pack is packed, item by item; by the camera turntable, a turn around it.
+
+    Only a turn can be of a box that is cut open or moved apart.
+    """
     video.require(out)
     width, height = _size(size)
     opened = ShapeLibrary.open(library)
@@ -153,7 +156,10 @@ def film_command(
         frames = list(films.turning(shown, max(1, round((seconds or 8.0) * fps)), look))
     else:
         if cut or explode:
-            raise PackItError("--cut and --explode are for --camera turntable: items move here")
+            raise PackItError(
+                "--cut and --explode are not possible while a box is packed: choose --camera "
+                f"{TURNTABLE}, which films a turn around it, or leave them out"
+            )
         pace = films.Pace(fps)
         if seconds is not None:
             pace = films.Pace.lasting(seconds, len(shown.placed), fps)

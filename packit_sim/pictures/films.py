@@ -73,9 +73,16 @@ def packing(box: Contents, look: Look = USUAL, pace: Pace | None = None) -> Iter
     """Frames in which the items of a box, which stand beside it, come in one after the other.
 
     Each rises, turns on the way, and comes in from above, or from the side on which least of what
-    is there already is in its way: not every packing can be made by hand.
+    is there already is in its way: not every packing can be made by hand. Raises ValueError where
+    the look cuts the box open or moves its items apart, which `turning` shows.
     """
-    pace, look = pace or Pace(), replace(look, cut=None)
+    if look.cut is not None or look.explode:
+        raise ValueError("a box that is cut open or moved apart can't be packed: film a turn of it")
+    return _packing(box, look, pace or Pace())
+
+
+def _packing(box: Contents, look: Look, pace: Pace) -> Iterator[Frame]:
+    """Frames of `packing`."""
     size = np.array(box.cells) * CELL
     outside = Layout.standing([placed.item for placed in box.placed], size)
     inside = Layout.packed(box.placed, size)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.geometry.lattice import Triple
 from packit_sim.occupancy import Placed
-from packit_sim.pictures.coloring import PALETTE
+from packit_sim.pictures.coloring import PALETTE, Color
 from packit_sim.pictures.layouts import Pose
 from packit_sim.viewing.boxes import rgb
 from packit_sim.viewing.questions import Question
@@ -20,12 +21,18 @@ if TYPE_CHECKING:
 _FITS, _BLOCKED = PALETTE[0], PALETTE[5]
 """Blue and vermilion, which all can tell apart."""
 
-_POINT = 0.007
-"""Side of a feasible location's dot, in box units."""
+_ELSEWHERE = (0.62, 0.78, 0.88)
+"""Of dots above and below the item: a pale blue, so that they don't hide it."""
+
+_POINT, _SMALL = 0.007, 0.003
+"""Sides of dots, in box units: at the item's height, and elsewhere."""
 
 
 class ShownAnswer:
-    """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits."""
+    """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits.
+
+    Dots at the item's own height are larger.
+    """
 
     def __init__(self, server: viser.ViserServer, name: str) -> None:
         self._server = server
@@ -41,6 +48,8 @@ class ShownAnswer:
             self.remove()
             self._question = question
             self._item = self._add(placed)
+        level = np.isclose(question.centers[:, 2], placed.center[2])
+        self._add_dots("level", question.centers[level], _FITS, _POINT)
         self._item.position = placed.center
         self._item.color = rgb(color)
 
@@ -53,14 +62,7 @@ class ShownAnswer:
     def _add(self, placed: Placed) -> viser.MeshHandle:
         assert self._question is not None
         self._server.scene.add_frame(self._name, show_axes=False)
-        self._server.scene.add_point_cloud(
-            f"{self._name}/dots",
-            self._question.centers,
-            rgb(_FITS),
-            point_size=_POINT,
-            point_shape="circle",
-            precision="float32",
-        )
+        self._add_dots("dots", self._question.centers, _ELSEWHERE, _SMALL)
         mesh = surface(placed.item.shape)
         return self._server.scene.add_mesh_simple(
             f"{self._name}/item",
@@ -71,4 +73,16 @@ class ShownAnswer:
             receive_shadow=False,
             scale=float(np.cbrt(placed.item.scale)),
             wxyz=Pose.of(placed.item, placed.center).turn,
+        )
+
+    def _add_dots(
+        self, name: str, points: npt.NDArray[np.float64], color: Color, size: float
+    ) -> None:
+        self._server.scene.add_point_cloud(
+            f"{self._name}/{name}",
+            points,
+            rgb(color),
+            point_size=size,
+            point_shape="circle",
+            precision="float32",
         )

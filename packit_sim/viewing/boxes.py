@@ -33,8 +33,12 @@ _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _CAP = 0.8
 """What a section keeps of its item's brightness."""
 
-_ABOVE = 0.05
-"""How far over the box its title stands, as a share of its height."""
+_ABOVE = 0.2
+"""How far over a box and its items its title stands, as a share of the box's longest side: enough
+to be clear of its far corner in the usual view."""
+
+_TITLE = 1.2
+"""Size of a title, as a share of other text in the scene."""
 
 _GLASS = 0.12
 """How opaque items are that stand back."""
@@ -64,15 +68,14 @@ USUAL = Display()
 class ShownBox:
     """A box in a scene, and its items as meshes that follow it.
 
-    name: of its node in the scene, "" for none of its own. origin: (3,) where the box's stands.
-    on_click: told the number of an item that was clicked.
+    name: of its node in the scene, "" for none of its own. on_click: told the number of an item
+    that was clicked.
     """
 
     def __init__(
         self,
         server: viser.ViserServer,
         name: str = "",
-        origin: Floats | None = None,
         on_click: Callable[[int], None] | None = None,
     ) -> None:
         self._server = server
@@ -83,9 +86,7 @@ class ShownBox:
         self._surfaces: dict[tuple[int, Standing], trimesh.Trimesh] = {}
         self._items: dict[tuple[int, Standing], viser.MeshHandle] = {}
         self._parts: dict[tuple[int, Standing], tuple[viser.MeshHandle, ...]] = {}
-        if name:
-            position = np.zeros(3) if origin is None else origin
-            server.scene.add_frame(name, show_axes=False, position=position)
+        self._node = server.scene.add_frame(name, show_axes=False) if name else None
 
     @property
     def items(self) -> tuple[viser.MeshHandle, ...]:
@@ -106,12 +107,19 @@ class ShownBox:
                 assert pose is not None
                 self._show_item(key, pose, color, display)
 
-    def title(self, text: str, cells: Triple) -> None:
-        """What stands over the box."""
-        x, y, z = np.array(cells) * CELL
-        place = np.array((x / 2, y / 2, z * (1 + _ABOVE)))
+    def move(self, origin: Floats) -> None:
+        """Stands a box that has a node of its own with its origin there (3,)."""
+        assert self._node is not None
+        self._node.position = origin
+
+    def title(self, text: str, place: Floats) -> None:
+        """What stands over the box, there (3,); see `over`."""
         self._server.scene.add_label(
-            f"{self._name}/title", text, position=place, anchor="bottom-center"
+            f"{self._name}/title",
+            text,
+            position=place,
+            anchor="bottom-center",
+            font_screen_scale=_TITLE,
         )
 
     def label(self, number: int | None) -> None:
@@ -233,9 +241,21 @@ def _on_grid(placed: Standing) -> Placed:
     return placed
 
 
-def corners(cells: Triple, origin: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
-    """(8, 3) corners of a box of so many cells whose origin stands there, in box units."""
-    return np.indices((2, 2, 2)).reshape(3, 8).T * np.array(cells) * CELL + np.asarray(origin)
+def corners(cells: Triple) -> Floats:
+    """(8, 3) corners of a box of so many cells, in box units."""
+    return np.indices((2, 2, 2)).reshape(3, 8).T * np.array(cells) * CELL
+
+
+def reach(box: Load, explode: float = 0.0) -> Floats:
+    """(n, 3) corners of a box and of its items, which may be moved apart, in box units."""
+    layout = Layout.packed(box.placed, np.array(box.cells) * CELL, explode)
+    return np.concatenate((corners(box.cells), layout.points))
+
+
+def over(cells: Triple, points: Floats) -> Floats:
+    """(3,) where a box's title stands that is to be clear of points (n, 3)."""
+    x, y, z = np.array(cells) * CELL
+    return np.array((x / 2, y / 2, points[:, 2].max() + _ABOVE * max(x, y, z)))
 
 
 def rgb(color: Color, light: float = 1.0) -> tuple[int, int, int]:

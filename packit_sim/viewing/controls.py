@@ -25,8 +25,9 @@ _EXPLODE = 1.5
 class Asked:
     """What the panel asks for.
 
-    pack, beside: numbers of exhibits. step: how many items. chosen: number of an item. wanted:
-    number of the item that "why not here?" is about, with its rotation and location.
+    pack, beside: numbers of exhibits. step: how many items. explode: 0 while "why not here?" is
+    asked, which is about places. chosen: number of an item. wanted: number of the item that "why
+    not here?" is about, with its rotation and location.
     """
 
     pack: int
@@ -100,15 +101,16 @@ class Controls:
         """All that is set now."""
         axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
         x, y, z = (slider.value for slider in self._location)
+        wanted = _number(self._wanted.value)
         return Asked(
             self._titles.index(self._pack.value),
             None if self._beside.value == NOTHING else self._titles.index(self._beside.value),
             self._step.value,
-            self._explode.value,
+            self._explode.value if wanted is None else 0.0,
             None if axis is None else Cut(axis, max(self._at.value, CELL)),
             self._color.value,
             _number(self._item.value),
-            _number(self._wanted.value),
+            wanted,
             self._rotation.value,
             (x, y, z),
         )
@@ -144,6 +146,7 @@ class Controls:
         """What can be set: a cut's place once there is a cut, a location once there is an item."""
         self._at.disabled = asked.cut is None
         idle = asked.wanted is None
+        self._explode.disabled = not idle
         for handle in (self._rotation, *self._location, self.first):
             handle.disabled = idle
 

@@ -8,16 +8,17 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.box import Box
 from packit_sim.errors import PackItError
-from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.pictures.coloring import COLORINGS, UNKNOWN, ByShare, Color, Legend, by_order
 from packit_sim.placement import ORIGIN
 from packit_sim.viewing import tables
 from packit_sim.viewing.answers import ShownAnswer
-from packit_sim.viewing.boxes import Display, ShownBox, corners
+from packit_sim.viewing.boxes import Display, ShownBox, over, reach
 from packit_sim.viewing.controls import Asked, Controls
 from packit_sim.viewing.exhibits import Collection, Exhibit
 from packit_sim.viewing.pages import LOOPBACK, Page
@@ -30,7 +31,7 @@ PACE = 0.5
 _GAP = 0.35
 """Between two boxes, as a share of the first one's width."""
 
-_BLOCKING = 0.5
+_BLOCKING = 0.35
 """How opaque items are that are in another's way: it can be seen through them."""
 
 _NAMES = ("/first", "/second")
@@ -155,26 +156,33 @@ class Explorer:
         return max(len(exhibit.placed) for exhibit in self._exhibits)
 
     def _put_up(self) -> None:
-        """Boxes for the exhibits, side by side, and cameras that see them whole."""
+        """Boxes for the exhibits."""
         for box in self._boxes:
             box.remove()
-        cells = [exhibit.cells for exhibit in self._exhibits]
-        places = np.zeros((len(cells), 3))
-        if len(cells) > 1:  # on the right, as the camera sees it
-            places[1, 0] = -CELL * (cells[1][0] + _GAP * cells[0][0])
-        server = self._page.server
         self._boxes = [
-            ShownBox(server, name, place, partial(self._choose, n))
-            for n, (name, place) in enumerate(zip(_NAMES, places[: len(cells)], strict=False))
+            ShownBox(self._page.server, name, partial(self._choose, n))
+            for n, name in enumerate(_NAMES[: len(self._exhibits)])
         ]
-        if len(cells) > 1:
-            for exhibit, box in zip(self._exhibits, self._boxes, strict=True):
-                box.title(exhibit.name, exhibit.cells)
-        both = [corners(c, place) for c, place in zip(cells, places, strict=True)]
-        self._page.frame(np.concatenate(both))
+
+    def _stand(self, explode: float) -> None:
+        """The boxes side by side, with titles, and cameras that see all that is in them whole."""
+        places = _places([exhibit.cells for exhibit in self._exhibits], explode)
+        seen = []
+        for exhibit, box, place in zip(self._exhibits, self._boxes, places, strict=True):
+            box.move(place)
+            points = reach(exhibit.at(len(exhibit.placed)), explode)
+            if len(self._boxes) > 1:
+                head = over(exhibit.cells, points)
+                box.title(exhibit.name, head)
+                points = np.vstack((points, head))
+            seen.append(points + place)
+        self._page.frame(np.concatenate(seen))
 
     def _draw(self, asked: Asked) -> None:
-        first = self._exhibits[0]
+        first, drawn = self._exhibits[0], self._drawn
+        where = asked.pack, asked.beside, asked.explode
+        if drawn is None or where != (drawn.pack, drawn.beside, drawn.explode):
+            self._stand(asked.explode)
         colors, legend = _colored(self._exhibits, asked.coloring)
         self._question = self._questioned(asked)
         for n, (exhibit, box) in enumerate(zip(self._exhibits, self._boxes, strict=True)):
@@ -258,6 +266,15 @@ class Explorer:
         question = self._question
         if question is not None and question.first is not None:
             self.controls.ask(question.item.rotation, question.first)
+
+
+def _places(cells: Sequence[Triple], explode: float) -> npt.NDArray[np.float64]:
+    """(n, 3) where one or two boxes of such cells stand, clear of each other's items."""
+    places = np.zeros((len(cells), 3))
+    if len(cells) > 1:  # on the right, as the camera sees it
+        first, second = cells[0][0], cells[1][0]
+        places[1, 0] = -CELL * (second + _GAP * first + explode * (first + second) / 2)
+    return places
 
 
 def _same(a: Item, b: Item) -> bool:

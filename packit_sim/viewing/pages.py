@@ -9,6 +9,7 @@ import math
 import socket
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy.typing as npt
 import rich
 
 from packit_sim.errors import RenderError
-from packit_sim.pictures.cameras import ISO
+from packit_sim.pictures.cameras import ISO, TOP, Camera
 from packit_sim.pictures.looks import BACKGROUND
 
 if TYPE_CHECKING:
@@ -69,14 +70,15 @@ class Page:
         return self._server
 
     def frame(self, points: npt.NDArray[np.float64]) -> None:
-        """Has points (n, 3) in view, from where pictures are taken, in every browser.
+        """Has points (n, 3) in view in every browser, from the side that it looks from.
 
-        Also in those that come later, and again where a window gets another shape.
+        Those that come later look from where pictures are taken. Again where a window gets another
+        shape.
         """
         self._points = points
         _look(self.server.initial_camera, points, _ASPECT)
         for client in self.server.get_clients().values():
-            _look(client.camera, points, client.camera.aspect)
+            _look(client.camera, points, client.camera.aspect, _view(client.camera))
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Keeps all in view of a browser whose window, or what a panel leaves of it, changes."""
@@ -85,7 +87,7 @@ class Page:
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
-                _look(camera, self._points, aspect)
+                _look(camera, self._points, aspect, _view(camera))
 
         changed(client.camera)
         client.camera.on_update(changed)
@@ -103,11 +105,26 @@ def _look(
     camera: viser.InitialCameraConfig | viser.CameraHandle,
     points: npt.NDArray[np.float64],
     aspect: float,
+    view: Camera = ISO,
 ) -> None:
-    """Turns a camera to points (n, 3), from as near as has them whole."""
+    """Turns a camera to points (n, 3), from as near as has them whole on the side of a view."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    camera.position = ISO.eye(points, aspect, middle)
+    eye = view.eye(points, aspect, middle)
+    camera.position = eye + view.toward  # viser keeps to itself what it takes for known, and a
+    camera.position = eye  # browser's word on its way may be of before: twice is sent for certain
     camera.look_at = middle  # after the position, which takes it along
+
+
+def _view(camera: viser.CameraHandle) -> Camera:
+    """From which side a browser looks."""
+    x, y, z = camera.position - camera.look_at
+    elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
+    steep = TOP.elevation
+    return replace(
+        ISO,
+        azimuth=math.degrees(math.atan2(y, x)),
+        elevation=min(max(elevation, -steep), steep),
+    )
 
 
 def _serve(host: str, port: int) -> viser.ViserServer:
@@ -170,4 +187,7 @@ def _dress(server: viser.ViserServer) -> None:
     )
     server.scene.add_light_directional(
         "/light/sun", intensity=2.0, position=(2.0, 6.0, 9.0), cast_shadow=True
+    )
+    server.scene.add_light_directional(
+        "/light/side", intensity=0.8, position=(8.0, 1.0, 3.0), cast_shadow=False
     )
