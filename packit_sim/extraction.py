@@ -48,21 +48,18 @@ class Extraction:
     @property
     def insertable(self) -> float:
         """Share of the volume that gets to its place in the order of placing; 1 where none is."""
-        return self._share(self.into)
+        return share(self.volumes, self.into)
 
     @property
     def insertable_from_above(self) -> float:
         """Of these the share that comes straight down."""
-        return self._share([way if way and len(way) == 1 else None for way in self.into])
+        straight = [way if way and len(way) == 1 else None for way in self.into]
+        return share(self.volumes, straight)
 
     @property
     def removable(self) -> float:
         """Share of the volume that gets out of the finished pack, each by itself."""
-        return self._share(self.out)
-
-    def _share(self, ways: Sequence[Way | None]) -> float:
-        found = [volume for volume, way in zip(self.volumes, ways, strict=True) if way]
-        return sum(found) / sum(self.volumes) if self.volumes else 1.0
+        return share(self.volumes, self.out)
 
 
 def extraction(box: Contents, moves: int = MOVES) -> Extraction:
@@ -70,16 +67,31 @@ def extraction(box: Contents, moves: int = MOVES) -> Extraction:
 
     Raises ValueError unless moves is at least 1.
     """
-    if moves < 1:
-        raise ValueError(f"moves {moves!r} is not possible: it must be at least 1")
+    into = insertion(box, moves)
     placed = box.placed
-    into = [way_out(placed[:n], one, box.cells, moves) for n, one in enumerate(placed)]
     out = [
         way_out([*placed[:n], *placed[n + 1 :]], one, box.cells, moves)
         for n, one in enumerate(placed)
     ]
     volumes = tuple(one.item.volume for one in placed)
-    return Extraction(volumes, tuple(into), tuple(out), _interlocked(box, out, moves))
+    return Extraction(volumes, into, tuple(out), _interlocked(box, out, moves))
+
+
+def insertion(box: Contents, moves: int = MOVES) -> tuple[Way | None, ...]:
+    """How each item gets to its place, past those placed before it: `Extraction.into` alone.
+
+    Raises ValueError unless moves is at least 1.
+    """
+    if moves < 1:
+        raise ValueError(f"moves {moves!r} is not possible: it must be at least 1")
+    placed = box.placed
+    return tuple(way_out(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
+
+
+def share(volumes: Sequence[float], ways: Sequence[Way | None]) -> float:
+    """Share of the volume of items that have a way; 1 where there are no items."""
+    found = [volume for volume, way in zip(volumes, ways, strict=True) if way]
+    return sum(found) / sum(volumes) if volumes else 1.0
 
 
 def way_out(

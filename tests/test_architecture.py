@@ -115,6 +115,7 @@ ORDER = (
     "viewing.controls",
     "viewing.explorer",
     "experiments.evaluation",
+    "experiments.judging",
     "experiments.hardness",
     "experiments.curves",
     "experiments.reproduction",

@@ -4,11 +4,16 @@ import json
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from packit_sim.datasets import packs
+from packit_sim.datasets.packs import write_packs
 from packit_sim.estimates import Estimate, told
 from packit_sim.experiments.reproduction import HEURISTIC, TABLES
+from packit_sim.physics import decomposition, store
+from tests.runs import rollout
 
 ROOT = Path(__file__).parents[1]
 REPRODUCED = ROOT / "docs" / "reproduced"
@@ -75,11 +80,29 @@ def test_all_agents_that_can_be_played_were(name) -> None:
     assert (REPRODUCED / f"{name}.png").exists() and (REPRODUCED / f"{name}.md").exists()
 
 
+def examples(page: str) -> list[str]:
+    """The Python code on a page of the docs."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+
+
 def test_the_code_for_agents_runs(capsys) -> None:
-    page = (ROOT / "docs" / "agents.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    (example,) = examples("agents.md")
     exec(compile(example, "agents.md", "exec"), {})
     told = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert [int(rollouts) for rollouts, _ in told] == list(range(1, len(told) + 1))
     best = [float(reward) for _, reward in told]
     assert 1 < len(best) <= 20 and best == sorted(best) and 0 < best[0] <= best[-1] <= 1 + 1e-9
+
+
+def test_the_code_for_physics_runs(tmp_path, monkeypatch) -> None:
+    """With a few items of a pack, by halving, as where CoACD fails: all would take minutes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
+    write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
+    monkeypatch.setattr(packs, "dataset_file", lambda name: tmp_path / "few.jsonl")
+    names: dict[str, Any] = {}
+    exec(compile(examples("physics.md")[0], "physics.md", "exec"), names)
+    assert len(names["settled"].items) == len(names["box"].placed) == 3
+    assert (tmp_path / "settled.png").stat().st_size > 1000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from packit_sim.datasets.packs import LibraryRef
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics import store
 from packit_sim.physics.decomposition import DecompositionSettings
-from packit_sim.physics.scores import scores
+from packit_sim.physics.scores import Verdict, scores
 from packit_sim.physics.world import PhysicsSettings
 from tests.zoo import cube_of
 
@@ -40,6 +41,8 @@ def test_a_cube_that_floats_beside_one_that_stands() -> None:
     assert (row["insertable"], row["from above"], row["removable"]) == (1.0, 1.0, 1.0)
     assert (row["interlocked"], row["floating"]) == (0, 1)
     assert row["filled, pushed"] > row["filled"]
+    short = asdict(Verdict.of(box, HALVES))
+    assert short == {name: row[name] for name in ("stable", "insertable", "floating")}
     assert scores(Box(), HALVES).row()["stable"] == 1.0
 
 

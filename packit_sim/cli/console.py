@@ -21,6 +21,7 @@ from rich.progress import (
 from packit_sim.errors import PackItError
 from packit_sim.libraries.splits import Split
 from packit_sim.parallel import BackendName
+from packit_sim.physics.decomposition import Method
 
 console = Console()
 
@@ -35,6 +36,7 @@ PacksArgument = Annotated[
     str, typer.Argument(help="Packs: a dataset's name, such as starter, its folder or its file.")
 ]
 SplitOption = Annotated[Split | None, typer.Option(help="Which of the dataset's splits.")]
+PiecesOption = Annotated[Method, typer.Option(help="What makes shapes convex pieces.")]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Processes; 0 for one a core.")]
 BackendOption = Annotated[BackendName, typer.Option(help="Where the workers are.")]
 AddressOption = Annotated[str | None, typer.Option(help="Of the Ray cluster's head.")]

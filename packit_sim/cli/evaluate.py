@@ -17,6 +17,7 @@ from packit_sim.cli.console import (
     BackendOption,
     LibraryOption,
     PacksArgument,
+    PiecesOption,
     SeedOption,
     SplitOption,
     WorkersOption,
@@ -29,9 +30,11 @@ from packit_sim.envs.policies import Agent
 from packit_sim.errors import PackItError
 from packit_sim.estimates import Comparison, Estimate
 from packit_sim.experiments.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
+from packit_sim.experiments.judging import SCORES, is_judged, judge
 from packit_sim.experiments.results import PACKIT, Rollout, Rules, read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parallel import Workers
+from packit_sim.physics.decomposition import METHODS, DecompositionSettings, Method, require
 
 HEURISTICS = tuple(
     "/".join(parts)
@@ -65,14 +68,22 @@ def evaluate_command(
         Path | None,
         typer.Option(help="File for the results; what it holds already is not played again."),
     ] = None,
+    scores: Annotated[
+        bool, typer.Option("--scores", help="Also what is stable, insertable, and floats.")
+    ] = False,
+    pieces: PiecesOption = METHODS[0],
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
     """Lets agents play the tasks of a dataset and prints the paper's table.
 
-    With --out it can be stopped at any moment: the same command goes on.
+    With --out it can be stopped at any moment: the same command goes on. With --scores each box is
+    let go, and ways into it are looked for: seconds a task, and the first time also to take its
+    shapes apart.
     """
+    if scores:
+        require(DecompositionSettings(method=pieces))
     opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     wanted = load_tasks(packs, opened, split)[:tasks]
@@ -83,6 +94,8 @@ def evaluate_command(
             rollouts = evaluate_shown(
                 agents, wanted, seed, Rules(easy, kinematic), workers=hands, file=out
             )
+            if scores:
+                rollouts = judge_shown(rollouts, opened, pieces, workers=hands, file=out)
     except KeyboardInterrupt:
         console.print("stopped" + (": the same command goes on from here" if out else ""))
         raise typer.Exit(130) from None
@@ -94,6 +107,8 @@ def evaluate_command(
     )
     console.print(table)
     own = [_of(rollouts, agent.name) for agent in agents]
+    if scores:
+        console.print(verdict_table(own))
     if len(own) > 1:
         others = enumerate(own[1:], start=2)
         console.print(comparison_table((n, 1, compare(each, own[0])) for n, each in others))
@@ -156,6 +171,27 @@ def evaluate_shown(
     return rollouts
 
 
+def judge_shown(
+    rollouts: Sequence[Rollout],
+    library: ShapeLibrary,
+    pieces: Method,
+    *,
+    workers: Workers | None = None,
+    file: Path | None = None,
+) -> list[Rollout]:
+    """As `judge`, with a bar."""
+    with progress_bars() as progress:
+        known = sum(is_judged(rollout, pieces) for rollout in rollouts)
+        bar = progress.add_task("judging", total=len(rollouts), completed=known, note="")
+
+        def show(rollout: Rollout) -> None:
+            progress.update(bar, advance=1, note=rollout.agent)
+
+        judged = judge(rollouts, library, pieces, show, workers=workers, file=file)
+        progress.update(bar, note="")
+    return judged
+
+
 def score_table(scores: Sequence[Score]) -> Table:
     """The paper's table 1, one agent a row, by its number."""
     levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
@@ -168,6 +204,22 @@ def score_table(scores: Sequence[Score]) -> Table:
             interval(score.density, ".3f", ".2f"),
             f"{score.seconds:.2g}",
         )
+    return table
+
+
+def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
+    """What agents left, judged: one agent a row, by its number, with its own rollouts."""
+    table = _table("", "density", "reward", *SCORES)
+    for number, rollouts in enumerate(own, start=1):
+        score = Score.of(rollouts[0].agent, rollouts)
+        told = [Estimate.of([r.pack.made[name] for r in rollouts]) for name in SCORES]
+        cells = [interval(estimate, ".3f", ".2f") for estimate in (score.density, score.reward)]
+        cells += [interval(estimate, ".3f", ".2f") for estimate in told]
+        table.add_row(str(number), *cells)
+    table.caption = (
+        f"boxes of {len(own[0])} tasks as they were left: shares of the placed volume, and how "
+        "many items float; below each mean its 95% bootstrap interval"
+    )
     return table
 
 

@@ -16,6 +16,7 @@ from packit_sim.box import Snapshot
 from packit_sim.cli.console import (
     LibraryOption,
     PacksArgument,
+    PiecesOption,
     SplitOption,
     console,
     make_room,
@@ -27,7 +28,7 @@ from packit_sim.estimates import Estimate, told
 from packit_sim.extraction import MOVES
 from packit_sim.files import replace_text
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.physics.decomposition import METHODS, DecompositionSettings, Method
+from packit_sim.physics.decomposition import METHODS, DecompositionSettings
 from packit_sim.physics.scores import scores
 from packit_sim.physics.stability import DISTANCE
 from packit_sim.physics.world import PhysicsSettings
@@ -74,7 +75,7 @@ def score_command(
         float, typer.Option(help="Box units that no point of a stable item moves.")
     ] = DISTANCE,
     moves: Annotated[int, typer.Option(min=1, help="Straight moves of a way in.")] = MOVES,
-    pieces: Annotated[Method, typer.Option(help="What makes shapes convex pieces.")] = METHODS[0],
+    pieces: PiecesOption = METHODS[0],
     out: OutOption = None,
 ) -> None:
     """Judges packs: whether they stand when they are let go, and whether they can be packed at all.

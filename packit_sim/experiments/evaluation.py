@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
@@ -24,10 +23,8 @@ from packit_sim.experiments.results import (
     Rollout,
     Rules,
     check_same,
-    read_results,
-    write_results,
+    opened,
 )
-from packit_sim.files import claimed
 from packit_sim.parallel import Workers
 
 if TYPE_CHECKING:
@@ -39,9 +36,6 @@ SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 SLACK = 1e-9
 """How far a return may be below x and still count, or two differ and be equal: rounding of sums."""
-
-CHECKPOINT_SECONDS = 5.0
-"""Finished rollouts are written so often; what a kill can lose, and the tasks under way."""
 
 
 @dataclass(frozen=True)
@@ -111,35 +105,20 @@ def evaluate(
     results of other agents stay. Raises ResultsError where it holds results of something else, and
     BusyError where another process is at work on it.
     """
-    alone = nullcontext() if file is None else claimed(file.with_name(f".{file.name}.lock"), file)
-    with alone:
-        kept = read_results(file) if file is not None and file.exists() else []
+    with opened(file, [agent.name for agent in agents]) as ledger:
         if file is not None:
-            check_same(file, kept, tasks, seed, rules)
-        done = {(rollout.agent, rollout.task): rollout for rollout in kept}
+            check_same(file, ledger.rollouts, tasks, seed, rules)
         jobs = []
         for number, task in enumerate(tasks):
-            missing = [agent for agent in agents if (agent.name, number) not in done]
+            missing = [agent for agent in agents if (agent.name, number) not in ledger]
             if missing:
                 jobs.append((missing, task, number, seed, rules))
-        written = time.monotonic()
         played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
         for rollouts in played:
             for rollout in rollouts:
-                done[rollout.agent, rollout.task] = rollout
                 on_rollout(rollout)
-            if file is not None and time.monotonic() - written > CHECKPOINT_SECONDS:
-                write_results(file, _in_order(done, agents))
-                written = time.monotonic()
-        if file is not None and jobs:
-            write_results(file, _in_order(done, agents))
-        return [done[agent.name, number] for agent in agents for number in range(len(tasks))]
-
-
-def _in_order(done: Mapping[tuple[str, int], Rollout], agents: Sequence[Agent]) -> list[Rollout]:
-    """By agent, those asked for last, then by task: the same whatever was finished first."""
-    names = list(dict.fromkeys([name for name, _ in done] + [agent.name for agent in agents]))
-    return sorted(done.values(), key=lambda rollout: (names.index(rollout.agent), rollout.task))
+            ledger.add(rollouts)
+        return [ledger[agent.name, number] for agent in agents for number in range(len(tasks))]
 
 
 def _played(

@@ -6,7 +6,9 @@ A file of results is a file of packs (see `packs`), the boxes as the agents left
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,13 @@ from packit_sim.box import Box
 from packit_sim.datasets.packs import Pack, Task, read_packs, write_packs
 from packit_sim.envs.episode import End, Episode
 from packit_sim.errors import PackItError
+from packit_sim.files import claimed
 
 RESULTS_FORMAT = 1
 """Version of what `made` of a rollout's pack holds, which it tells as "results"."""
+
+CHECKPOINT_SECONDS = 5.0
+"""What is new is written so often; what a kill can lose, and the work under way."""
 
 
 class ResultsError(PackItError, ValueError):
@@ -135,6 +141,62 @@ def read_results(path: Path | str) -> list[Rollout]:
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
     """Writes them, whole or not at all."""
     write_packs(path, [rollout.to_pack() for rollout in rollouts])
+
+
+class Ledger:
+    """Rollouts by agent and task, and the file that keeps them, if there is one (see `opened`).
+
+    agents: names of those that are to come, in the order in which they stand after what the file
+    holds already. The file is the same whatever is finished first.
+    """
+
+    def __init__(self, file: Path | None, agents: Iterable[str] = ()) -> None:
+        held = read_results(file) if file is not None and file.exists() else []
+        self._file = file
+        self._held = {(rollout.agent, rollout.task): rollout for rollout in held}
+        self._names = list(dict.fromkeys([*(rollout.agent for rollout in held), *agents]))
+        self._new = False
+        self._written = time.monotonic()
+
+    @property
+    def rollouts(self) -> list[Rollout]:
+        """By agent, then by task."""
+        by = self._names.index
+        return sorted(self._held.values(), key=lambda rollout: (by(rollout.agent), rollout.task))
+
+    def __contains__(self, agent_and_task: tuple[str, int]) -> bool:
+        return agent_and_task in self._held
+
+    def __getitem__(self, agent_and_task: tuple[str, int]) -> Rollout:
+        return self._held[agent_and_task]
+
+    def add(self, rollouts: Iterable[Rollout]) -> None:
+        """Takes rollouts in, in place of older ones; writes if it is time to."""
+        for rollout in rollouts:
+            self._held[rollout.agent, rollout.task] = rollout
+            self._new = True
+        if time.monotonic() - self._written > CHECKPOINT_SECONDS:
+            self.write()
+
+    def write(self) -> None:
+        """Writes the file, whole or not at all, where something is new."""
+        if self._file is not None and self._new:
+            write_results(self._file, self.rollouts)
+        self._new = False
+        self._written = time.monotonic()
+
+
+@contextmanager
+def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[Ledger]:
+    """A ledger, whose file no other process works on meanwhile, and is written at the end.
+
+    Raises BusyError where another process is at work on it, and what `read_results` raises.
+    """
+    alone = nullcontext() if file is None else claimed(file.with_name(f".{file.name}.lock"), file)
+    with alone:
+        ledger = Ledger(file, agents)
+        yield ledger
+        ledger.write()
 
 
 def check_same(

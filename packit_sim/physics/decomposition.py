@@ -127,6 +127,13 @@ def decompose(shape: Shape, settings: DecompositionSettings | None = None) -> De
     return _kept(shape, settings or DecompositionSettings())
 
 
+def require(settings: DecompositionSettings) -> None:
+    """Raises PhysicsError where what makes the pieces is not installed: to ask before there is
+    work.
+    """
+    _version(settings)
+
+
 def decompose_all(
     shapes: Sequence[Shape],
     settings: DecompositionSettings | None = None,

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.compaction import Compacted, compact, drops
-from packit_sim.extraction import MOVES, Extraction, extraction
+from packit_sim.extraction import MOVES, Extraction, extraction, insertion, share
 from packit_sim.geometry.lattice import CELL, STEP
-from packit_sim.physics.stability import DISTANCE, Stability, stability
+from packit_sim.physics.settling import settle
+from packit_sim.physics.stability import DISTANCE, Stability, stability, stable_share
 from packit_sim.physics.world import PhysicsSettings
 from packit_sim.placement import Contents
 
@@ -62,11 +63,37 @@ def scores(
     Raises ValueError where distance or moves are not possible.
     """
     volume = sum(placed.item.volume for placed in box.placed)
-    hanging = np.flatnonzero(drops(box) > FLOATS).tolist()
     return Scores(
         volume / float(np.prod(np.array(box.cells) * CELL)),
         stability(box, settings, distance),
         extraction(box, moves),
         compact(box),
-        tuple(hanging),
+        floating(box),
     )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A packed box, judged in short: those of its scores that tell most for the time they take.
+
+    stable, insertable: shares of volume. floating: how many items hang by more than `FLOATS`.
+    """
+
+    stable: float
+    insertable: float
+    floating: int
+
+    @classmethod
+    def of(cls, box: Contents, settings: PhysicsSettings | None = None) -> Verdict:
+        """The same numbers as of `scores`, without all else that it finds out."""
+        volumes = [placed.item.volume for placed in box.placed]
+        return cls(
+            stable_share(settle(box, settings)),
+            share(volumes, insertion(box)),
+            len(floating(box)),
+        )
+
+
+def floating(box: Contents) -> tuple[int, ...]:
+    """Numbers of items that hang by more than `FLOATS`, all others as they are."""
+    return tuple(np.flatnonzero(drops(box) > FLOATS).tolist())

@@ -29,12 +29,12 @@ class Stability:
     @property
     def whole(self) -> float:
         """Share of the volume that is stable in the finished pack; 1 where there is none."""
-        return _share(self.settled, self.distance)
+        return stable_share(self.settled, self.distance)
 
     @property
     def as_packed(self) -> float:
         """Share of the volume that is stable when it is let go, item by item in packing order."""
-        return _share(self.each, self.distance)
+        return stable_share(self.each, self.distance)
 
 
 def stability(
@@ -46,7 +46,8 @@ def stability(
     return Stability(settle(box, settings), settle_each(box, settings), distance)
 
 
-def _share(settled: Settled, distance: float) -> float:
+def stable_share(settled: Settled, distance: float = DISTANCE) -> float:
+    """Share of the volume of which no point moved so far; 1 where there is none."""
     volumes = [item.placed.item.volume for item in settled.items]
     stable = [item.placed.item.volume for item in settled.items if item.farthest < distance]
     return sum(stable) / sum(volumes) if volumes else 1.0

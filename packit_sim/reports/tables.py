@@ -9,6 +9,7 @@ from typing import Any
 
 from packit_sim.estimates import Estimate
 from packit_sim.experiments.evaluation import SUCCESS_LEVELS, Score, compare
+from packit_sim.experiments.judging import SCORES
 from packit_sim.experiments.results import Rollout
 from packit_sim.reports.runs import Learned, Played
 
@@ -66,7 +67,10 @@ def scores(played: Sequence[Played]) -> Table:
             for x in SUCCESS_LEVELS
         ),
         Column("density", "of the boxes as they were left"),
-        *(Column(name, f"mean of what the results tell as {name!r}") for name in names),
+        *(
+            Column(name, SCORES.get(name, f"mean of what the results tell as {name!r}"))
+            for name in names
+        ),
         Column("s", "median seconds a task, on a machine that may have done other things as well"),
     ]
     measured = [[s.reward, *s.success.values(), s.density] for _, s in found]

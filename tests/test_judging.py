@@ -1,0 +1,186 @@
+"""Scores of what agents left: by hand, kept with results, made once, shown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+from packit_sim.box import Box, Snapshot
+from packit_sim.datasets.packs import write_packs
+from packit_sim.errors import BusyError, PackFormatError, PhysicsError
+from packit_sim.experiments import judging, results
+from packit_sim.experiments.judging import SCORES, is_judged, judge
+from packit_sim.experiments.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.files import claimed
+from packit_sim.parallel import Workers
+from packit_sim.physics import decomposition, store
+from packit_sim.physics.decomposition import DecompositionSettings
+from packit_sim.physics.scores import Verdict
+from packit_sim.physics.world import PhysicsSettings
+from packit_sim.reports import tables
+from packit_sim.reports.runs import Runs
+from tests.runs import everyday, packit, rollout
+from tests.zoo import cube_of
+
+HALVES = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+GOOD, BAD = "largest-first/aligned/blbf", "random/random/random"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(store.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def played() -> list[Rollout]:
+    return [rollout(GOOD, 0, 3), rollout(GOOD, 1, 2), rollout(BAD, 0, 1), rollout(BAD, 1, 0)]
+
+
+@pytest.fixture(scope="module")
+def judged(played) -> list[Rollout]:
+    return judge(played, everyday(), "bisection")
+
+
+def told(one: Rollout) -> dict[str, float]:
+    return {name: one.pack.made[name] for name in SCORES}
+
+
+def test_cubes_by_hand() -> None:
+    stands, floats = Box((40, 40, 40)), Box((40, 40, 40))
+    stands.place(cube_of(12), (2, 2, 0))
+    floats.place(cube_of(12), (2, 2, 3))
+    assert Verdict.of(stands, HALVES) == Verdict(stable=1.0, insertable=1.0, floating=0)
+    assert Verdict.of(floats, HALVES) == Verdict(stable=0.0, insertable=1.0, floating=1)
+    assert Verdict.of(Box(), HALVES) == Verdict(stable=1.0, insertable=1.0, floating=0)
+
+
+def test_each_rollout_tells_the_scores_of_its_box(played, judged) -> None:
+    assert [(one.agent, one.task, one.total) for one in judged] == [
+        (one.agent, one.task, one.total) for one in played
+    ]
+    for one in judged:
+        assert is_judged(one, "bisection") and not is_judged(one, "coacd")
+        found = Verdict.of(Snapshot(one.pack.cells, one.pack.placed(everyday())), HALVES)
+        assert told(one) == vars(found)
+    assert not any(is_judged(one, "bisection") for one in played)
+    assert told(judged[-1]) == {"stable": 1.0, "insertable": 1.0, "floating": 0}
+
+
+def test_workers_find_the_same(played, judged, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, played)
+    with Workers(2) as workers:
+        assert judge(played, everyday(), "bisection", workers=workers, file=file) == judged
+    assert read_results(file) == judged
+
+
+def test_what_is_judged_is_not_judged_again(played, judged, tmp_path, monkeypatch) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, played)
+    assert judge(played[2:], everyday(), "bisection", file=file) == judged[2:]
+    half = read_results(file)
+    assert half == [*played[:2], *judged[2:]]
+    new: list[Rollout] = []
+    assert judge(half, everyday(), "bisection", new.append, file=file) == judged
+    assert sorted((one.agent, one.task) for one in new) == [(GOOD, 0), (GOOD, 1)]
+    before = file.read_bytes()
+    other = tmp_path / "at-once.jsonl"
+    write_results(other, played)
+    judge(read_results(other), everyday(), "bisection", file=other)
+    assert other.read_bytes() == before
+    monkeypatch.setattr(judging, "_judged", None)
+    monkeypatch.setattr(results, "write_results", None)
+    assert judge(judged, everyday(), "bisection", file=file) == judged
+    assert file.read_bytes() == before and list(tmp_path.glob(".*")) == []
+
+
+def test_a_stop_keeps_what_was_judged(played, judged, tmp_path, monkeypatch) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, played)
+    monkeypatch.setattr(results, "CHECKPOINT_SECONDS", -1.0)
+    begun: list[Rollout] = []
+
+    def stop(one: Rollout) -> None:
+        begun.append(one)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        judge(played, everyday(), "bisection", stop, file=file)
+    kept = read_results(file)
+    assert kept == [*judged[:2], *played[2:]]
+    assert judge(kept, everyday(), "bisection", file=file) == judged == read_results(file)
+
+
+def test_other_pieces_are_another_score(judged, monkeypatch) -> None:
+    monkeypatch.setattr(judging, "_judged", lambda n, box, pieces: (n, Verdict(0.5, 0.25, 7)))
+    monkeypatch.setattr(judging, "require", lambda settings: None)
+    again = judge(judged[:1], everyday(), "coacd")
+    assert told(again[0]) == {"stable": 0.5, "insertable": 0.25, "floating": 7}
+    assert is_judged(again[0], "coacd") and not is_judged(again[0], "bisection")
+
+
+def test_what_can_not_be_judged(played, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    write_results(file, played[:2])
+    before = file.read_bytes()
+    with pytest.raises(ResultsError, match=rf"results.jsonl does not hold what {BAD} made of task"):
+        judge(played, everyday(), "bisection", file=file)
+    with pytest.raises(ResultsError, match="does not hold"):
+        judge([rollout(GOOD, 0, 2)], everyday(), "bisection", file=file)
+    with claimed(file.with_name(".results.jsonl.lock"), file), pytest.raises(BusyError):
+        judge(played[:2], everyday(), "bisection", file=file)
+    assert file.read_bytes() == before
+    pack = played[0].pack
+    foreign = replace(pack, library=replace(pack.library, digest="0" * 64))
+    with pytest.raises(PackFormatError, match="made with library"):
+        judge([replace(played[0], pack=foreign)], everyday(), "bisection")
+
+
+def test_evaluate_tells_scores_and_keeps_them(played, tmp_path, monkeypatch) -> None:
+    file, packs = tmp_path / "results.jsonl", tmp_path / "few.jsonl"
+    write_packs(packs, [one.pack for one in played[:2]])
+    common = (packs, "--workers", "1", "--agent", GOOD, "--out", file)
+    packit("evaluate", *common)
+    (plain,) = {is_judged(one, "bisection") for one in read_results(file)}
+    assert not plain
+    shown = packit("evaluate", *common, "--scores", "--pieces", "bisection")
+    heading = re.compile(r"density +reward +stable +insertable +floating")
+    assert heading.search(shown) and "boxes of 2 tasks" in shown
+    mean = sum(one.pack.made["stable"] for one in read_results(file)) / 2
+    assert f"{mean:.3f}" in shown.partition("insertable")[2]
+    before = file.read_bytes()
+    monkeypatch.setattr(judging, "_judged", None)
+    again = packit("evaluate", *common, "--scores", "--pieces", "bisection")
+    assert heading.search(again) and file.read_bytes() == before
+    assert not heading.search(packit("evaluate", *common)) and file.read_bytes() == before
+
+
+def test_without_coacd_nothing_is_played(tmp_path, monkeypatch) -> None:
+    def missing(name: str) -> str:
+        raise decomposition.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(decomposition.metadata, "version", missing)
+    with pytest.raises(PhysicsError, match=r"pip install 'packit-sim\[physics\]'"):
+        packit("evaluate", "absent", "--scores", "--out", tmp_path / "sub" / "results.jsonl")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(PhysicsError, match="method 'bisection'"):
+        judge([], everyday())
+
+
+def test_a_report_has_a_column_for_each(played, judged, tmp_path) -> None:
+    file = tmp_path / "mixed.jsonl"
+    write_results(file, [*judged[:2], *played[2:]])
+    table = tables.scores(Runs.read([file]).played)
+    shown = {column.name: (n, column.meaning) for n, column in enumerate(table.columns)}
+    for name, meaning in SCORES.items():
+        n, told_as = shown[name]
+        assert told_as == meaning
+        mean = sum(one.pack.made[name] for one in judged[:2]) / 2
+        assert [row[n].text for row in table.rows] == [f"{mean:.3f}", ""]
+    assert "pieces" not in shown
