@@ -54,11 +54,11 @@ def judge(
                     f"{file} does not hold what {rollout.agent} made of task {rollout.task}: "
                     "it was changed meanwhile"
                 )
-        jobs = (
+        jobs = [
             (n, Snapshot(rollout.pack.cells, rollout.pack.placed(library)), pieces)
             for n, rollout in enumerate(rollouts)
             if not is_judged(rollout, pieces)
-        )
+        ]
         judged = starmap(_judged, jobs) if workers is None else workers.as_done(_judged, jobs)
         for n, verdict in judged:
             pack = found[n].pack
