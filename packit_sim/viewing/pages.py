@@ -72,13 +72,15 @@ class Page:
     def frame(self, points: npt.NDArray[np.float64]) -> None:
         """Has points (n, 3) in view in every browser, from the side that it looks from.
 
-        Those that come later look from where pictures are taken. Again where a window gets another
-        shape.
+        Those that come later look from where pictures are taken, and so does each where its window
+        gets another shape: what a new browser says of its camera may be of before it was placed.
         """
         self._points = points
         _look(self.server.initial_camera, points, _ASPECT)
         for client in self.server.get_clients().values():
-            _look(client.camera, points, client.camera.aspect, _view(client.camera))
+            known = client.client_id in self._aspects
+            view = _view(client.camera) if known else ISO
+            _look(client.camera, points, client.camera.aspect, view)
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Keeps all in view of a browser whose window, or what a panel leaves of it, changes."""
@@ -87,7 +89,7 @@ class Page:
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
-                _look(camera, self._points, aspect, _view(camera))
+                _look(camera, self._points, aspect)
 
         changed(client.camera)
         client.camera.on_update(changed)
