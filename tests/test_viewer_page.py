@@ -22,6 +22,8 @@ from packit_sim.viewing.exhibits import Collection
 pytest.importorskip("viser")
 from packit_sim.viewing.explorer import Explorer
 
+pytestmark = pytest.mark.slow
+
 REFERENCES = Path(__file__).parent / "pages"
 WINDOW = {"width": 640, "height": 480}
 SMALL = 4
