@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import webbrowser
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -54,7 +55,10 @@ def view_command(
         tasks,
         split,
     )
-    with Explorer(collection, pack, beside, host=host, port=port) as explorer:
+    with (
+        Explorer(collection, pack, beside, host=host, port=port) as explorer,
+        suppress(KeyboardInterrupt),
+    ):
         console.print(f"{packs} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)
         if host == LOOPBACK and not _has_screen():
             number = explorer.address.rpartition(":")[2]
@@ -65,10 +69,8 @@ def view_command(
             )
         elif browser and _has_screen():
             webbrowser.open(explorer.address)
-        try:
-            threading.Event().wait()
-        except KeyboardInterrupt:
-            console.print("\nthe viewer is closed")
+        threading.Event().wait()
+    console.print("\nthe viewer is closed")
 
 
 def _has_screen() -> bool:
