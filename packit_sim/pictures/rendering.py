@@ -30,8 +30,8 @@ from packit_sim.files import replacing
 from packit_sim.pictures.cameras import Points
 from packit_sim.pictures.coloring import Legend
 from packit_sim.pictures.ghosts import Ghost
-from packit_sim.pictures.looks import RGB, Look
-from packit_sim.pictures.pixels import NOTHING, resolve
+from packit_sim.pictures.looks import Look
+from packit_sim.pictures.pixels import resolve
 
 RENDERER_VARIABLE = "PACKIT_RENDERER"
 """Environment variable: `auto` (EGL where it starts, else TinyRenderer), `egl` or `tiny`."""
@@ -220,14 +220,16 @@ def take(
     low, high = points.min(axis=0), points.max(axis=0)
     distance = float((eye - (low + high) / 2) @ camera.toward)
     radius = float(np.linalg.norm(high - low))
-    near, far = max(distance - radius, radius / 100) * UNIT, (distance + radius) * UNIT
+    near, far = max(distance - radius, radius / 100), distance + radius
     _, _, rgba, buffer, bodies = pybullet.getCameraImage(
         width * samples,
         height * samples,
         viewMatrix=pybullet.computeViewMatrix(
             (eye * UNIT).tolist(), ((eye - camera.toward) * UNIT).tolist(), (0, 0, 1)
         ),
-        projectionMatrix=pybullet.computeProjectionMatrixFOV(camera.fov, width / height, near, far),
+        projectionMatrix=pybullet.computeProjectionMatrixFOV(
+            camera.fov, width / height, near * UNIT, far * UNIT
+        ),
         lightDirection=_LIGHT,
         lightAmbientCoeff=0.5,
         lightDiffuseCoeff=0.6,
@@ -239,21 +241,19 @@ def take(
     items = np.full(max(*indices, -1, 0) + 1, -1, dtype=np.int32)
     items[list(indices)] = list(indices.values())
     shape = (height * samples, width * samples)
-    front, bare, buffer, segmentation = resolve(
+    panes = None if ghost is None else Ghost(ghost, camera, eye, width, height)
+    back = look.background if panes is None else panes.behind(look.background)
+    image, depth, segmentation = resolve(
         np.reshape(rgba, (*shape, 4)),
         np.reshape(buffer, shape),
         np.reshape(bodies, shape),
         items,
+        np.broadcast_to(np.asarray(back, dtype=np.float32), (height, width, 3)),
         samples,
         _OUTLINE,
+        near,
+        far,
     )
-    depth = far * near / (far - (far - near) * buffer.astype(np.float64)) / UNIT
-    depth = np.where(segmentation == NOTHING, np.inf, depth).astype(np.float32)
-    back: npt.NDArray[np.floating] | RGB = look.background
-    panes = None if ghost is None else Ghost(ghost, camera, eye, width, height)
-    if panes is not None:
-        back = panes.behind(look.background)
-    image = front + bare[..., None] * np.asarray(back, dtype=np.float32)
     if panes is not None:
         image = panes.before(image, depth)
     return Snapshot(
