@@ -81,11 +81,18 @@ def test_whatever_else_results_tell_in_numbers_is_a_column(tmp_path) -> None:
     scored = [rollout("a/b/c", n, 3, stable=share, note="x") for n, share in enumerate((0.25, 0.5))]
     halves = [rollout("d/e/f", 0, 3, stable=1.0), rollout("d/e/f", 1, 3)]
     write_results(file, [*scored, *halves])
-    table = tables.scores(Runs.read([file]).played)
+    played = Runs.read([file]).played
+    table = tables.more_scores(played)
+    assert table is not None
     assert texts(table, "stable") == ["0.375", ""]
-    assert not any(row[-2].best for row in table.rows)  # more of it may be worse
-    assert "note" not in {column.name for column in table.columns}
-    assert [column.name for column in table.columns][-2:] == ["stable", "s"]
+    assert not any(row[-1].best for row in table.rows)  # more of it may be worse
+    assert [column.name for column in table.columns] == ["agent", "stable"]
+    assert "stable" not in {column.name for column in tables.scores(played).columns}
+
+
+def test_results_that_tell_no_more_have_no_table_of_it(tmp_path) -> None:
+    results(tmp_path / "plain.jsonl", {GOOD: [3]})
+    assert tables.more_scores(Runs.read([tmp_path / "plain.jsonl"]).played) is None
 
 
 def test_names_that_are_in_several_files_are_told_apart(tmp_path) -> None:

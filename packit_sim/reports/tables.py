@@ -50,15 +50,9 @@ class Table:
 
 
 def scores(played: Sequence[Played]) -> Table:
-    """An agent a row: Average Reward, Success@x, density, and whatever else results tell.
-
-    A number that each rollout of any agent has in its pack's `made`, beside those of `Rollout`, is
-    a column of its own, under the name that it has there.
-    """
+    """An agent a row: Average Reward, Success@x and density."""
     found = [(one.name, Score.of(one.rollouts[0].agent, one.rollouts)) for one in played]
-    extra = [_more_scores(one.rollouts) for one in played]
-    names = list(dict.fromkeys(name for told in extra for name in told))
-    columns = [
+    columns = (
         Column("agent"),
         Column("tasks", "played"),
         Column("reward", "Average Reward: mean return"),
@@ -67,12 +61,8 @@ def scores(played: Sequence[Played]) -> Table:
             for x in SUCCESS_LEVELS
         ),
         Column("density", "of the boxes as they were left"),
-        *(
-            Column(name, SCORES.get(name, f"mean of what the results tell as {name!r}"))
-            for name in names
-        ),
         Column("s", "median seconds a task, on a machine that may have done other things as well"),
-    ]
+    )
     measured = [[s.reward, *s.success.values(), s.density] for _, s in found]
     best = [max(estimate.mean for estimate in column) for column in zip(*measured, strict=True)]
     shares = range(1, 1 + len(SUCCESS_LEVELS))
@@ -88,15 +78,39 @@ def scores(played: Sequence[Played]) -> Table:
                 )
                 for n, estimate in enumerate(estimates)
             ),
-            *(_estimate(told.get(other), ".3f", ".2f") for other in names),
             _number(score.seconds, ".2g"),
         )
-        for (name, score), estimates, told in zip(found, measured, extra, strict=True)
+        for (name, score), estimates in zip(found, measured, strict=True)
     ]
     return Table(
         "Scores over all tasks that each agent played. Below each mean its 95% bootstrap interval; "
         "the highest reward, success and density are marked.",
-        tuple(columns),
+        columns,
+        tuple(rows),
+    )
+
+
+def more_scores(played: Sequence[Played]) -> Table | None:
+    """Whatever else results tell of the boxes as they were left, or None where they tell nothing.
+
+    A number that each rollout of any agent has in its pack's `made`, beside those of `Rollout`, is
+    a column, under the name that it has there.
+    """
+    found = [_more_scores(one.rollouts) for one in played]
+    names = list(dict.fromkeys(name for told in found for name in told))
+    if not names:
+        return None
+    columns = (
+        Column(name, SCORES.get(name, f"mean of what the results tell as {name!r}"))
+        for name in names
+    )
+    rows = [
+        (_name(one.name), *(_estimate(told.get(name), ".3f", ".2f") for name in names))
+        for one, told in zip(played, found, strict=True)
+    ]
+    return Table(
+        "The boxes as they were left: means, and below each its 95% bootstrap interval.",
+        (Column("agent"), *columns),
         tuple(rows),
     )
 
