@@ -8,6 +8,7 @@ from itertools import combinations, product
 import numpy as np
 from trimesh import transformations
 
+from packit_sim.caches import cached_property
 from packit_sim.collision import LooseMesh
 from packit_sim.physics.pieces import Floats
 from packit_sim.physics.settling import Settled, SettledItem
@@ -32,67 +33,82 @@ def penetrations(settled: Settled) -> dict[tuple[int, int], float]:
     which no shift frees. Packed items are free of each other, within 1e-4. The depth is inf where
     one is wholly inside another, or farther than all `DEPTHS`.
     """
-    items = settled.items
-    meshes = [_mesh(item, item.vertices) for item in items]
-    bounds = [(item.vertices.min(axis=0), item.vertices.max(axis=0)) for item in items]
+    bodies = [_Body(item) for item in settled.items]
     found = {}
-    for i, j in combinations(range(len(items)), 2):
-        (low, high), (other_low, other_high) = bounds[i], bounds[j]
-        if (low > other_high).any() or (other_low > high).any():
+    for (i, one), (j, other) in combinations(enumerate(bodies), 2):
+        if (one.low > other.high).any() or (other.low > one.high).any():
             continue
-        if meshes[i].crosses(meshes[j]):
-            found[i, j] = _depth(items[i], items[j])
-        elif _is_in(items[i], items[j]) or _is_in(items[j], items[i]):
+        if one.mesh.crosses(other.mesh):
+            found[i, j] = _depth(one, other)
+        elif _is_in(one, other) or _is_in(other, one):
             found[i, j] = math.inf
     return found
 
 
 def wall_penetrations(settled: Settled) -> list[float]:
     """How far each item reaches into the floor or through a wall, in box units."""
-    found = []
-    for item in settled.items:
-        low, high = item.vertices.min(axis=0), item.vertices.max(axis=0)
-        found.append(max(0.0, float((-low).max()), float((high - settled.size)[:2].max())))
-    return found
+    bodies = [_Body(item) for item in settled.items]
+    return [
+        max(0.0, float((-body.low).max()), float((body.high - settled.size)[:2].max()))
+        for body in bodies
+    ]
 
 
-def _depth(one: SettledItem, other: SettledItem) -> float:
-    here, there = _mesh(one, one.vertices), _mesh(other, other.vertices)
+class _Body:
+    """A settled item where it ended. vertices: (n, 3) of its mesh, from low to high, (3,) each."""
+
+    def __init__(self, item: SettledItem) -> None:
+        self.item = item
+        self.vertices = item.vertices
+        self.low, self.high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    @cached_property
+    def mesh(self) -> LooseMesh:
+        return self.at(self.vertices)
+
+    def at(self, vertices: Floats) -> LooseMesh:
+        """Its mesh, with the vertices elsewhere."""
+        return LooseMesh(vertices, self.item.placed.item.mesh.faces)
+
+
+def _depth(one: _Body, other: _Body) -> float:
+    way = _WayBack(one.item, other.item)
     for depth in DEPTHS:
-        if not all(here.crosses(there, depth * direction) for direction in _DIRECTIONS):
+        if not all(one.mesh.crosses(other.mesh, depth * towards) for towards in _DIRECTIONS):
             return depth
-        back, parted = _back(one, other, depth)
-        if parted or not _mesh(one, back).crosses(there):
+        back = way.after(depth)
+        if back is None or not one.at(back).crosses(other.mesh):
             return depth
     return math.inf
 
 
-def _back(one: SettledItem, other: SettledItem, length: float) -> tuple[Floats, bool]:
-    """(n, 3) of one's mesh, so far back to where it was packed beside the other that no point of
-    it moves by more; and whether it is there.
-    """
-    item, pose = one.placed.item, one.pose
-    start = Pose.lying(item, other.move @ one.placed.pose)
-    cosine = min(abs(float(np.dot(pose.turn, start.turn))), 1.0)
-    radius = float(np.linalg.norm(item.extents)) / 2
-    way = float(np.linalg.norm(start.center - pose.center)) + 2 * math.acos(cosine) * radius
-    if way <= length:
-        return one.vertices, True
-    share = length / way
-    between = pose.between(start, share, (1 - share) * pose.center + share * start.center)
-    turn = transformations.quaternion_matrix(between.turn)[:3, :3]
-    return item.turned(0).mesh.vertices @ turn.T + between.center, False
+class _WayBack:
+    """The straight way of a settled item to where it was packed beside another."""
+
+    def __init__(self, one: SettledItem, other: SettledItem) -> None:
+        self._item, self._here = one.placed.item, one.pose
+        self._start = Pose.lying(self._item, other.move @ one.placed.pose)
+        cosine = min(abs(float(np.dot(self._here.turn, self._start.turn))), 1.0)
+        radius = float(np.linalg.norm(self._item.extents)) / 2
+        shift = float(np.linalg.norm(self._start.center - self._here.center))
+        self._length = shift + 2 * math.acos(cosine) * radius
+
+    def after(self, length: float) -> Floats | None:
+        """(n, 3) of its mesh, so far on that no point has moved by more; None where it is over."""
+        if self._length <= length:
+            return None
+        share = length / self._length
+        center = (1 - share) * self._here.center + share * self._start.center
+        between = self._here.between(self._start, share, center)
+        turn = transformations.quaternion_matrix(between.turn)[:3, :3]
+        return self._item.turned(0).mesh.vertices @ turn.T + between.center
 
 
-def _mesh(item: SettledItem, vertices: Floats) -> LooseMesh:
-    return LooseMesh(vertices, item.placed.item.mesh.faces)
-
-
-def _is_in(one: SettledItem, other: SettledItem) -> bool:
+def _is_in(one: _Body, other: _Body) -> bool:
     """Whether a corner of one is in what another's surface encloses, where their surfaces part."""
-    inward = np.linalg.inv(other.move @ other.placed.pose)
+    shape = other.item.placed.item.shape
+    inward = np.linalg.inv(other.item.move @ other.item.placed.pose)
     corners = one.vertices @ inward[:3, :3].T + inward[:3, 3]
-    half = other.placed.item.shape.extents / 2
-    if (np.abs(corners) > half).any():
+    if (np.abs(corners) > shape.extents / 2).any():
         return False
-    return bool(Solid(other.placed.item.shape).encloses(corners).any())
+    return bool(Solid(shape).encloses(corners).any())
