@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from packit_sim.physics.decomposition import (
     decompose,
     decompose_all,
 )
-from packit_sim.physics.fitting import fitted
+from packit_sim.physics.fitting import Part, fitted
 from packit_sim.physics.pieces import (
     MOST_CORNERS,
     SHEET,
@@ -353,9 +353,22 @@ def test_many_at_once_make_the_same(folder: Path) -> None:
 
 
 def overlap(one: Piece, other: Piece) -> float:
-    """How far two pieces overlap along the face normal along which they do so least."""
-    normals = np.concatenate((one.planes[:, :3], -other.planes[:, :3]))
-    ends = (one.vertices @ normals.T).max(axis=0) - (other.vertices @ normals.T).min(axis=0)
+    """How far two pieces overlap along the direction along which they do so least: a face's of
+    either, or one across an edge of each.
+    """
+    faces = np.concatenate((one.planes[:, :3], -other.planes[:, :3]))
+    least = least_overlap(one, other, faces)
+    if least < 2 * SHEET:
+        return least
+    ways = [(p.triangles - np.roll(p.triangles, 1, axis=1)).reshape(-1, 3) for p in (one, other)]
+    across = np.cross(ways[0][:, None], ways[1][None]).reshape(-1, 3)
+    lengths = np.linalg.norm(across, axis=1, keepdims=True)
+    across = (across / np.maximum(lengths, 1e-300))[lengths[:, 0] > 1e-9]
+    return least_overlap(one, other, np.concatenate((across, -across)))
+
+
+def least_overlap(one: Piece, other: Piece, directions: Floats) -> float:
+    ends = (one.vertices @ directions.T).max(axis=0) - (other.vertices @ directions.T).min(axis=0)
     return float(ends.min())
 
 
@@ -366,21 +379,56 @@ def test_fitted_pieces_overlap_nowhere(seed) -> None:
         [(random_piece(rng), float(rng.choice((0, 0.01, 0.02)))) for _ in range(2)]
         for _ in range(3)
     ]
-    pieces = fitted(items)
+    pieces = fitted(items, surfaces(items))
     for i in range(3):
         assert sum(p.volume for p in pieces[i]) <= sum(p.volume for p, _ in items[i]) + 1e-3
         for j in range(i):
             assert all(overlap(a, b) < 2 * SHEET for a in pieces[i] for b in pieces[j])
 
 
+def surfaces(items: Sequence[Sequence[Part]]) -> list[Floats]:
+    """Of items that are what their pieces are."""
+    return [np.concatenate([piece.triangles for piece, _ in parts]) for parts in items]
+
+
 def test_what_is_as_large_as_its_shape_stays_whole() -> None:
-    left, right = block((0, 0, 0), (1, 1, 1)), block((0.9, 0, 0), (2, 1, 1))
-    (first,), (second,) = fitted([[(left, 0.0)], [(right, 0.1)]])
-    assert (first.volume, second.volume) == pytest.approx((1, 1))
-    (first,), (second,) = fitted([[(left, 0.3)], [(right, 0.1)]])
-    assert (first.volume, second.volume) == pytest.approx((1 - 0.075, 1.1 - 0.025))
-    (first,), (second,) = fitted([[(left, 0.0)], [(block((1, 0, 0), (2, 1, 1)), 0.1)]])
-    assert first is left
+    left, right = block((0, 0, 0), (1, 1, 1)), block((0.992, 0, 0), (2, 1, 1))
+    beside = block((1, 0, 0), (2, 1, 1))
+    for outs, items, volumes in (
+        ((0.0, 0.1), (left, right), (1, 1)),
+        ((0.3, 0.1), (left, right), (1 - 0.006, 1.008 - 0.002)),
+        ((0.0, 0.1), (left, beside), (1, 1)),
+    ):
+        parts = [[part] for part in zip(items, outs, strict=True)]
+        (first,), (second,) = fitted(parts, surfaces(parts))
+        assert (first.volume, second.volume) == pytest.approx(volumes)
+    assert (first, second) == (left, beside)
+
+
+def test_what_is_hollow_where_another_stands_is_divided() -> None:
+    pan = [block(low, high) for low, high in pan_sides()]
+    walls = np.concatenate([side.triangles for side in pan])
+    inside = block((0.4, 0.4, 0.4), (0.6, 0.6, 0.6))
+    filled = [(block((0, 0, 0), (1, 1, 1)), 0.0)]
+    parts = [filled, [(inside, 0.0)]]
+    sides, kept = fitted(parts, [walls, inside.triangles])
+    assert kept == [inside] and len(sides) > 5
+    assert all(overlap(side, inside) < 2 * SHEET for side in sides)
+    seen = walls.reshape(-1, 3)
+    assert np.any([is_in(seen, side) for side in sides], axis=0).all()
+    outside = block((2, 0, 0), (3, 1, 1))
+    assert fitted([filled, [(outside, 0.0)]], [walls, outside.triangles])[0] == [filled[0][0]]
+
+
+def pan_sides() -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Low and high corners of a unit cube's bottom and four walls, 0.1 thick; it is open above."""
+    return [
+        ((0, 0, 0), (1, 1, 0.1)),
+        ((0, 0, 0), (0.1, 1, 1)),
+        ((0.9, 0, 0), (1, 1, 1)),
+        ((0, 0, 0), (1, 0.1, 1)),
+        ((0, 0.9, 0), (1, 1, 1)),
+    ]
 
 
 def test_pieces_are_enlarged_to_a_surface_that_they_fall_short_of() -> None:

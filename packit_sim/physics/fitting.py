@@ -1,7 +1,8 @@
-"""Pieces of packed items, cut back where they reach into another item's.
+"""Pieces of packed items, divided and cut back where they reach into another item.
 
 Packed items stand within 1e-4 of each other, and pieces fill what is a little hollow: at the start
-they would overlap by up to a hundredth of an item, and a simulation would drive them apart.
+they would overlap by up to a hundredth of an item, and a simulation would drive them apart. Some
+fill a cavity, whose way in is a gap so narrow that voxels close it, and in which items may stand.
 """
 
 from __future__ import annotations
@@ -12,24 +13,77 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.physics.pieces import Floats, Piece
+from packit_sim.physics.pieces import Floats, Piece, clipped
 
 Part = tuple[Piece, float]
 """A piece, and how far it reaches out of its shape."""
 
+DEEP = 0.01
+"""Box units by which a surface may be deeper in another item's piece than the piece reaches out of
+its shape: voxels, which tell that, are coarse."""
 
-def fitted(items: Sequence[Sequence[Part]]) -> list[list[Piece]]:
+_HALVINGS = 5
+"""Of a piece that fills what is hollow, at most."""
+
+
+def fitted(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[list[Piece]]:
     """The pieces of items, all in one frame, of which none overlaps one of another item.
 
-    Of two that do, both are cut at a plane along a face of either, the one that takes least away;
-    it is shared out as they reach out of their shapes, so that what is as large as its shape stays
-    whole. A piece that is all beyond the plane is dropped; an item that would lose its last one
-    keeps them all.
+    surfaces: of each item the triangles (m, 3, 3). A piece in which another's surface is deep (see
+    `DEEP`) was taken for solid where it is hollow: halves of its own surface take its place, and
+    halves of these. Of two pieces that overlap after that, both are cut at a plane along a face of
+    either, the one that takes least away; it is shared out as they reach out of their shapes, so
+    that what is as large as its shape stays whole. A piece that is all beyond the plane is dropped;
+    an item that would lose its last one keeps them all.
     """
-    kept = [list(parts) for parts in items]
+    whole = _divided(items, surfaces)
+    kept = [list(parts) for parts in whole]
     for one, other in combinations(range(len(kept)), 2):
         _part(kept[one], kept[other])
-    return [[piece for piece, _ in own or whole] for own, whole in zip(kept, items, strict=True)]
+    return [[piece for piece, _ in own or all_of] for own, all_of in zip(kept, whole, strict=True)]
+
+
+def _divided(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[Sequence[Part]]:
+    """The pieces of items, in which no other's surface is deep, or which were halved to the end."""
+    ends = [(surface.min(axis=(0, 1)), surface.max(axis=(0, 1))) for surface in surfaces]
+    found: list[Sequence[Part]] = []
+    for n, parts in enumerate(items):
+        (low, high), own = ends[n], surfaces[n]
+        foreign = [
+            surface[_meets(surface, low, high)]
+            for other, surface in enumerate(surfaces)
+            if other != n and (ends[other][0] < high).all() and (ends[other][1] > low).all()
+        ]
+        strange = np.concatenate([np.empty((0, 3, 3)), *foreign])
+        found.append([half for part in parts for half in _halves(part, own, strange, _HALVINGS)])
+    return found
+
+
+def _halves(part: Part, own: Floats, strange: Floats, left: int) -> list[Part]:
+    """What takes a piece's place. own, strange: triangles of its item's surface, and of others'."""
+    piece, out = part
+    low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+    strange = strange[_meets(strange, low, high)]
+    inner = piece.planes + np.array((0, 0, 0, out + DEEP))
+    if not len(strange) or not len(clipped(strange, inner)):
+        return [part]
+    axis = int(np.argmax(high - low))
+    if not left:
+        return [(piece, float(high[axis] - low[axis]))]
+    own = own[_meets(own, low, high)]
+    middle = (low[axis] + high[axis]) / 2
+    found = []
+    for side in (1, -1):
+        half = np.append(side * np.eye(3)[axis], -side * middle)
+        points = clipped(own, np.vstack((piece.planes, half)))
+        if len(points):
+            found += _halves((Piece.around(points), out), own, strange, left - 1)
+    return found
+
+
+def _meets(triangles: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
+    """Bool (m,): which triangles' bounding boxes meet a box from low to high, (3,) each."""
+    return ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
 
 
 def _part(ones: list[Part], others: list[Part]) -> None:

@@ -105,10 +105,22 @@ class _WayBack:
 
 
 def _is_in(one: _Body, other: _Body) -> bool:
-    """Whether a corner of one is in what another's surface encloses, where their surfaces part."""
-    shape = other.item.placed.item.shape
-    inward = np.linalg.inv(other.item.move @ other.item.placed.pose)
-    corners = one.vertices @ inward[:3, :3].T + inward[:3, 3]
-    if (np.abs(corners) > shape.extents / 2).any():
+    """Whether a corner of one is in what another's surface encloses, where their surfaces part.
+
+    Voxels tell that, and may close the way into a hollow in which one was packed: that is allowed.
+    """
+    shape, packed = other.item.placed.item.shape, other.item.placed.pose
+    half = shape.extents / 2
+    corners = _seen_from(other.item.move @ packed, one.vertices)
+    if (np.abs(corners) > half).any():
         return False
-    return bool(Solid(shape).encloses(corners).any())
+    before = _seen_from(packed, one.item.placed.vertices)
+    before = before[(np.abs(before) <= half).all(axis=1)]
+    solid = Solid(shape)
+    return bool(solid.encloses(corners).any() and not solid.encloses(before).any())
+
+
+def _seen_from(pose: Floats, points: Floats) -> Floats:
+    """Points (n, 3) in the frame that a pose (4, 4) takes to theirs."""
+    inward = np.linalg.inv(pose)
+    return points @ inward[:3, :3].T + inward[:3, 3]

@@ -49,9 +49,9 @@ class Piece:
     def around(cls, points: Floats) -> Piece:
         """The convex hull of points (n, 3), n > 0; see `SHEET` and `MOST_CORNERS`."""
         points = _thick(points)
-        hull = ConvexHull(points)
+        hull = _hull(points)
         if len(hull.vertices) > MOST_CORNERS:
-            hull = ConvexHull(_outermost(points[hull.vertices]))
+            hull = _hull(_outermost(points[hull.vertices]))
         kept, faces = np.unique(hull.simplices, return_inverse=True)
         vertices, faces = hull.points[kept], faces.reshape(-1, 3)
         turned = np.einsum("ij,ij->i", _crosses(vertices[faces]), hull.equations[:, :3]) < 0
@@ -193,6 +193,10 @@ def _clipped(triangles, planes, slack):
         points[count : count + corners] = polygon[:corners]
         count += corners
     return points[:count]
+
+
+def _hull(points: Floats) -> ConvexHull:
+    return ConvexHull(points, qhull_options="Q12")  # nearly flat: a wide facet is no error
 
 
 def _crosses(triangles: Floats) -> Floats:

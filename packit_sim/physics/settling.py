@@ -127,7 +127,7 @@ def _pieces(
     ]
     if not settings.fitted:
         return [[piece for piece, _ in parts] for parts in whole], 0.0
-    pieces = fitted(whole)
+    pieces = fitted(whole, [p.vertices[p.item.mesh.faces] for p in items])
     before = sum(piece.volume for parts in whole for piece, _ in parts)
     after = sum(piece.volume for own in pieces for piece in own)
     return pieces, 1 - after / before if items else 0.0
