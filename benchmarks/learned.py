@@ -4,12 +4,14 @@
 
 RUN: folders of `packit train`; those whose names differ in a number at the end are seeds of one
 training. Each plays the 150 test tasks with its best weights, and with 4 beams. Prints a table with
-paired comparisons, and writes `learned.json`; what the folder holds already is not played again.
+paired comparisons, and writes `learned.json`, and `learned.png` with the learning curves; what the
+folder holds already is not played again.
 """
 
 from __future__ import annotations
 
 import argparse
+import bisect
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -26,14 +28,19 @@ from packit_sim.cli.console import console
 from packit_sim.cli.evaluate import evaluate_shown
 from packit_sim.datasets.packs import load_tasks
 from packit_sim.estimates import Comparison, Estimate, told
+from packit_sim.experiments.curves import Trained
 from packit_sim.experiments.evaluation import SLACK
 from packit_sim.experiments.reproduction import HEURISTIC
 from packit_sim.experiments.results import Rules
 from packit_sim.files import replace_text
 from packit_sim.parallel import Workers
+from packit_sim.pictures import plots
 
 RANDOM = "random/aligned/blbf"
 BEAMS = "+beam=4"
+VALIDATION = 100
+"""The validation tasks of trainings in `benchmarks/trainings`."""
+
 LEVEL = 0.7
 """The x of the Success@x that is told."""
 
@@ -78,6 +85,27 @@ def agent_of(run: Path) -> str:
     )
 
 
+def draw(runs: Mapping[str, Sequence[Trained]], heuristic: Estimate, path: Path) -> None:
+    """Validation by steps, a colour a training and a line a seed; dotted while PPO goes on.
+
+    heuristic: what it gets on the validation tasks.
+    """
+    with plots.drawn(path, [["curves"]], 8, 5) as (_, axes):
+        ax = axes["curves"]
+        for (name, seeds), color in zip(runs.items(), plots.COLORS, strict=False):
+            for n, run in enumerate(seeds):
+                at = [point.steps for point in run.curve]
+                means = [point.validation.mean for point in run.curve]
+                taught = bisect.bisect(at, run.settings["imitation"])
+                ax.plot(at[:taught], means[:taught], color=color, label=None if n else name)
+                ax.plot(at[taught - 1 :], means[taught - 1 :], color=color, linestyle=":")
+                ax.plot(run.best.steps, run.best.validation.mean, "o", color=color)
+        ax.axhline(heuristic.mean, color=plots.INK, linestyle="--", label="the Heuristic")
+        ax.set_xlabel("steps: a heuristic is imitated (line), then PPO (dots); best: circle")
+        ax.set_ylabel("Average Reward in validation")
+        ax.legend(loc="lower right")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -91,8 +119,12 @@ def main() -> None:
     library = ShapeLibrary.open("everyday")
     tasks = load_tasks("everyday-v1", library, "test")[: arguments.tasks]
     trained: dict[str, list[str]] = {}
+    curves: dict[str, list[Trained]] = {}
     for run in arguments.runs:
-        trained.setdefault(re.sub(r"-?\d+$", "", run.name), []).append(agent_of(run))
+        name = re.sub(r"-?\d+$", "", run.name)
+        trained.setdefault(name, []).append(agent_of(run))
+        curves.setdefault(name, []).append(Trained.read(run))
+    rules = Rules(easy=arguments.easy)
     groups = {"random": [RANDOM], "heuristic": [HEURISTIC], **trained}
     for name, agents in trained.items():
         if len(agents) > 1:
@@ -106,9 +138,17 @@ def main() -> None:
             [Agent.from_name(agent) for agent in asked],
             tasks,
             0,
-            Rules(easy=arguments.easy),
+            rules,
             workers=workers,
             file=arguments.out / "learned.jsonl",
+        )
+        played = evaluate_shown(
+            [Agent.from_name(HEURISTIC)],
+            load_tasks("everyday-v1", library, "validation")[:VALIDATION],
+            0,
+            rules,
+            workers=workers,
+            file=arguments.out / "validation.jsonl",
         )
     returns: dict[str, list[float]] = {}
     for rollout in rollouts:
@@ -130,7 +170,21 @@ def main() -> None:
             told(row.comparison.ratio, ".3f"),
         )
     console.print(table)
-    content = {"tasks": len(tasks), "library": library.digest, "rows": [asdict(r) for r in rows]}
+    heuristic = Estimate.of([rollout.total for rollout in played])
+    draw(curves, heuristic, arguments.out / "learned.png")
+    content = {
+        "tasks": len(tasks),
+        "library": library.digest,
+        "rows": [asdict(row) for row in rows],
+        "validation": {
+            "tasks": VALIDATION,
+            "heuristic": asdict(heuristic),
+            "curves": {
+                name: [[point.to_json() for point in run.curve] for run in seeds]
+                for name, seeds in curves.items()
+            },
+        },
+    }
     replace_text(arguments.out / "learned.json", json.dumps(content, indent=1) + "\n")
 
 
