@@ -17,3 +17,6 @@ PackNN = partial(LearnedShape, _FOLDER / "packnn.safetensors")
 
 PackNNProspects = partial(LearnedShape, _FOLDER / "packnn-prospects.safetensors")
 """The paper's network, which also sees how each shape would sit, were it the next."""
+
+PackNNEasy = partial(LearnedShape, _FOLDER / "packnn-easy.safetensors")
+"""As `PackNN`, trained by the rules of PackIt-Easy."""
