@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.physics.pieces import Floats, Piece, clipped
+from packit_sim.physics.pieces import Floats, Piece, clipped, meets
 
 Part = tuple[Piece, float]
 """A piece, and how far it reaches out of its shape."""
@@ -50,7 +50,7 @@ def _divided(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> lis
     for n, parts in enumerate(items):
         (low, high), own = ends[n], surfaces[n]
         foreign = [
-            surface[_meets(surface, low, high)]
+            surface[meets(surface, low, high)]
             for other, surface in enumerate(surfaces)
             if other != n and (ends[other][0] < high).all() and (ends[other][1] > low).all()
         ]
@@ -63,14 +63,14 @@ def _halves(part: Part, own: Floats, strange: Floats, left: int) -> list[Part]:
     """What takes a piece's place. own, strange: triangles of its item's surface, and of others'."""
     piece, out = part
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    strange = strange[_meets(strange, low, high)]
+    strange = strange[meets(strange, low, high)]
     inner = piece.planes + np.array((0, 0, 0, out + DEEP))
     if not len(strange) or not len(clipped(strange, inner)):
         return [part]
     axis = int(np.argmax(high - low))
     if not left:
         return [(piece, float(high[axis] - low[axis]))]
-    own = own[_meets(own, low, high)]
+    own = own[meets(own, low, high)]
     middle = (low[axis] + high[axis]) / 2
     found = []
     for side in (1, -1):
@@ -79,11 +79,6 @@ def _halves(part: Part, own: Floats, strange: Floats, left: int) -> list[Part]:
         if len(points):
             found += _halves((Piece.around(points), out), own, strange, left - 1)
     return found
-
-
-def _meets(triangles: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
-    """Bool (m,): which triangles' bounding boxes meet a box from low to high, (3,) each."""
-    return ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
 
 
 def _part(ones: list[Part], others: list[Part]) -> None:

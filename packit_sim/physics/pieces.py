@@ -119,8 +119,13 @@ class Bulk:
 def within(triangles: Floats, piece: Piece) -> Floats:
     """(n, 3) corners of what of a surface, triangles (m, 3, 3), is in a piece."""
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    near = ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
-    return clipped(triangles[near], piece.planes)
+    return clipped(triangles[meets(triangles, low, high)], piece.planes)
+
+
+def meets(triangles: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
+    """Bool (m,): which triangles' (m, 3, 3) bounding boxes meet a box from low to high, (3,)."""
+    found = (triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)
+    return np.asarray(found.all(axis=1))
 
 
 def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
