@@ -16,6 +16,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +39,6 @@ from packit_sim.pictures import plots
 
 RANDOM = "random/aligned/blbf"
 BEAMS = "+beam=4"
-VALIDATION = 100
-"""The validation tasks of trainings in `benchmarks/trainings`."""
-
 LEVEL = 0.7
 """The x of the Success@x that is told."""
 
@@ -92,7 +90,7 @@ def draw(runs: Mapping[str, Sequence[Trained]], heuristic: Estimate, path: Path)
     """
     with plots.drawn(path, [["curves"]], 8, 5) as (_, axes):
         ax = axes["curves"]
-        for (name, seeds), color in zip(runs.items(), plots.COLORS, strict=False):
+        for (name, seeds), color in zip(runs.items(), cycle(plots.COLORS), strict=False):
             for n, run in enumerate(seeds):
                 at = [point.steps for point in run.curve]
                 means = [point.validation.mean for point in run.curve]
@@ -125,6 +123,7 @@ def main() -> None:
         name = re.sub(r"-?\d+$", "", run.name)
         trained.setdefault(name, []).append(agent_of(run))
         curves.setdefault(name, []).append(Trained.read(run))
+    validation = max(run.settings["validation_tasks"] for seeds in curves.values() for run in seeds)
     rules = Rules(easy=arguments.easy)
     groups = {"random": [RANDOM], "heuristic": [HEURISTIC], **trained}
     for name, agents in trained.items():
@@ -145,7 +144,7 @@ def main() -> None:
         )
         played = evaluate_shown(
             [Agent.from_name(HEURISTIC)],
-            load_tasks("everyday-v1", library, "validation")[:VALIDATION],
+            load_tasks("everyday-v1", library, "validation")[:validation],
             0,
             rules,
             workers=workers,
@@ -178,7 +177,7 @@ def main() -> None:
         "library": library.digest,
         "rows": [asdict(row) for row in rows],
         "validation": {
-            "tasks": VALIDATION,
+            "tasks": validation,
             "heuristic": asdict(heuristic),
             "curves": {
                 name: [[point.to_json() for point in run.curve] for run in seeds]

@@ -6,13 +6,10 @@ import numpy as np
 
 from packit_sim.compiled import kernel
 
-NOTHING = -2
-"""The segmentation where a picture shows no body; -1 is a body that is no item."""
-
 
 @kernel
 def resolve(rgba, buffer, bodies, items, back, samples, outline, near, far):
-    """Colours (H, W, 3) float32, depth (H, W), segmentation (H, W).
+    """Colours (H, W, 3) float32, depth (H, W), segmentation (H, W), -1 where there is no item.
 
     rgba: (H * samples, W * samples, 4), buffer and bodies of that size, too: a renderer's pixels,
     `samples` by `samples` of which make one. items: the number of the item by that of the body.
@@ -41,7 +38,7 @@ def resolve(rgba, buffer, bodies, items, back, samples, outline, near, far):
             body = bodies[row * samples, column * samples]
             if body < 0:
                 depth[row, column] = np.inf
-                segmentation[row, column] = NOTHING
+                segmentation[row, column] = -1
             else:
                 part = np.float64(buffer[row * samples, column * samples])
                 depth[row, column] = far * near / (far - (far - near) * part)

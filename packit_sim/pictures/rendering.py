@@ -259,7 +259,7 @@ def take(
     return Snapshot(
         np.rint(image).astype(np.uint8),
         depth,
-        np.maximum(segmentation, -1),
+        segmentation,
         camera.projection(eye, width, height),
         renderer,
     )
