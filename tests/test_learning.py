@@ -31,10 +31,11 @@ from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks,
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.episode import End, Episode, Stage
 from packit_sim.envs.features import CubeMeans
-from packit_sim.envs.observations import PROSPECTS, ProspectObserver
+from packit_sim.envs.observations import PROSPECTS
 from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
 from packit_sim.experiments.curves import Trained
 from packit_sim.experiments.evaluation import evaluate
+from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
@@ -220,16 +221,16 @@ def library() -> ShapeLibrary:
     return ShapeLibrary.open("everyday")
 
 
-@pytest.mark.parametrize("kinematic", [False, True])
-def test_prospects_are_what_the_box_says(library, kinematic) -> None:
+@pytest.mark.parametrize("rule", [None, "kinematic", "easy"])
+def test_prospects_are_what_the_box_says(library, rule) -> None:
     tasks = load_tasks("starter", library)[:2]
     env = PackItEnv(
         tasks,
         rotation="aligned",
         location="blbf",
         observation="prospects",
-        kinematic=kinematic,
         max_shapes=40,
+        **({rule: True} if rule else {}),
     )
     rng = np.random.default_rng(4)
     fits: set[bool] = set()
@@ -242,23 +243,29 @@ def test_prospects_are_what_the_box_says(library, kinematic) -> None:
             states.append(env.get_state())
             if step == 5:  # back to where the box was emptier, and on another way
                 observed, _ = env.set_state(states[2])
-            observer = env._observer
-            assert isinstance(observer, ProspectObserver)
             assert observed in env.observation_space
             for n, told in enumerate(observed["prospects"]):
-                if kinematic and n % 4:
+                if rule and n % 4:
                     continue  # masks take long there
                 if not observed["outside"][n]:
                     assert not told.any()
                     continue
-                item = observer._items[n]
-                location = env.episode.box.blbf(item)
+                item, box = env.episode.task.items[n], env.episode.box
+                in_turn = [item.turned(r) for r in rotations.by_alignment(item.extents)]
+                if rule != "easy":
+                    in_turn = in_turn[:1]
+                elif not box.feasible_in_any(item).any():
+                    assert not told[0]
+                found = ((turned, box.blbf(turned)) for turned in in_turn)
+                item, location = next((pair for pair in found if pair[1]), (in_turn[0], None))
                 fits.add(location is not None)
                 assert told[0] == (location is not None)
                 assert np.allclose(told[1:4] * 25, location or (0, 0, 0))
                 assert np.allclose(told[4:7], item.extents)
                 assert told[7] == pytest.approx(item.volume, rel=1e-5)
-            observed, *_ = env.step(rng.choice(np.flatnonzero(observed["outside"])))
+            outside = np.flatnonzero(observed["outside"])
+            smallest = min(outside, key=lambda n: env.episode.task.items[n].volume)
+            observed, *_ = env.step(smallest if rule == "easy" else rng.choice(outside))
     assert fits == {False, True}
 
 
@@ -611,8 +618,9 @@ def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
         read_settings(None, ["augmented=true", "network.policies=all"])
 
 
-def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(library) -> None:
-    rules = {"rotation": "aligned", "location": "blbf", "observation": "prospects"}
+@pytest.mark.parametrize("easy", [False, True])
+def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(easy) -> None:
+    rules = {"rotation": "aligned", "location": "blbf", "observation": "prospects", "easy": easy}
     plain = PackItEnv("starter", **rules)
     env = TaughtEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
     teacher = load_policy(Stage.SHAPE, "largest-fitting-first")
@@ -632,7 +640,8 @@ def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(
             expected = SMALLER * (1 - volumes[fits] / volumes[best])
             np.testing.assert_allclose(told[fits], expected, atol=1e-6)
         without_room += int(without.sum())
-        seen, _, over, *_ = env.step(best)
+        smallest = min(np.flatnonzero(outside), key=volumes.__getitem__)
+        seen, _, over, *_ = env.step(smallest if easy else best)
     assert without_room > 0 and not seen[LESSON].any()
 
 

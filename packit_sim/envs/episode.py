@@ -21,6 +21,7 @@ from packit_sim.errors import InfeasibleError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.occupancy import Standing
 from packit_sim.placement import Mask
 from packit_sim.room import Room
 
@@ -79,6 +80,14 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Site:
+    """Where a shape would stand, were it the next. item: turned as it would be."""
+
+    item: Item
+    location: Triple
+
+
+@dataclass(frozen=True)
 class State:
     """Where an episode stands: a value, to go back to. box: the snapshot of one of its kind."""
 
@@ -124,6 +133,8 @@ class Episode:
         self.choice: Choice | None = None
         self.total = 0.0
         self.end: End | None = None if task.items else End.COMPLETE
+        self._sites: dict[int, tuple[int, Site | None]] = {}
+        self._sites_among: tuple[Standing, ...] = ()
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
         """The valid actions of this stage: (n shapes,), (24,), or (locations,) in C order."""
@@ -159,6 +170,27 @@ class Episode:
                 self.end = End.NO_LOCATION
         return 0.0
 
+    def site(self, shape: int) -> Site | None:
+        """Where a shape has room: aligned, at its bottom-left-back-fill location; None without.
+
+        In PackIt-Easy in the first rotation in the order of alignment in which there is room. While
+        the box only gets fuller, it is looked for anew only where something stands there meanwhile.
+        """
+        placed = tuple(self.box.placed)
+        if placed[: len(self._sites_among)] != self._sites_among:
+            self._sites.clear()
+        self._sites_among = placed
+        if shape in self._sites:
+            among, site = self._sites[shape]
+            if site is None or among == len(placed):
+                return site
+            if self.box.is_feasible(site.item, site.location):
+                self._sites[shape] = len(placed), site
+                return site
+        found = self._find_site(self.task.items[shape])
+        self._sites[shape] = len(placed), found
+        return found
+
     def state(self) -> State:
         """Where the episode stands, for `restore`; costs next to nothing."""
         return State(
@@ -181,6 +213,14 @@ class Episode:
         self.total, self.end = state.total, state.end
         chosen = self.shape is not None and (self.easy or self.rotation is not None)
         self.choice = self._choice() if chosen else None
+
+    def _find_site(self, item: Item) -> Site | None:
+        in_turn = rotations.by_alignment(item.extents)
+        for turned in map(item.turned, in_turn if self.easy else in_turn[:1]):
+            location = self.box.blbf(turned)
+            if location is not None:
+                return Site(turned, location)
+        return None
 
     def _choose_shape(self, shape: int) -> bool:
         if not (0 <= shape < len(self.outside) and self.outside[shape]):

@@ -13,9 +13,7 @@ from packit_sim.envs.episode import Episode, Stage
 from packit_sim.envs.features import CubeMeans
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
-from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import centred
-from packit_sim.occupancy import Standing
 
 Observation = dict[str, Any]
 
@@ -202,10 +200,10 @@ class FeatureObserver(Observer):
 class ProspectObserver(FeatureObserver):
     """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
 
-    prospects: float32 (max_shapes, 8), in the aligned rotation and at the bottom-left-back-fill
-    location: whether there is room (1 or 0), the min corner there and the extents (x, y, z each, as
-    shares of the box's sides), and the volume as a share of the box's. All 0 for a shape that is
-    not outside; the corner is 0 where there is no room.
+    prospects: float32 (max_shapes, 8), at the shape's site (see `Episode.site`): whether there is
+    one (1 or 0), the min corner there and the extents (x, y, z each, as shares of the box's sides),
+    and the volume as a share of the box's. All 0 for a shape that is not outside; where there is no
+    site the corner is 0, and the extents are those of the aligned rotation.
     """
 
     def __init__(
@@ -213,9 +211,6 @@ class ProspectObserver(FeatureObserver):
     ) -> None:
         super().__init__(cells, max_shapes, actions, stages)
         self._size = np.array(cells) * CELL
-        self._items: list[Item] = []
-        self._locations: dict[int, Triple | None] = {}
-        self._placed: Sequence[Standing] = ()
         limit = np.full((max_shapes, PROSPECTS), np.inf, dtype=np.float32)
         self.space = spaces.Dict(
             {**self.space.spaces, "prospects": spaces.Box(np.zeros_like(limit), limit)}
@@ -223,36 +218,16 @@ class ProspectObserver(FeatureObserver):
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         seen = super().observe(episode, action_mask)
-        self._look(episode)
         prospects = np.zeros((self._max_shapes, PROSPECTS), dtype=np.float32)
         for n in np.flatnonzero(episode.outside).tolist():
-            item, location = self._items[n], self._locations[n]
-            prospects[n, 4:7] = item.extents / self._size
+            item, site = episode.task.items[n], episode.site(n)
+            sitting = site.item if site else item.turned(rotations.by_alignment(item.extents)[0])
+            prospects[n, 4:7] = sitting.extents / self._size
             prospects[n, 7] = item.volume / self._size.prod()
-            if location is not None:
+            if site is not None:
                 prospects[n, 0] = 1
-                prospects[n, 1:4] = np.array(location) * STEP * CELL / self._size
+                prospects[n, 1:4] = np.array(site.location) * STEP * CELL / self._size
         return {**seen, "prospects": prospects}
-
-    def _begin(self, episode: Episode) -> None:
-        super()._begin(episode)
-        self._items = [
-            item.turned(rotations.by_alignment(item.extents)[0]) for item in episode.task.items
-        ]
-        self._locations.clear()
-        self._placed = ()
-
-    def _look(self, episode: Episode) -> None:
-        """Finds the locations; where the box only got fuller, anew only those that are taken."""
-        box = episode.box
-        if box.placed[: len(self._placed)] != self._placed:
-            self._locations.clear()
-        self._placed = box.placed
-        for n in np.flatnonzero(episode.outside).tolist():
-            known = n in self._locations
-            before = self._locations.get(n)
-            if not known or (before and not box.is_feasible(self._items[n], before)):
-                self._locations[n] = box.blbf(self._items[n])
 
 
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {

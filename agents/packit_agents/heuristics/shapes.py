@@ -12,7 +12,6 @@ import numpy as np
 
 from packit_agents.heuristics.scores import Scores, by_chance, by_weight
 from packit_sim.envs.episode import Episode
-from packit_sim.geometry import rotations
 from packit_sim.geometry.shapes import Item
 
 
@@ -64,21 +63,14 @@ class LargestFittingFirst(LargestFirst):
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         weights = self._weights(episode)
         largest_first = np.argsort(-weights, kind="stable")[: np.count_nonzero(weights)].tolist()
-        return next((n for n in largest_first if self._has_room(episode, n)), largest_first[0])
+        return next((n for n in largest_first if episode.site(n)), largest_first[0])
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> Scores:
         weights = self._weights(episode)
         for n in np.flatnonzero(weights).tolist():
-            if not self._has_room(episode, n):
+            if episode.site(n) is None:
                 weights[n] *= 1e-6
         return by_weight(weights)
-
-    def _has_room(self, episode: Episode, shape: int) -> bool:
-        item, box = episode.task.items[shape], episode.box
-        aligned = item.turned(rotations.by_alignment(item.extents)[0])
-        if box.blbf(aligned) is not None:
-            return True
-        return episode.easy and bool(box.feasible_in_any(item).any())
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from torch.nn import functional
 
 from packit_agents.learning.lessons import Lessons
 from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.episode import Episode
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.policies import Agent
 
@@ -39,8 +40,8 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
 
     teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
     is always the same chance. lesson: int64 (1,), the action. With `regrets`, where shapes alone
-    are chosen and prospects observed, float32 (actions,) instead: 0 for the teacher's choice, 1 for
-    what has no room, between them what is smaller. All 0 when the episode is over, and while
+    are chosen, float32 (actions,) instead: 0 for the teacher's choice, 1 for what has no room (see
+    `Episode.site`), between them what is smaller. All 0 when the episode is over, and while
     `taught` is false: asking may take time.
     """
 
@@ -80,17 +81,22 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
             lesson = self._teacher.act(episode, np.random.default_rng(0))
         if not self._regrets:
             return {**seen, LESSON: np.array([lesson])}
-        costs = _regrets(seen, lesson) if told else np.zeros(len(seen["outside"]), np.float32)
+        costs = np.zeros(len(seen["outside"]), np.float32)
+        if told:
+            costs[:] = IMPOSSIBLE
+            costs[: len(episode.outside)] = _regrets(episode, lesson)
         return {**seen, LESSON: costs}
 
 
-def _regrets(seen: Observation, best: int) -> npt.NDArray[np.float32]:
-    """(n,) of each shape, as `TaughtEnv` tells them. best: the teacher's choice."""
-    room, volumes = seen["prospects"][:, 0] > 0, seen["prospects"][:, 7]
-    smaller = SMALLER * np.clip(1 - volumes / volumes[best], 0, 1)
-    costs = np.where(seen["outside"], np.where(room, smaller, 1.0), IMPOSSIBLE)
+def _regrets(episode: Episode, best: int) -> npt.NDArray[np.float64]:
+    """(n items,), as `TaughtEnv` tells them. best: the teacher's choice."""
+    items = episode.task.items
+    costs = np.full(len(items), IMPOSSIBLE)
+    for n in np.flatnonzero(episode.outside).tolist():
+        smaller = SMALLER * max(1 - items[n].volume / items[best].volume, 0.0)
+        costs[n] = smaller if episode.site(n) else 1.0
     costs[best] = 0
-    return costs.astype(np.float32)
+    return costs
 
 
 class TaughtPPO(MaskablePPO):

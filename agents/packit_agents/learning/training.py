@@ -182,7 +182,7 @@ class Training:
 
     @property
     def _fields(self) -> tuple[str, ...]:
-        """What the network looks at; the prospects that regrets are told by may stay hidden."""
+        """What the network looks at."""
         fields = FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
         told = self.settings.observation == "prospects"
         return tuple(name for name in fields if told or name != "prospects")
@@ -354,8 +354,6 @@ def _env(
     fields: tuple[str, ...],
 ) -> ReplayableEnv:
     """An environment of a training, which tells what is among the fields."""
-    if settings.regrets:
-        rules = {**rules, "observation": "prospects"}
     source: str | Sequence[Task] | TaskMaker = tasks
     if settings.mixed and not isinstance(tasks, str):
         source = Mixture(tasks, library, settings.mixed)
