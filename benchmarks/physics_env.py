@@ -1,9 +1,10 @@
 """What `PackItPhysics-v0` costs, and how far the heuristics get where items settle.
 
     .venv/bin/python -m benchmarks.physics_env
-    .venv/bin/python -m benchmarks.physics_env --tasks 150    # the whole test split, hours
+    .venv/bin/python -m benchmarks.physics_env --tasks 150    # the whole test split
 
-The agents play the first tasks of a dataset by the rules of PackIt, and once more with physics.
+The agents play the first tasks of a dataset by the rules of PackIt, and once more with physics;
+how many steps a second it makes is measured on a few of them, an episode each, one at a time.
 Shapes that are new are decomposed first. Times are of the processor, so that they mean something on
 a machine that does other things as well. Prints two tables, and writes
 `benchmarks/results/physics_env.json`; with --picture FILE also how the first agent leaves the first
@@ -18,13 +19,14 @@ import os
 import platform
 import time
 import zlib
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress, track
 from rich.table import Table
 
 from benchmarks.placement import RESULTS, summary
@@ -33,8 +35,9 @@ from packit_sim.datasets.packs import load_tasks
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.episode import Episode
 from packit_sim.estimates import Comparison, Estimate
+from packit_sim.parallel import Workers
 from packit_sim.physics.box import SettlingBox
-from packit_sim.physics.decomposition import METHODS, DecompositionSettings, decompose
+from packit_sim.physics.decomposition import METHODS, DecompositionSettings, decompose_all
 from packit_sim.physics.world import PhysicsSettings
 from packit_sim.pictures.layouts import unplaced
 from packit_sim.scene import Scene
@@ -79,29 +82,54 @@ def played(task: Task, agent: Agent, number: int, physics: PhysicsSettings | Non
     return episode
 
 
-def of_agent(name: str, tasks: tuple[Task, ...], physics: PhysicsSettings) -> dict[str, Any]:
-    """What an agent gets on the grid and with physics, and what became of the items."""
+@dataclass(frozen=True)
+class Play:
+    """What became of a task, on the grid and with physics; volumes as shares of the task's.
+
+    drifts: of the items that came to rest, in box units. seconds: of the processor, with physics.
+    """
+
+    agent: str
+    number: int
+    on_the_grid: float
+    total: float
+    placed: float
+    inside: float
+    drifts: tuple[float, ...]
+    seconds: float
+
+
+def play(name: str, number: int, task: Task, physics: PhysicsSettings) -> Play:
     agent = Agent.from_name(name)
-    grid, returns, placed, inside, drifts, seconds = [], [], [], [], [], []
-    for number, task in enumerate(track(tasks, name)):
-        grid.append(played(task, agent, number, None).total)
-        started = time.process_time()
-        episode = played(task, agent, number, physics)
-        seconds.append(time.process_time() - started)
-        assert isinstance(episode.box, SettlingBox)
-        lying = episode.box.placed
-        returns.append(episode.total)
-        placed.append(sum(one.item.volume for one in lying) / task.volume)
-        inside.append(sum(one.item.volume for one in lying if one.inside) / task.volume)
-        drifts += [one.drift for one in lying if np.isfinite(one.drift)]
+    on_the_grid = played(task, agent, number, None).total
+    started = time.process_time()
+    episode = played(task, agent, number, physics)
+    seconds = time.process_time() - started
+    assert isinstance(episode.box, SettlingBox)
+    lying = episode.box.placed
+    return Play(
+        name,
+        number,
+        on_the_grid,
+        episode.total,
+        sum(one.item.volume for one in lying) / task.volume,
+        sum(one.item.volume for one in lying if one.inside) / task.volume,
+        tuple(one.drift for one in lying if np.isfinite(one.drift)),
+        seconds,
+    )
+
+
+def of_agent(plays: Sequence[Play]) -> dict[str, Any]:
+    """What an agent gets on the grid and with physics, and what became of the items."""
+    grid, returns = [one.on_the_grid for one in plays], [one.total for one in plays]
     return {
         "return on the grid": asdict(Estimate.of(grid)),
         "return": asdict(Estimate.of(returns)),
         "difference": asdict(Comparison.of(returns, grid, 1e-9)),
-        "placed": asdict(Estimate.of(placed)),
-        "inside": asdict(Estimate.of(inside)),
-        "drift": summary(drifts),
-        "seconds a task": summary(seconds),
+        "placed": asdict(Estimate.of([one.placed for one in plays])),
+        "inside": asdict(Estimate.of([one.inside for one in plays])),
+        "drift": summary([drift for one in plays for drift in one.drifts]),
+        "seconds a task": summary([one.seconds for one in plays]),
     }
 
 
@@ -121,29 +149,45 @@ def main() -> None:
     parser.add_argument("--tasks", type=int, default=10, help="from the first on")
     parser.add_argument("--agents", nargs="+", default=AGENTS, metavar="AGENT")
     parser.add_argument("--method", choices=METHODS, default="coacd", help="of convex pieces")
+    parser.add_argument("--episodes", type=int, default=5, help="to count steps a second in")
     parser.add_argument("--seed", type=int, default=0, help="of random actions")
+    parser.add_argument("--workers", type=int, default=0, help="tasks at a time; 0: one a core")
     parser.add_argument("--picture", type=Path, help="file for a picture of the first task")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
     arguments = parser.parse_args()
+    if arguments.tasks < 2:
+        parser.error(f"--tasks {arguments.tasks} tell no interval: choose 2 or more")
     library = ShapeLibrary.open("everyday")
     tasks = load_tasks(arguments.packs, library, arguments.split)[: arguments.tasks]
     physics = PhysicsSettings(decomposition=DecompositionSettings(method=arguments.method))
-    shapes = {item.shape for task in tasks for item in task.items}
-    for shape in track(sorted(shapes, key=lambda shape: shape.id), "decomposing"):
-        decompose(shape, physics.decomposition)
+    shapes = {item.shape.id: item.shape for task in tasks for item in task.items}
+    with Progress() as progress:
+        bar = progress.add_task("decomposing", total=len(shapes))
+        decompose_all(
+            [shapes[id] for id in sorted(shapes)],
+            physics.decomposition,
+            arguments.workers,
+            lambda shape, one: progress.advance(bar),
+        )
     if arguments.picture is not None:
         picture(tasks[0], physics, arguments.picture)
-    rows = {name: of_agent(name, tasks, physics) for name in arguments.agents}
+    jobs = [(a, n, task, physics) for n, task in enumerate(tasks) for a in arguments.agents]
+    with Workers(arguments.workers) as workers:
+        plays = list(track(workers.as_done(play, jobs), "playing", total=len(jobs)))
+    plays.sort(key=lambda one: one.number)
+    rows = {a: of_agent([one for one in plays if one.agent == a]) for a in arguments.agents}
     rates = {
-        name: steps_a_second(tasks, physics, arguments.seed, settings)
+        name: steps_a_second(tasks[: arguments.episodes], physics, arguments.seed, settings)
         for name, settings in CASES.items()
     }
     result = {
         "command": f"python -m benchmarks.physics_env --tasks {len(tasks)} "
-        f"--method {arguments.method} --agents {' '.join(arguments.agents)}",
+        f"--episodes {arguments.episodes} --method {arguments.method} "
+        f"--agents {' '.join(arguments.agents)}",
         "packs": f"{arguments.packs}, {arguments.split}",
         "tasks": len(tasks),
         "items a task": float(np.mean([len(task.items) for task in tasks])),
+        "episodes": arguments.episodes,
         "seed": arguments.seed,
         "settings": asdict(physics),
         "library": library.digest,
