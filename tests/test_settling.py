@@ -219,6 +219,16 @@ def test_the_same_again_is_the_same(zoo_box: Box) -> None:
     assert told(settle(zoo_box, SETTINGS)) == told(settle(zoo_box, SETTINGS))
 
 
+def test_what_is_light_is_not_pressed_through_the_floor() -> None:
+    """A block on four feet of a thousandth of its weight: a solver alone gives way there."""
+    corners = ((0, 0, 0), (8, 0, 0), (0, 8, 0), (8, 8, 0))
+    box = box_of(*((block(4, 4, 4), at) for at in corners), (block(36, 36, 40), (0, 0, 1)))
+    found = settle(box, SETTINGS)
+    assert found.at_rest and max(item.farthest for item in found.items) < STILL
+    assert max(wall_penetrations(found)) < 0.001
+    assert max(wall_penetrations(settle(box, replace(SETTINGS, lightest=0.0)))) > 0.005
+
+
 def test_packed_items_are_not_driven_apart(zoo_box: Box) -> None:
     """Without gravity nothing moves, though pieces fill what is a little hollow."""
     weightless = replace(SETTINGS, gravity=0.0, limit=0.5)

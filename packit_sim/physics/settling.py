@@ -115,7 +115,9 @@ def _size(box: Load) -> Floats:
 
 def _masses(box: Load, settings: PhysicsSettings) -> list[float]:
     """In kg."""
-    return [p.item.volume * settings.side**3 * settings.density for p in box.placed]
+    masses = [p.item.volume * settings.side**3 * settings.density for p in box.placed]
+    least = settings.lightest * max(masses, default=0.0)
+    return [max(mass, least) for mass in masses]
 
 
 def _pieces(

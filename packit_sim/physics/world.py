@@ -48,18 +48,22 @@ _NO_BOUNCE = 0.05
 class PhysicsSettings:
     """The world in which items move, and when it ends. SI units, but for `side`.
 
-    side: metres of a box unit. density: kg/m3 of every item, whose mass is that times its volume.
-    gravity: m/s2. friction: Coulomb's coefficient, between items as with walls. rolling: the arm of
-    rolling resistance, in metres, without which no ball would ever rest. restitution: the share of
-    speed that comes back from an impact. damping: the share of all speed that is lost in a second.
-    step: seconds of a step of time. limit: seconds after which it ends in any case. rest: m/s
-    below which each point of every item stays for `calm` seconds, where all are at rest.
-    decomposition: how shapes become convex pieces. fitted: whether pieces are cut back where they
-    reach into others' at the start (see `fitting`). Raises ValueError where one is out of range.
+    side: metres of a box unit. density: kg/m3 of every item, whose mass is that times its
+    volume. lightest: the share of the heaviest item's mass that none in its box is taken to
+    fall short of; 0 takes them as they are, but a solver presses what is very light through
+    walls, where something very heavy lies on it. gravity: m/s2. friction: Coulomb's
+    coefficient, between items as with walls. rolling: the arm of rolling resistance, in metres,
+    without which no ball would ever rest. restitution: the share of speed that comes back from
+    an impact. damping: the share of all speed that is lost in a second. step: seconds of a step
+    of time. limit: seconds after which it ends in any case. rest: m/s below which each point of
+    every item stays for `calm` seconds, where all are at rest. decomposition: how shapes become
+    convex pieces. fitted: whether pieces are cut back where they reach into others' at the
+    start (see `fitting`). Raises ValueError where one is out of range.
     """
 
     side: float = 0.5
     density: float = 500.0
+    lightest: float = 0.01
     gravity: float = 9.81
     friction: float = 0.5
     rolling: float = 0.001
@@ -76,6 +80,7 @@ class PhysicsSettings:
         for name, low, high in (
             ("side", 1e-3, 1e3),
             ("density", 1e-3, 1e6),
+            ("lightest", 0.0, 1.0),
             ("gravity", 0.0, 1e3),
             ("friction", 0.0, 10.0),
             ("rolling", 0.0, 1.0),
