@@ -1,7 +1,9 @@
 """PackNN: what its layers must not depend on, weights as data, training that goes on exactly."""
 
+import hashlib
 import json
 import pickle
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -35,11 +37,13 @@ from packit_sim.envs.observations import PROSPECTS
 from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
 from packit_sim.experiments.curves import Trained
 from packit_sim.experiments.evaluation import evaluate
+from packit_sim.experiments.results import ResultsError, read_results
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.parallel import Workers
 from tests.zoo import cube_of
 
 
@@ -293,6 +297,27 @@ def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, prospects) -
     assert [r.total for r in found] == [r.total for r in other_seed]
     again = pickle.loads(pickle.dumps(agent))
     assert evaluate([again], tasks, seed=0) == found[:2]
+
+
+def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(
+    library, tmp_path, monkeypatch
+) -> None:
+    """The file of weights is written anew: between two evaluations, and during one."""
+    file, results = weights(tmp_path / "w.safetensors"), tmp_path / "results.jsonl"
+    name = f"learned@{file}/aligned/blbf"
+    tasks = load_tasks("starter", library)[:2]
+    found = evaluate([Agent.from_name(name)], tasks[:1], seed=0, file=results)
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    assert found[0].weights == read_results(results)[0].weights == digest[:16]
+    assert Agent.from_name("random/aligned/blbf").weights is None
+    before = results.read_bytes()
+    older = Agent.from_name(name)
+    write_weights(file, network(SMALL, 0), SMALL, 0, {"seed": 2})
+    with pytest.raises(ResultsError, match=f"with weights of {re.escape(name)} {digest[:16]}, not"):
+        evaluate([Agent.from_name(name)], tasks, seed=0, file=results)
+    with pytest.raises(ResultsError, match="were written anew while it played"):
+        evaluate([older], tasks, seed=0, workers=Workers(2), file=results)
+    assert results.read_bytes() == before
 
 
 def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, tmp_path) -> None:

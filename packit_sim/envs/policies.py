@@ -91,6 +91,13 @@ class Agent:
         )
         return cls(name, shape, rotation, location, load_search(search[0]) if search else None)
 
+    @property
+    def weights(self) -> str | None:
+        """Digests of what its policies have learned, as far as they tell; None where nothing is."""
+        policies = (self.policy(stage) for stage in Stage)
+        told = dict.fromkeys(getattr(policy, "weights", None) for policy in policies)
+        return " ".join(weights for weights in told if weights is not None) or None
+
     def policy(self, stage: Stage) -> Policy:
         """Of a sub-task."""
         return (self.shape, self.rotation, self.location)[stage]

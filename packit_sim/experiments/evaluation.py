@@ -20,6 +20,7 @@ from packit_sim.envs.policies import Agent
 from packit_sim.estimates import Comparison, Estimate
 from packit_sim.experiments.results import (
     PACKIT,
+    ResultsError,
     Rollout,
     Rules,
     check_same,
@@ -102,12 +103,13 @@ def evaluate(
     A rollout's random numbers follow from the seed, the agent's name and the task's number alone,
     so that it is the same whatever else is evaluated beside it, on however many workers. file: for
     the results, which are written as they come; what stands there already is not played again, and
-    results of other agents stay. Raises ResultsError where it holds results of something else, and
-    BusyError where another process is at work on it.
+    results of other agents stay. Raises ResultsError where it holds results of something else, or
+    weights are others than at the start, and BusyError where another process is at work on it.
     """
-    with opened(file, [agent.name for agent in agents]) as ledger:
+    weights = {agent.name: agent.weights for agent in agents}
+    with opened(file, list(weights)) as ledger:
         if file is not None:
-            check_same(file, ledger.rollouts, tasks, seed, rules)
+            check_same(file, ledger.rollouts, weights, tasks, seed, rules)
         jobs = []
         for number, task in enumerate(tasks):
             missing = [agent for agent in agents if (agent.name, number) not in ledger]
@@ -116,6 +118,11 @@ def evaluate(
         played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
         for rollouts in played:
             for rollout in rollouts:
+                if rollout.weights != weights[rollout.agent]:
+                    raise ResultsError(
+                        f"weights of {rollout.agent} were written anew while it played: "
+                        f"{rollout.weights}, not {weights[rollout.agent]}"
+                    )
                 on_rollout(rollout)
             ledger.add(rollouts)
         return [ledger[agent.name, number] for agent in agents for number in range(len(tasks))]
@@ -130,7 +137,8 @@ def _played(
         started = time.perf_counter()
         episode = play(task, agent, _stream(agent.name, seed, number), rules=rules)
         seconds = time.perf_counter() - started
-        rollouts.append(Rollout.of(episode, agent.name, number, seed, rules, seconds))
+        told = (agent.name, number, seed, rules, seconds, agent.weights)
+        rollouts.append(Rollout.of(episode, *told))
     return rollouts
 
 

@@ -48,8 +48,8 @@ class Rollout:
 
     agent: its name. task: the number of the task. task_digest: tells it from others. seed: of the
     evaluation. total: the return. end: why it was over. pack: the box as the agent left it.
-    seconds: that it took, on a machine that may have done other things as well; two rollouts are
-    equal whatever it was.
+    weights: of an agent that learned, see `Agent.weights`. seconds: that it took, on a machine that
+    may have done other things as well; two rollouts are equal whatever it was.
     """
 
     agent: str
@@ -61,10 +61,18 @@ class Rollout:
     end: End
     pack: Pack
     seconds: float = field(compare=False)
+    weights: str | None = None
 
     @classmethod
     def of(
-        cls, episode: Episode, agent: str, number: int, seed: int, rules: Rules, seconds: float
+        cls,
+        episode: Episode,
+        agent: str,
+        number: int,
+        seed: int,
+        rules: Rules,
+        seconds: float,
+        weights: str | None = None,
     ) -> Rollout:
         """The record of an episode that is over.
 
@@ -85,6 +93,7 @@ class Rollout:
             **asdict(rules),
             "return": episode.total,
             "end": str(episode.end),
+            **({} if weights is None else {"weights": weights}),
         }
         pack = Pack.of(episode.box, episode.task.pack.library, **made)
         return cls(
@@ -97,6 +106,7 @@ class Rollout:
             episode.end,
             pack,
             seconds,
+            weights,
         )
 
     def to_pack(self) -> Pack:
@@ -124,6 +134,7 @@ class Rollout:
             End(_get(made, "end", str)),
             replace(pack, made=made),
             seconds,
+            _get(made, "weights", str) if "weights" in made else None,
         )
 
 
@@ -200,9 +211,16 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[Ledger]:
 
 
 def check_same(
-    path: Path, rollouts: Iterable[Rollout], tasks: Sequence[Task], seed: int, rules: Rules
+    path: Path,
+    rollouts: Iterable[Rollout],
+    weights: Mapping[str, str | None],
+    tasks: Sequence[Task],
+    seed: int,
+    rules: Rules,
 ) -> None:
-    """Raises ResultsError where results are not of these tasks, this seed and these rules."""
+    """Raises ResultsError where results are not of these tasks, this seed and these rules, or of
+    agents whose weights, by name, are others now.
+    """
     for rollout in rollouts:
         known = rollout.task < len(tasks)
         facts = {
@@ -211,6 +229,10 @@ def check_same(
             f"task {rollout.task}": (
                 rollout.task_digest,
                 tasks[rollout.task].digest if known else rollout.task_digest,
+            ),
+            f"weights of {rollout.agent}": (
+                rollout.weights,
+                weights.get(rollout.agent, rollout.weights),
             ),
         }
         for name, (theirs, ours) in facts.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -27,8 +28,8 @@ FIELDS = (*SHAPE_FIELDS, "stage", "chosen", "item")
 class _Learned:
     """The action to which a network gives the highest probability.
 
-    file: of weights. Pickled as that alone. Raises WeightsError where it can't be loaded, or does
-    not choose what is asked for.
+    file: of weights. weights: the first 16 digits of its SHA-256. Pickled as the file's name alone.
+    Raises WeightsError where it can't be loaded, or does not choose what is asked for.
     """
 
     stage: ClassVar[Stage]
@@ -36,6 +37,7 @@ class _Learned:
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
         self._network, self._prospects, self.made = read_weights(self._file)
+        self.weights = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
             raise WeightsError(
                 f"{self._file} chooses shapes, no {self.stage.name.lower()}s: it was trained with "
