@@ -15,7 +15,7 @@ from packit_sim.physics.settling import Settled, SettledItem
 from packit_sim.physics.solids import Solid
 from packit_sim.pictures.layouts import Pose
 
-DEPTHS = tuple(1e-4 * 2**n for n in range(12))
+DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths, in box units, that are told apart."""
 
 _DIRECTIONS = [
