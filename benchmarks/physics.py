@@ -1,7 +1,7 @@
 """What it costs to take shapes apart and to let packs settle, and how far one can trust it.
 
     .venv/bin/python -m benchmarks.physics
-    .venv/bin/python -m benchmarks.physics --packs everyday-v1 --split test    # all 150, hours
+    .venv/bin/python -m benchmarks.physics --packs everyday-v1 --split test    # all 150, an hour
 
 Shapes that are new are decomposed first; what is kept from before is read. Times are of the
 processor, in seconds, so that they mean something on a machine that does other things as well.
