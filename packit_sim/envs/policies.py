@@ -26,7 +26,8 @@ class Policy(Protocol):
 
     Called with the episode, which it must not change, and the random generator to draw from.
     A shape policy returns the index of a shape outside, a rotation policy 0 to 23, a location
-    policy the C-order index of a feasible location.
+    policy the C-order index of a feasible location. One that loads what it learned from a file may
+    have `weights_digest`, a str: kept results are then not taken for those of other weights.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int: ...
@@ -93,9 +94,9 @@ class Agent:
 
     @property
     def weights(self) -> str | None:
-        """Digests of what its policies have learned, as far as they tell; None where nothing is."""
+        """Digests of the weights of its policies that have such and tell; None where none does."""
         policies = (self.policy(stage) for stage in Stage)
-        told = dict.fromkeys(getattr(policy, "weights", None) for policy in policies)
+        told = dict.fromkeys(getattr(policy, "weights_digest", None) for policy in policies)
         return " ".join(weights for weights in told if weights is not None) or None
 
     def policy(self, stage: Stage) -> Policy:

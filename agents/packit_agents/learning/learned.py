@@ -28,7 +28,7 @@ FIELDS = (*SHAPE_FIELDS, "stage", "chosen", "item")
 class _Learned:
     """The action to which a network gives the highest probability.
 
-    file: of weights. weights: the first 16 digits of its SHA-256. Pickled as the file's name alone.
+    file: of weights. weights_digest: where its SHA-256 begins. Pickled as the name alone.
     Raises WeightsError where it can't be loaded, or does not choose what is asked for.
     """
 
@@ -37,7 +37,7 @@ class _Learned:
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
         self._network, self._prospects, self.made = read_weights(self._file)
-        self.weights = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
+        self.weights_digest = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
             raise WeightsError(
                 f"{self._file} chooses shapes, no {self.stage.name.lower()}s: it was trained with "
