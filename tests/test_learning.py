@@ -299,9 +299,7 @@ def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, prospects) -
     assert evaluate([again], tasks, seed=0) == found[:2]
 
 
-def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(
-    library, tmp_path, monkeypatch
-) -> None:
+def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(library, tmp_path) -> None:
     """The file of weights is written anew: between two evaluations, and during one."""
     file, results = weights(tmp_path / "w.safetensors"), tmp_path / "results.jsonl"
     name = f"learned@{file}/aligned/blbf"

@@ -81,17 +81,15 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
             lesson = self._teacher.act(episode, np.random.default_rng(0))
         if not self._regrets:
             return {**seen, LESSON: np.array([lesson])}
-        costs = np.zeros(len(seen["outside"]), np.float32)
-        if told:
-            costs[:] = IMPOSSIBLE
-            costs[: len(episode.outside)] = _regrets(episode, lesson)
+        shapes = len(seen["outside"])
+        costs = _regrets(episode, lesson, shapes) if told else np.zeros(shapes, np.float32)
         return {**seen, LESSON: costs}
 
 
-def _regrets(episode: Episode, best: int) -> npt.NDArray[np.float64]:
-    """(n items,), as `TaughtEnv` tells them. best: the teacher's choice."""
+def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32]:
+    """(shapes,), as `TaughtEnv` tells them. best: the teacher's choice."""
     items = episode.task.items
-    costs = np.full(len(items), IMPOSSIBLE)
+    costs = np.full(shapes, IMPOSSIBLE, dtype=np.float32)
     for n in np.flatnonzero(episode.outside).tolist():
         smaller = SMALLER * max(1 - items[n].volume / items[best].volume, 0.0)
         costs[n] = smaller if episode.site(n) else 1.0
