@@ -48,9 +48,10 @@ bench: ## the benchmarks that take minutes, one after the other
 	@$(BIN)/python -m benchmarks.viewer
 	@$(BIN)/python -m benchmarks.cluster
 
-lint: $(STAMP) ## ruff: rules and format
+lint: $(STAMP) ## ruff: rules and format; import-linter: who may import whom
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
+	@$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
 types: $(STAMP) ## mypy
 	@$(BIN)/mypy

@@ -12,8 +12,10 @@ from unittest.mock import patch
 import fcl
 from numba.core.dispatcher import Dispatcher
 
-from packit_sim import EvolutionSettings, ShapeLibrary, caches, occupancy, screening
-from packit_sim.creation.evolution import Evolution
+from packit_sim import EvolutionSettings, ShapeLibrary
+from packit_sim.core import caches
+from packit_sim.engine import occupancy, screening
+from packit_sim.generation.evolution import Evolution
 
 _T = TypeVar("_T")
 

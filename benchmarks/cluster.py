@@ -29,12 +29,13 @@ from ray.cluster_utils import Cluster
 from rich.console import Console
 from rich.table import Table
 
-from packit_sim import EvolutionSettings, ShapeLibrary, caches
-from packit_sim.creation import generation
-from packit_sim.creation.evolution import Evolution
-from packit_sim.creation.generation import Order
+from packit_sim import EvolutionSettings, ShapeLibrary
+from packit_sim.core import caches
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import STARTER_PACKS, Pack, dataset_file, read_packs
-from packit_sim.parallel import Workers
+from packit_sim.generation import jobs
+from packit_sim.generation.evolution import Evolution
+from packit_sim.generation.jobs import GenerationJob
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -45,7 +46,7 @@ CORES = (1, 8, 64)
 
 ROUND_TRIPS = 50
 
-Job = tuple[Order, dict[str, Any], Path, int, int]
+Job = tuple[GenerationJob, dict[str, Any], Path, int, int]
 """What `generation` sends to a worker."""
 
 
@@ -62,7 +63,7 @@ def one_pack(*job: Any) -> tuple[float, float, int]:
     """Makes a pack: seconds, those of the processor, and peak memory of the process in bytes."""
     caches.clear()
     started, cpu = time.perf_counter(), time.process_time()
-    generation._made(*job)
+    jobs._made(*job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return time.perf_counter() - started, time.process_time() - cpu, peak
 
@@ -80,7 +81,7 @@ def generations_of_one(library: ShapeLibrary, seed: int, generations: int) -> li
     return found
 
 
-def jobs_of(order: Order) -> list[Job]:
+def jobs_of(order: GenerationJob) -> list[Job]:
     """As `generation` sends them, but for a folder of checkpoints."""
     return [(order, order.to_json(), Path("/none"), n, 0) for n in range(order.packs)]
 
@@ -99,7 +100,7 @@ def round_trips(workers: Workers, job: Job, packs: list[Pack]) -> dict[str, dict
     return {name: summary(values) for name, values in times.items()}
 
 
-def packing(workers: Workers, order: Order) -> dict[str, float]:
+def packing(workers: Workers, order: GenerationJob) -> dict[str, float]:
     """Packs a second, and of each pack what the workers did not spend on making it."""
     started = time.perf_counter()
     rows = list(workers.as_done(one_pack, jobs_of(order)))
@@ -114,7 +115,9 @@ def packing(workers: Workers, order: Order) -> dict[str, float]:
     }
 
 
-def measured(backend: Any, address: str | None, order: Order, packs: list[Pack]) -> dict[str, Any]:
+def measured(
+    backend: Any, address: str | None, order: GenerationJob, packs: list[Pack]
+) -> dict[str, Any]:
     """Joining, first jobs, round trips, and packing with one worker and with two.
 
     speedup: of packs a second; where other work runs beside it, it tells of that. efficiency: by
@@ -218,7 +221,7 @@ def main() -> None:
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
     settings = EvolutionSettings(generations=arguments.steps, patience=arguments.steps + 1)
-    order = Order(library, arguments.packs, arguments.seed, settings=settings)
+    order = GenerationJob(library, arguments.packs, arguments.seed, settings=settings)
     packs = read_packs(dataset_file(STARTER_PACKS, None))
 
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

@@ -25,11 +25,12 @@ from rich.table import Table
 
 from benchmarks.accounts import shares
 from benchmarks.placement import RESULTS
-from packit_sim import EvolutionSettings, ShapeLibrary, caches
-from packit_sim.creation.evolution import Evolution
-from packit_sim.files import replace_text
-from packit_sim.parallel import Workers
-from packit_sim.statistics import Statistics, statistics
+from packit_sim import EvolutionSettings, ShapeLibrary
+from packit_sim.core import caches
+from packit_sim.core.counters import Counters, statistics
+from packit_sim.core.files import replace_text
+from packit_sim.core.parallel import Workers
+from packit_sim.generation.evolution import Evolution
 
 AIM = 5
 """Minutes a pack at most: 1000 generations, a pool of 50, two cores."""
@@ -125,7 +126,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
     }
 
 
-def counts(counted: Statistics) -> dict[str, Any]:
+def counts(counted: Counters) -> dict[str, Any]:
     """What this process was asked for, and the share of it that caches answered."""
     return {
         "BLBF queries": counted.searches,

@@ -25,9 +25,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from packit_sim import Box, Item, ShapeLibrary, caches
-from packit_sim.collision import collision_mesh
-from packit_sim.nofit import MEETINGS
+from packit_sim import Box, Item, ShapeLibrary
+from packit_sim.core import caches
+from packit_sim.engine.collision import collision_mesh
+from packit_sim.engine.nofit import MEETINGS
 
 RESULTS = Path(__file__).parent / "results" / "instructions.json"
 

@@ -26,16 +26,16 @@ from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import read_weights
 from packit_sim import Agent, ShapeLibrary
 from packit_sim.cli.console import console
-from packit_sim.cli.evaluate import evaluate_shown
+from packit_sim.cli.evaluation_commands import evaluate_shown
+from packit_sim.core.confidence import Comparison, Estimate, told
+from packit_sim.core.files import replace_text
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import load_tasks
-from packit_sim.estimates import Comparison, Estimate, told
-from packit_sim.experiments.curves import Trained
-from packit_sim.experiments.evaluation import SLACK
-from packit_sim.experiments.reproduction import HEURISTIC
-from packit_sim.experiments.results import Rules
-from packit_sim.files import replace_text
-from packit_sim.parallel import Workers
-from packit_sim.pictures import plots
+from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.paper.reproduction import HEURISTIC
+from packit_sim.render import plots
+from packit_sim.rules import Rules
 
 RANDOM = "random/aligned/blbf"
 BEAMS = "+beam=4"

@@ -28,16 +28,16 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.placement import RESULTS
-from packit_agents.learning.imitation import TaughtPPO
-from packit_agents.learning.learned import LearnedShape
+from packit_agents.learning.imitation import ImitationPPO
+from packit_agents.learning.learned_policies import LearnedShape
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_agents.learning.training import Training
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim import Agent, ShapeLibrary
 from packit_sim.datasets.packs import load_tasks
-from packit_sim.envs.episode import Episode
 from packit_sim.envs.observations import PROSPECTS
+from packit_sim.game.episode import Episode
 
 CASES: dict[str, tuple[NetworkSettings, str]] = {
     "packnn": (NetworkSettings(), "features"),
@@ -89,7 +89,7 @@ def training(settings: NetworkSettings, observation: str, steps: int, folder: Pa
     with ExitStack() as stack:
         for part, kind, name in (
             ("environments", type(job._envs), "step_wait"),
-            ("updates", TaughtPPO, "train"),
+            ("updates", ImitationPPO, "train"),
         ):
             stack.enter_context(mock.patch.object(kind, name, _timed(kind, name, part, spent)))
         marks: list[tuple[int, float, dict[str, float]]] = []

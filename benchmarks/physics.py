@@ -30,19 +30,20 @@ from rich.progress import Progress, track
 from rich.table import Table
 
 from benchmarks.placement import RESULTS, summary
-from packit_sim import Pack, Shape, ShapeLibrary, caches, read_packs
-from packit_sim.box import Snapshot
-from packit_sim.compaction import compact, drops
+from packit_sim import Pack, Shape, ShapeLibrary, read_packs
+from packit_sim.box import BoxState
+from packit_sim.core import caches
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import dataset_file
-from packit_sim.extraction import extraction
-from packit_sim.parallel import Workers
-from packit_sim.physics.decomposition import decompose, decompose_all, made
+from packit_sim.engine.compaction import compact, drops
+from packit_sim.engine.disassembly import disassemble
+from packit_sim.physics.convex.decomposition import decompose, decompose_all, made
 from packit_sim.physics.penetration import penetrations, wall_penetrations
-from packit_sim.physics.scores import FLOATS
+from packit_sim.physics.quality import FLOATS
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.pictures.layouts import Layout
+from packit_sim.render.layouts import Layout
 from packit_sim.scene import Scene
 
 _T = TypeVar("_T")
@@ -109,18 +110,18 @@ def decompositions(
     }
 
 
-def drift(box: Snapshot, settings: PhysicsSettings, fitted: bool) -> float:
+def drift(box: BoxState, settings: PhysicsSettings, fitted: bool) -> float:
     """How far the farthest item is driven by overlaps alone, in box units."""
     weightless = replace(settings, fitted=fitted, gravity=0.0, limit=WEIGHTLESS)
     return max(item.farthest for item in settle(box, weightless).items)
 
 
-def of_pack(number: int, box: Snapshot, settings: PhysicsSettings) -> tuple[int, dict[str, Any]]:
+def of_pack(number: int, box: BoxState, settings: PhysicsSettings) -> tuple[int, dict[str, Any]]:
     """All that is measured of one pack, with its number."""
     seconds, settled = timed(lambda: settle(box, settings))
     depths = penetrations(settled)
     stable = stability(box, settings)
-    ways_seconds, ways = timed(lambda: extraction(box))
+    ways_seconds, ways = timed(lambda: disassemble(box))
     pushed_seconds, pushed = timed(lambda: compact(box))
     return number, {
         "items": len(box.placed),
@@ -155,7 +156,7 @@ def moves(settled: Settled) -> list[bytes]:
     return [item.move.tobytes() for item in settled.items]
 
 
-def pictures(box: Snapshot, settings: PhysicsSettings, folder: Path) -> None:
+def pictures(box: BoxState, settings: PhysicsSettings, folder: Path) -> None:
     """Before and after, by one camera that sees both whole."""
     with Scene(box) as scene:
         settled = scene.settle(settings)
@@ -180,7 +181,7 @@ def main() -> None:
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
     packs: list[Pack] = read_packs(dataset_file(arguments.packs, arguments.split))
-    boxes = [Snapshot(pack.cells, pack.placed(library)) for pack in packs[: arguments.limit]]
+    boxes = [BoxState(pack.cells, pack.placed(library)) for pack in packs[: arguments.limit]]
     shapes = {p.item.shape.id: p.item.shape for box in boxes for p in box.placed}
     settings = PhysicsSettings()
     pieces = decompositions(

@@ -31,15 +31,15 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS, summary
 from packit_sim import Agent, ShapeLibrary, Task
+from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import load_tasks
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import Episode
-from packit_sim.estimates import Comparison, Estimate
-from packit_sim.parallel import Workers
-from packit_sim.physics.box import SettlingBox
-from packit_sim.physics.decomposition import METHODS, DecompositionSettings, decompose_all
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.pictures.layouts import unplaced
+from packit_sim.game.episode import Episode
+from packit_sim.physics.convex.decomposition import decompose_all
+from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settling_box import SettlingBox
+from packit_sim.render.layouts import unplaced
 from packit_sim.scene import Scene
 
 AGENTS = (

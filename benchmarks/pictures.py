@@ -27,8 +27,8 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS, summaries
 from packit_sim import Box, Item, ShapeLibrary
-from packit_sim.pictures import rendering
-from packit_sim.pictures.looks import Cut, Look
+from packit_sim.render import rendering
+from packit_sim.render.looks import Cut, Look
 from packit_sim.scene import Scene
 
 ITEMS, SEED = 20, 0

@@ -29,14 +29,16 @@ from rich.table import Table
 from trimesh import creation
 
 from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_mask
-from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, caches, evolve, placement
-from packit_sim.collision import collision_mesh
-from packit_sim.creation.chromosomes import SCALES, Chromosome, crossover, mutate
-from packit_sim.creation.pack_creator import PackCreator, draw_pool
-from packit_sim.creation.searches import select
+from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve
+from packit_sim.core import caches
+from packit_sim.core.counters import Counters, statistics
+from packit_sim.engine import feasibility
+from packit_sim.engine.collision import collision_mesh
+from packit_sim.engine.nofit import MEETINGS
+from packit_sim.generation.chromosomes import SCALES, Chromosome, crossover, mutate
+from packit_sim.generation.pack_creator import PackCreator, draw_pool
+from packit_sim.generation.strategies import select
 from packit_sim.geometry.lattice import BOX_CELLS
-from packit_sim.nofit import MEETINGS
-from packit_sim.statistics import Statistics, statistics
 
 RESULTS = Path(__file__).parent / "results"
 DENSITIES = (0.0, 0.2, 0.3, 0.4)
@@ -78,7 +80,7 @@ class Pool:
             shape = self.shapes[rng.integers(len(self.shapes))]
             scale = SCALES[rng.integers(len(SCALES))] * self.size**3
             item = Item(shape, scale, int(rng.integers(24)))
-            if placement.fits(BOX_CELLS, item):
+            if feasibility.fits(BOX_CELLS, item):
                 count -= 1
                 yield item
 
@@ -116,7 +118,7 @@ def preparing(pools: list[Pool], rng: np.random.Generator) -> Times:
 
 def questions(
     pools: list[Pool], density: float, rng: np.random.Generator
-) -> tuple[Times, Statistics]:
+) -> tuple[Times, Counters]:
     """Masks and BLBF queries at a density, and voxels by FFT beside them."""
     times: Times = defaultdict(list)
     before = statistics()
@@ -153,8 +155,8 @@ def slow_ways(pools: list[Pool], rng: np.random.Generator) -> Times:
         box = pool.packed(BAR_DENSITY)
         for item in pool.items(2, rng):
             prepare(item)
-            truth = placement.oracle(box, item)
-            times["oracle"].append(timed(placement.oracle, box, item))
+            truth = feasibility.oracle(box, item)
+            times["oracle"].append(timed(feasibility.oracle, box, item))
             caches.clear(*PAIR_MEMORY)
             own = timed(box.feasible, item)
             times["oracle / cold mask"].append(times["oracle"][-1] / own)
@@ -181,7 +183,7 @@ def easy(pools: list[Pool], rng: np.random.Generator) -> Times:
     return times
 
 
-def chromosomes(pools: list[Pool]) -> tuple[Times, Statistics]:
+def chromosomes(pools: list[Pool]) -> tuple[Times, Counters]:
     """What evolution does: each child packed as it comes, and once more."""
     times: Times = defaultdict(list)
     settings = EvolutionSettings()
@@ -310,7 +312,7 @@ def summaries(times: Times) -> dict[str, dict[str, float]]:
     return {name: summary(values) for name, values in times.items()}
 
 
-def counts(counted: Statistics) -> dict[str, Any]:
+def counts(counted: Counters) -> dict[str, Any]:
     return {
         "undecided share of locations": counted.undecided_share,
         "FCL calls a query": counted.fcl_calls_per_query,

@@ -23,12 +23,13 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS
 from benchmarks.tournaments import Tournaments
-from packit_sim import EvolutionSettings, ShapeLibrary, caches
-from packit_sim.creation.evolution import densities
-from packit_sim.creation.pack_creator import Recipe
-from packit_sim.creation.searches import Climbing, Elitist, Generational, Search
-from packit_sim.files import replace_text
-from packit_sim.parallel import Workers
+from packit_sim import EvolutionSettings, ShapeLibrary
+from packit_sim.core import caches
+from packit_sim.core.files import replace_text
+from packit_sim.core.parallel import Workers
+from packit_sim.generation.evolution import densities
+from packit_sim.generation.pack_creator import Recipe
+from packit_sim.generation.strategies import Climbing, Elitist, Generational, Search
 
 PAPERS = "generational (the paper's)"
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from deap import algorithms, base, tools
 
-from packit_sim.creation.chromosomes import Chromosome, EvolutionSettings
-from packit_sim.creation.searches import Search
+from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.generation.strategies import Search
 from packit_sim.geometry import rotations
 
 TOURNAMENT = 3

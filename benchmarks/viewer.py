@@ -24,20 +24,20 @@ from rich.table import Table
 from trimesh import creation
 
 from benchmarks.placement import RESULTS, summaries
-from packit_sim.box import Snapshot
+from packit_sim.box import BoxState
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.occupancy import Placed
-from packit_sim.pictures.looks import Cut
-from packit_sim.viewing.boxes import Display, ShownBox
-from packit_sim.viewing.pages import Page
+from packit_sim.render.looks import Cut
+from packit_sim.viewer.boxes import Display, ShownBox
+from packit_sim.viewer.pages import Page
 
 ITEMS = 50
 SECTIONS = (200, 127)
 """Around the ring and around its tube: 50,800 triangles."""
 
 
-def pack() -> Snapshot:
+def pack() -> BoxState:
     """Rings of different widths, on a lattice: no two are the same shape."""
     rings = [
         creation.torus(
@@ -48,10 +48,10 @@ def pack() -> Snapshot:
     shapes = [Shape.from_mesh(ring, f"ring-{n}") for n, ring in enumerate(rings)]
     places = itertools.islice(itertools.product((0, 6, 12, 18), repeat=3), ITEMS)
     placed = [
-        Placed(Item(shape, 0.01), (x, y, z))
+        PlacedItem(Item(shape, 0.01), (x, y, z))
         for shape, (x, y, z) in zip(shapes, places, strict=True)
     ]
-    return Snapshot(BOX_CELLS, tuple(placed))
+    return BoxState(BOX_CELLS, tuple(placed))
 
 
 def milliseconds(work: Callable[[], None]) -> float:

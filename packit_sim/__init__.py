@@ -4,11 +4,11 @@ import gymnasium
 
 from packit_sim._version import __version__
 from packit_sim.box import Box
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.evolution import evolve
 from packit_sim.datasets.packs import Pack, Task, read_packs, verify, write_packs
-from packit_sim.envs.policies import Agent
-from packit_sim.experiments.evaluation import evaluate, play
+from packit_sim.evaluation.evaluation import evaluate, play
+from packit_sim.game.agents import Agent
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.evolution import evolve
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 

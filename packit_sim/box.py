@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from packit_sim import lifting, placement
-from packit_sim.errors import InfeasibleError
+from packit_sim.core.errors import InfeasibleError
+from packit_sim.engine import feasibility, insertion
+from packit_sim.engine.base_box import BaseBox
+from packit_sim.engine.feasibility import ORIGIN, Blockers, Mask
+from packit_sim.engine.occupancy import Occupancy, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Occupancy, Placed
-from packit_sim.placement import ORIGIN, Blockers, Mask
-from packit_sim.room import Room
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class BoxState:
     """The whole state of a box: its cells an axis and the placed items, in order. A value."""
 
     cells: Triple
-    placed: tuple[Placed, ...]
+    placed: tuple[PlacedItem, ...]
 
 
-class Box(Room):
+class Box(BaseBox):
     """A box to pack, by default the unit cube of 100 cells an axis.
 
     cells: cells an axis, whole grid steps; a cell is 1/100 of a unit, so 200 cells make 2 units.
@@ -30,14 +30,14 @@ class Box(Room):
     `lifting`). Raises ValueError where the cells are not possible.
     """
 
-    _occupancy: Occupancy[Placed]
+    _occupancy: Occupancy[PlacedItem]
 
     def __init__(self, cells: Sequence[int] = BOX_CELLS, *, kinematic: bool = False) -> None:
         super().__init__(cells)
         self.kinematic = kinematic
 
     @property
-    def placed(self) -> tuple[Placed, ...]:
+    def placed(self) -> tuple[PlacedItem, ...]:
         """What is in the box, in the order of placing."""
         return self._occupancy.placed
 
@@ -47,18 +47,18 @@ class Box(Room):
         return sum(p.item.volume for p in self.placed) / float(self.size.prod())
 
     def feasible(self, item: Item) -> Mask:
-        mask = placement.feasible(self._occupancy, item)
-        return lifting.clear(self.placed, item, mask) if self.kinematic else mask
+        mask = feasibility.feasible(self._occupancy, item)
+        return insertion.clear(self.placed, item, mask) if self.kinematic else mask
 
     def blbf(self, item: Item, start: Triple = ORIGIN) -> Triple | None:
         if self.kinematic:
-            return placement.first(self.feasible(item))
-        return placement.blbf(self._occupancy, item, start)
+            return feasibility.first(self.feasible(item))
+        return feasibility.blbf(self._occupancy, item, start)
 
     def feasible_in_any(self, item: Item) -> Mask:
         if self.kinematic:
             return super().feasible_in_any(item)
-        return placement.feasible_in_any(self._occupancy, item)
+        return feasibility.feasible_in_any(self._occupancy, item)
 
     def why_not(self, item: Item, location: Sequence[int]) -> Blockers:
         """Which walls and which placed items, by number, keep an item from a location.
@@ -66,11 +66,11 @@ class Box(Room):
         In a kinematic box also which items above it do. Nothing does, and the answer is false,
         where it is feasible. Raises InfeasibleError where the location is no node of the grid.
         """
-        return self._blockers(Placed(item, placement.checked_location(self.cells, location)))
+        return self._blockers(PlacedItem(item, feasibility.checked_location(self.cells, location)))
 
-    def place(self, item: Item, location: Sequence[int]) -> Placed:
+    def place(self, item: Item, location: Sequence[int]) -> PlacedItem:
         """Places an item. Raises InfeasibleError, and changes nothing, where it is not feasible."""
-        placed = Placed(item, placement.checked_location(self.cells, location))
+        placed = PlacedItem(item, feasibility.checked_location(self.cells, location))
         if not self._can_stand(placed):
             raise InfeasibleError(self._why_not(placed))
         self._occupancy.add(placed)
@@ -79,7 +79,7 @@ class Box(Room):
     def put(self, item: Item, location: Sequence[int]) -> float:
         return self.place(item, location).item.volume
 
-    def fill(self, item: Item, start: Triple = ORIGIN) -> Placed | None:
+    def fill(self, item: Item, start: Triple = ORIGIN) -> PlacedItem | None:
         """Places an item at its bottom-left-back-fill location; None where it fits nowhere.
 
         start: as of `blbf`.
@@ -87,11 +87,11 @@ class Box(Room):
         location = self.blbf(item, start)
         if location is None:
             return None
-        placed = Placed(item, location)
+        placed = PlacedItem(item, location)
         self._occupancy.add(placed)
         return placed
 
-    def undo(self) -> Placed:
+    def undo(self) -> PlacedItem:
         """Takes the last item out again and returns it. Raises IndexError where there is none."""
         if not self.placed:
             raise IndexError("nothing to undo: the box is empty")
@@ -103,10 +103,10 @@ class Box(Room):
         """Takes everything out."""
         self._occupancy.truncate(0)
 
-    def snapshot(self) -> Snapshot:
-        return Snapshot(self.cells, self.placed)
+    def snapshot(self) -> BoxState:
+        return BoxState(self.cells, self.placed)
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: BoxState) -> None:
         if snapshot.cells != self.cells:
             raise ValueError(
                 f"a snapshot of a box of {snapshot.cells} cells can't be restored "
@@ -121,22 +121,22 @@ class Box(Room):
         for placed in snapshot.placed[kept:]:
             self._occupancy.add(placed)
 
-    def _can_stand(self, candidate: Placed) -> bool:
-        return placement.is_feasible(self._occupancy, candidate) and (
-            not self.kinematic or lifting.is_clear(self.placed, candidate)
+    def _can_stand(self, candidate: PlacedItem) -> bool:
+        return feasibility.is_feasible(self._occupancy, candidate) and (
+            not self.kinematic or insertion.is_clear(self.placed, candidate)
         )
 
-    def _blockers(self, candidate: Placed) -> Blockers:
-        found = placement.blockers(self._occupancy, candidate)
+    def _blockers(self, candidate: PlacedItem) -> Blockers:
+        found = feasibility.blockers(self._occupancy, candidate)
         if found or not self.kinematic:
             return found
-        return Blockers((), (), lifting.above(self.placed, candidate))
+        return Blockers((), (), insertion.above(self.placed, candidate))
 
-    def _why_not(self, candidate: Placed) -> str:
+    def _why_not(self, candidate: PlacedItem) -> str:
         item = candidate.item
         what = f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation})"
         where = f"at {candidate.location}"
-        if not placement.is_inside(self.cells, candidate):
+        if not feasibility.is_inside(self.cells, candidate):
             return (
                 f"{what} {where} is not inside the box: it needs {item.cells} cells "
                 f"from cell {candidate.start} on, the box has {self.cells}"

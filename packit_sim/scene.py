@@ -20,19 +20,20 @@ import numpy.typing as npt
 import trimesh
 from trimesh import transformations
 
-from packit_sim.box import Snapshot as State
-from packit_sim.errors import RenderError
+from packit_sim.box import BoxState
+from packit_sim.core.errors import RenderError
+from packit_sim.engine.feasibility import Contents
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Placed
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.pictures.cameras import Camera, Points
-from packit_sim.pictures.coloring import Color, color_of
-from packit_sim.pictures.layouts import Layout, Pose
-from packit_sim.pictures.looks import Look
-from packit_sim.pictures.obj_text import convex_pieces, drawn, objects
-from packit_sim.pictures.rendering import (
+from packit_sim.render.cameras import Camera, Points
+from packit_sim.render.coloring import Color, color_of
+from packit_sim.render.layouts import Layout, Pose
+from packit_sim.render.looks import Look
+from packit_sim.render.obj_text import convex_pieces, drawn, objects
+from packit_sim.render.rendering import (
     RENDERER_VARIABLE,
     UNIT,
     Snapshot,
@@ -41,8 +42,7 @@ from packit_sim.pictures.rendering import (
     release_renderer,
     take,
 )
-from packit_sim.pictures.staging import Stage, corners
-from packit_sim.placement import Contents
+from packit_sim.render.staging import BodyStager, corners
 
 with quiet():
     import pybullet
@@ -51,7 +51,7 @@ Quaternion = tuple[float, float, float, float]
 
 __all__ = ["Camera", "Look", "Scene", "Snapshot"]
 
-USUAL = Look()
+DEFAULT_LOOK = Look()
 """The look of pictures that are asked for no other."""
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -115,7 +115,7 @@ class Scene:
         self,
         width: int = 512,
         height: int = 512,
-        look: Look = USUAL,
+        look: Look = DEFAULT_LOOK,
         layout: Layout | None = None,
     ) -> Snapshot:
         """A picture of so many pixels. Raises ValueError where a side is not 1 to 2048.
@@ -127,7 +127,7 @@ class Scene:
         size = np.array(self._cells) * CELL
         placed = tuple(self._bodies)
         if self._sections > _MAX_SECTIONS:
-            box = State(self._cells, placed)
+            box = BoxState(self._cells, placed)
             self._finalizer()
             self._connect()
             self._build(box)
@@ -188,7 +188,7 @@ class Scene:
         """
         self._check()
         assert self._cells is not None
-        return settle(State(self._cells, tuple(self._bodies)), settings)
+        return settle(BoxState(self._cells, tuple(self._bodies)), settings)
 
     def close(self) -> None:
         """Ends the world and removes its files; once more does nothing."""
@@ -229,8 +229,8 @@ class Scene:
             self, _release, self._client, self.renderer, self._folder, self._owner
         )
         self._cells: Triple = (0, 0, 0)
-        self._stage = Stage(self._client)
-        self._bodies: dict[Placed, int] = {}
+        self._stage = BodyStager(self._client)
+        self._bodies: dict[PlacedItem, int] = {}
         self._shapes: dict[tuple[str, float], _Shapes] = {}
         self._triangles = self._sections = 0
 
@@ -244,7 +244,7 @@ class Scene:
                     self._bodies[placed] = self._add(placed)
             self._bodies = {placed: self._bodies[placed] for placed in box.placed}
 
-    def _add(self, placed: Placed) -> int:
+    def _add(self, placed: PlacedItem) -> int:
         drawn = self._shapes_of(placed.item).drawn
         return self._body(drawn, placed.center, _quaternion(placed.item))
 
@@ -271,7 +271,7 @@ class Scene:
             shapes.pieces = self._collision(objects(convex_pieces(item.shape.mesh), item.scale), 0)
         return shapes.pieces
 
-    def _depth(self, one: Placed, other: Placed) -> float:
+    def _depth(self, one: PlacedItem, other: PlacedItem) -> float:
         """How deep triangles of the other are in convex pieces of the one, in box units."""
         with quiet():
             pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
@@ -354,7 +354,7 @@ def _disconnect(client: int) -> None:
         pybullet.disconnect(physicsClientId=client)
 
 
-def _vertices(placed: Sequence[Placed], layout: Layout) -> Points:
+def _vertices(placed: Sequence[PlacedItem], layout: Layout) -> Points:
     """(n, 3) all vertices of items that a layout shows."""
     meshes = [np.empty((0, 3))]
     for one, pose in zip(placed, layout.poses, strict=True):
@@ -364,7 +364,7 @@ def _vertices(placed: Sequence[Placed], layout: Layout) -> Points:
     return np.concatenate(meshes)
 
 
-def _meet(one: Placed, other: Placed) -> bool:
+def _meet(one: PlacedItem, other: PlacedItem) -> bool:
     """Whether two items' cell boxes overlap or touch."""
     apart = np.less(one.stop, other.start) | np.less(other.stop, one.start)
     return not apart.any()

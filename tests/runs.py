@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 
 from packit_sim.cli.app import app
 from packit_sim.datasets.packs import Task, load_tasks
-from packit_sim.envs.episode import End
-from packit_sim.experiments.results import PACKIT, Rollout, Rules, write_results
+from packit_sim.evaluation.results import Rollout, write_results
+from packit_sim.game.episode import End
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, Rules
 
 
 @cache

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.creation.census import dataset_files
-from packit_sim.creation.generation import work_folder
 from packit_sim.datasets.packs import (
     builtin_datasets,
     dataset_path,
@@ -21,7 +19,9 @@ from packit_sim.datasets.packs import (
     read_packs,
     write_packs,
 )
+from packit_sim.datasets.statistics import dataset_files
 from packit_sim.datasets.verification import Report, verify_dataset
+from packit_sim.generation.jobs import work_folder
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 
 SAMPLE = 3

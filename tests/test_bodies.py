@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 from trimesh import transformations
 
-from packit_sim import bodies, placement
-from packit_sim.bodies import Body, Filled
+from packit_sim.core.counters import statistics
+from packit_sim.engine import bodies, feasibility
+from packit_sim.engine.bodies import Filled, PosedItem
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Placed
-from packit_sim.statistics import statistics
 from tests.zoo import BALL, HOLLOW, ZOO, cube_of, random_item
 
 CELLS: Triple = (32, 32, 32)
 
 
-def lying(item: Item, turn: np.ndarray, *center: float) -> Body:
+def lying(item: Item, turn: np.ndarray, *center: float) -> PosedItem:
     """An item in any turn (4, 4), with its centre there."""
     pose = turn * np.cbrt(item.scale)
     pose[:3, 3], pose[3, 3] = center, 1.0
-    return Body(item, pose)
+    return PosedItem(item, pose)
 
 
-def anywhere(rng: np.random.Generator, size: float = 0.2) -> Body:
+def anywhere(rng: np.random.Generator, size: float = 0.2) -> PosedItem:
     """A shape of the zoo in any turn, which may reach through the walls."""
     turn = transformations.random_rotation_matrix(rng.random(3))
     return lying(random_item(ZOO, size, rng), turn, *rng.uniform(0.0, 0.32, 3))
@@ -42,9 +42,9 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
         item = random_item(ZOO, 0.15, rng)
         mask = bodies.feasible(occupancy, item)
         assert np.array_equal(mask, bodies.oracle(CELLS, inside, item))
-        assert bodies.blbf(occupancy, item) == placement.first(mask)
+        assert bodies.blbf(occupancy, item) == feasibility.first(mask)
         for at in np.argwhere(np.ones(mask.shape))[rng.permutation(mask.size)[:20]].tolist():
-            assert bodies.is_feasible(occupancy, Placed(item, tuple(at))) == mask[tuple(at)]
+            assert bodies.is_feasible(occupancy, PlacedItem(item, tuple(at))) == mask[tuple(at)]
     assert statistics().since(before).fcl_calls > 0
 
 
@@ -53,12 +53,12 @@ def test_bodies_on_the_grid_are_as_placed_items(seed: int) -> None:
     """Two engines, one answer: off the grid is no other rule."""
     rng = np.random.default_rng(seed)
     items = [random_item(ZOO, 0.2, rng) for _ in range(3)]
-    placed = [Placed(item, (0, 3 * n, n)) for n, item in enumerate(items)]
-    occupancy = bodies.filled(CELLS, [Body.of(one) for one in placed])
+    placed = [PlacedItem(item, (0, 3 * n, n)) for n, item in enumerate(items)]
+    occupancy = bodies.filled(CELLS, [PosedItem.of(one) for one in placed])
     item = random_item(ZOO, 0.12, rng)
     mask = bodies.feasible(occupancy, item)
     for i, j, k in np.argwhere(np.ones(mask.shape)).tolist():
-        assert mask[i, j, k] == placement.is_valid(CELLS, placed, Placed(item, (i, j, k)))
+        assert mask[i, j, k] == feasibility.is_valid(CELLS, placed, PlacedItem(item, (i, j, k)))
 
 
 def test_a_cube_on_its_edge_leaves_what_geometry_says() -> None:
@@ -82,7 +82,7 @@ def test_what_is_enclosed_is_not_free_though_no_surface_is_crossed() -> None:
     turn = transformations.rotation_matrix(0.5, (1, 2, 3))
     hollow = lying(Item(HOLLOW, 0.1), turn, 0.16, 0.16, 0.16)
     small = cube_of(2)
-    inside = Placed(small, (4, 4, 4))
+    inside = PlacedItem(small, (4, 4, 4))
     assert not bodies.meets(inside, hollow)
     assert not bodies.is_feasible(bodies.filled(CELLS, [hollow]), inside)
     assert bodies.conflicts(inside, hollow)
@@ -107,15 +107,15 @@ def test_too_large_an_item_fits_nowhere() -> None:
     large = cube_of(33)
     assert not bodies.feasible(occupancy, large).any()
     assert bodies.blbf(occupancy, large) is None
-    assert not bodies.is_feasible(occupancy, Placed(large, (0, 0, 0)))
+    assert not bodies.is_feasible(occupancy, PlacedItem(large, (0, 0, 0)))
 
 
 def test_bodies_are_values() -> None:
     rng = np.random.default_rng(1)
     one = anywhere(rng)
     same, other = (
-        Body(one.item, one.pose.copy()),
-        Body(one.item, one.pose @ np.diag((1, 1, 1, 1.5))),
+        PosedItem(one.item, one.pose.copy()),
+        PosedItem(one.item, one.pose @ np.diag((1, 1, 1, 1.5))),
     )
     assert one == same and hash(one) == hash(same)
     assert one != other and one != one.item

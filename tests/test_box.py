@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim import placement
-from packit_sim.box import Box, Snapshot
-from packit_sim.errors import InfeasibleError
+from packit_sim.box import Box, BoxState
+from packit_sim.core.errors import InfeasibleError
+from packit_sim.engine import feasibility
+from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Occupancy
 from tests.zoo import BALL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 seeds = st.integers(0, 2**32 - 1)
@@ -52,7 +52,7 @@ def test_what_is_accepted_is_inside_disjoint_and_not_denser_than_1(seed) -> None
         corners = placed.item.mesh.bounds + placed.center
         assert (corners >= -1e-8).all() and (corners <= box.size + 1e-8).all()
     for a, b in itertools.combinations(box.placed, 2):
-        assert not placement.conflicts(a, b)
+        assert not feasibility.conflicts(a, b)
 
 
 @given(seeds)
@@ -154,7 +154,7 @@ def test_boxes_of_other_sizes_have_masks_of_their_grid() -> None:
 
 def test_a_snapshot_of_another_box_is_refused() -> None:
     with pytest.raises(ValueError, match="can't be restored"):
-        Box().restore(Snapshot((40, 40, 40), ()))
+        Box().restore(BoxState((40, 40, 40), ()))
 
 
 def test_locations_may_be_numpy_integers() -> None:
@@ -175,7 +175,7 @@ def test_a_kinematic_box_wants_a_free_way_down_whatever_it_is_asked() -> None:
     assert np.array_equal(box.feasible_in_any(small), mask)
     assert np.array_equal(box.feasible_rotations(small)[7], mask)
     assert not box.rotations_at(small, (4, 4, 0)).any() and box.rotations_at(small, (3, 4, 0)).all()
-    assert box.why_not(small, (4, 4, 0)) == placement.Blockers((), (), above=(0,))
+    assert box.why_not(small, (4, 4, 0)) == feasibility.Blockers((), (), above=(0,))
     assert box.why_not(small, (4, 4, 5)).items == (0,) and not box.why_not(small, (3, 4, 0))
     with pytest.raises(InfeasibleError, match=r"come down from above: placed item 0 \('cube'\) is"):
         box.place(small, (4, 4, 0))

@@ -8,10 +8,10 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from packit_sim import caches
 from packit_sim.box import Box
-from packit_sim.caches import Bounded
-from packit_sim.statistics import statistics
+from packit_sim.core import caches
+from packit_sim.core.caches import BoundedCache
+from packit_sim.core.counters import statistics
 from tests.zoo import ZOO, cube_of, fill, random_item
 
 
@@ -40,7 +40,7 @@ def test_the_least_recently_used_goes_when_the_budget_is_full() -> None:
         made.append(n)
         return n * n
 
-    kept = Bounded(square, "units", size=lambda value: value, key=lambda n: n, budget=30)
+    kept = BoundedCache(square, "units", size=lambda value: value, key=lambda n: n, budget=30)
     assert [kept(n) for n in (3, 4, 3, 4)] == [9, 16, 9, 16]
     assert made == [3, 4]
     assert kept(3) == 9 and kept(5) == 25  # with 9, 16 and 25 it would hold 50: 4, then 3 must go
@@ -54,7 +54,7 @@ def test_the_least_recently_used_goes_when_the_budget_is_full() -> None:
 
 
 def test_what_fails_is_not_kept_and_fails_again() -> None:
-    kept = Bounded(lambda n: 1 // n, "units", size=lambda value: 1, key=lambda n: n, budget=3)
+    kept = BoundedCache(lambda n: 1 // n, "units", size=lambda value: 1, key=lambda n: n, budget=3)
     for _ in range(2):
         with pytest.raises(ZeroDivisionError):
             kept(0)

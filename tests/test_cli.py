@@ -12,10 +12,10 @@ from PIL import Image
 from trimesh import creation
 
 from packit_sim.datasets.packs import read_packs
-from packit_sim.experiments.results import read_results
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.evaluation.results import read_results
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.occupancy import Placed
 from packit_sim.scene import Scene
 
 SMALL = ("--pool", "6", "--generations", "1")
@@ -36,7 +36,7 @@ def pixels(path: Path) -> np.ndarray:
         return np.asarray(picture)
 
 
-def hides(placed: Placed, other: Placed) -> bool:
+def hides(placed: PlacedItem, other: PlacedItem) -> bool:
     """Whether a whole part of the other is within a wall of an item too thin for inner fine cells.
 
     Nothing crosses there, and no cell tells: such an item is feasible (DESIGN: Feasible).

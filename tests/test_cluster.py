@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
-from packit_sim import parallel
-from packit_sim.creation import generation
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.generation import Order, generate, under_way
+from packit_sim.core import parallel
+from packit_sim.core.errors import LibraryError
+from packit_sim.core.parallel import Workers, WorkersError
 from packit_sim.datasets.packs import Pack
-from packit_sim.errors import LibraryError
+from packit_sim.generation import jobs
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import GenerationJob, generate, under_way
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parallel import Workers, WorkersError
 
 pytestmark = [
     pytest.mark.slow,
@@ -52,8 +52,10 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def order() -> Order:
-    return Order(ShapeLibrary.open("everyday").split("train"), 6, 90, "train", settings=SETTINGS)
+def order() -> GenerationJob:
+    return GenerationJob(
+        ShapeLibrary.open("everyday").split("train"), 6, 90, "train", settings=SETTINGS
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +70,16 @@ def local(order, tmp_path_factory) -> Path:
 def begun(tmp_path, monkeypatch) -> Path:
     """Where a line is added for each evolution that begins: number, generation, node."""
     file = tmp_path / "begun.jsonl"
-    made = generation._made
+    made = jobs._made
 
     def logged(*job):  # a nested function, so that it travels by value
         import json
 
-        from packit_sim.creation import generation
+        from packit_sim.generation import jobs
 
         _, _, folder, number, _ = job
-        generation.CHECKPOINT_SECONDS = 0.0
-        state = generation._read(generation.checkpoint(folder, number))
+        jobs.CHECKPOINT_SECONDS = 0.0
+        state = jobs._read(jobs.checkpoint(folder, number))
         line = number, len(state["densities"]) if state else 0, node()
         with file.open("a") as log:
             log.write(json.dumps(line) + "\n")
@@ -88,7 +90,7 @@ def begun(tmp_path, monkeypatch) -> Path:
 
         return ray.get_runtime_context().get_node_id()
 
-    monkeypatch.setattr(generation, "_made", logged)
+    monkeypatch.setattr(jobs, "_made", logged)
     return file
 
 
@@ -113,7 +115,7 @@ def check(file: Path, local: Path, arrived: list[tuple[int, Pack]], packs: int =
     assert sorted(number for number, _ in arrived) == list(range(packs))
     for suffix in (".jsonl", ".manifest.json"):
         assert file.with_suffix(suffix).read_bytes() == local.with_suffix(suffix).read_bytes()
-    assert not generation.work_folder(file).exists()
+    assert not jobs.work_folder(file).exists()
 
 
 def test_a_node_dies_halfway(cluster, order, local, begun, tmp_path) -> None:

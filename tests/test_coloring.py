@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.pictures import coloring
-from packit_sim.pictures.coloring import (
+from packit_sim.render import coloring
+from packit_sim.render.coloring import (
     COLORINGS,
     PALETTE,
     UNKNOWN,
@@ -22,7 +22,7 @@ from packit_sim.pictures.coloring import (
     by_order,
     ramp,
 )
-from packit_sim.pictures.legends import beside
+from packit_sim.render.legends import beside
 from tests.zoo import BALL, CUBE, RING
 
 

@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 
 from packit_sim.box import Box
 from packit_sim.cli.app import app
-from packit_sim.collision import LooseMesh
-from packit_sim.compaction import GAP, Compacted, compact, drops
-from packit_sim.errors import PackFormatError
+from packit_sim.core.errors import PackFormatError
+from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.compaction import GAP, Compacted, compact, drops
+from packit_sim.engine.sweeping import surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
-from packit_sim.sweeping import surface
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
 
 NEAR = 2 * CONTACT_TOLERANCE

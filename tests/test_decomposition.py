@@ -13,29 +13,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation, sample
 
-from packit_sim import caches
-from packit_sim.errors import PhysicsError
+from packit_sim.core import caches
+from packit_sim.core.errors import PhysicsError
 from packit_sim.geometry.shapes import Shape
-from packit_sim.physics import decomposition, store
-from packit_sim.physics.bisection import bisected
-from packit_sim.physics.decomposition import (
-    Decomposition,
-    DecompositionSettings,
-    decompose,
-    decompose_all,
-)
-from packit_sim.physics.fitting import Part, fitted
-from packit_sim.physics.pieces import (
+from packit_sim.physics.convex import decomposition, disk_cache
+from packit_sim.physics.convex.bisection import bisected
+from packit_sim.physics.convex.decomposition import Decomposition, decompose, decompose_all
+from packit_sim.physics.convex.fitting import Part, fitted
+from packit_sim.physics.convex.pieces import (
     MOST_CORNERS,
     SHEET,
-    Bulk,
     Floats,
+    MassProperties,
     Piece,
     clipped,
     covering,
     within,
 )
-from packit_sim.physics.solids import Solid
+from packit_sim.physics.convex.solids import Solid
+from packit_sim.physics.settings import DecompositionSettings
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED
 
 HALVES = DecompositionSettings(method="bisection")
@@ -45,7 +41,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty store, and nothing in the process's cache."""
-    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path / "kept"))
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path / "kept"))
     caches.clear("decompositions")
     yield tmp_path / "kept"
     caches.clear("decompositions")
@@ -127,7 +123,7 @@ def test_bulk_of_a_block_and_of_its_halves() -> None:
     low, high = (1, 2, 3), (2, 4, 6)
     halves = [block(low, (2, 4, 5)), block((1, 2, 5), high)]
     for pieces in ([block(low, high)], halves):
-        bulk = Bulk.of(pieces)
+        bulk = MassProperties.of(pieces)
         assert bulk.volume == pytest.approx(6)
         assert np.allclose(bulk.center, (1.5, 3, 4.5))
         assert np.allclose(bulk.moments, np.array((1 + 4, 1 + 9, 4 + 9)) / 12)
@@ -333,12 +329,12 @@ def test_a_folder_that_cannot_be_written_is_gone_without(
 
 
 def test_where_things_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv(store.CACHE_VARIABLE)
+    monkeypatch.delenv(disk_cache.CACHE_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert store.cache_folder() == tmp_path / "packit-sim"
+    assert disk_cache.cache_folder() == tmp_path / "packit-sim"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert store.cache_folder() == tmp_path / ".cache" / "packit-sim"
+    assert disk_cache.cache_folder() == tmp_path / ".cache" / "packit-sim"
 
 
 def test_many_at_once_make_the_same(folder: Path) -> None:

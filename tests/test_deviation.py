@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.deviation import RELATIVE_SLACK, SLACK, Surface, deviation, distances
 
 ROUNDING = 1e-9

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from packit_sim.core.confidence import Estimate, told
 from packit_sim.datasets import packs
 from packit_sim.datasets.packs import write_packs
-from packit_sim.estimates import Estimate, told
-from packit_sim.experiments.reproduction import HEURISTIC, TABLES
-from packit_sim.physics import decomposition, store
+from packit_sim.paper.reproduction import HEURISTIC, TABLES
+from packit_sim.physics.convex import decomposition, disk_cache
 from tests.runs import rollout
 
 ROOT = Path(__file__).parents[1]
@@ -98,7 +98,7 @@ def test_the_code_for_agents_runs(capsys) -> None:
 def test_the_code_for_physics_runs(tmp_path, monkeypatch) -> None:
     """With a few items of a pack, by halving, as where CoACD fails: all would take minutes."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
     write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
     monkeypatch.setattr(packs, "dataset_file", lambda name: tmp_path / "few.jsonl")

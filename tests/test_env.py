@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from packit_sim import lifting
 from packit_sim.datasets.packs import Pack, Task, load_tasks, write_packs
+from packit_sim.engine import insertion
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.policies import Agent
+from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import cube_of
 
@@ -359,7 +359,7 @@ def test_kinematic_episodes_never_put_anything_under_another(tasks) -> None:
         placed = bound.episode.box.placed
         assert len(placed) > 3
         for n, candidate in enumerate(placed[:3]):
-            assert lifting.oracle(placed[:n], candidate)
+            assert insertion.oracle(placed[:n], candidate)
 
 
 def test_a_location_under_another_item_is_an_invalid_action_where_the_rule_holds(tasks) -> None:

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_agents import BLBF, Aligned, LargestFirst, RandomLocation, RandomRotation, RandomShape
+from packit_sim.core.confidence import Estimate
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.envs.episode import End, Episode, Stage
-from packit_sim.envs.policies import Agent, Policy, UnknownPolicyError, policy_names
-from packit_sim.estimates import Estimate
-from packit_sim.experiments.evaluation import SUCCESS_LEVELS, Score, evaluate, play
+from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, evaluate, play
+from packit_sim.game.agents import Agent, Policy, UnknownPolicyError, policy_names
+from packit_sim.game.episode import End, Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.shapes import Item, Shape
 from tests.zoo import BALL, RING, ZOO, cube_of

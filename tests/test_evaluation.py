@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.errors import BusyError, PackItError
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import Task, load_tasks, read_packs, verify
-from packit_sim.envs.policies import Agent
-from packit_sim.errors import BusyError, PackItError
-from packit_sim.estimates import Comparison, Estimate
-from packit_sim.experiments import evaluation, reproduction
-from packit_sim.experiments.evaluation import Score, compare, evaluate
-from packit_sim.experiments.reproduction import TABLES, markdown, reproduced
-from packit_sim.experiments.results import ResultsError, Rollout, Rules, read_results, write_results
+from packit_sim.evaluation import evaluation
+from packit_sim.evaluation.evaluation import Score, compare, evaluate
+from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parallel import Workers
+from packit_sim.paper import reproduction
+from packit_sim.paper.reproduction import TABLES, markdown, reproduced
+from packit_sim.rules import Rules
 from tests.runs import packit
 
 NAMES = ("largest-first/aligned/blbf", "random/random/random", "random/aligned/blbf+backtrack=3")
@@ -82,7 +84,7 @@ def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path
         "from packit_sim import ShapeLibrary\n"
         "from packit_sim.experiments import evaluation, results\n"
         "from packit_sim.datasets.packs import load_tasks\n"
-        "from packit_sim.envs.policies import Agent\n"
+        "from packit_sim.game.agents import Agent\n"
         "from pathlib import Path\n"
         "results.CHECKPOINT_SECONDS = 0\n"
         f"agents = [Agent.from_name(name) for name in {NAMES!r}]\n"
@@ -248,7 +250,7 @@ def test_a_table_that_the_paper_does_not_have(tasks, tmp_path) -> None:
 
 def test_reproduce_goes_on_with_what_it_has(tmp_path, monkeypatch) -> None:
     common = ("--packs", "starter", "--workers", "1", "--out", tmp_path)
-    monkeypatch.setattr("packit_sim.cli.reproduce.QUICK_TASKS", 2)
+    monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
     packit("reproduce", "table1", *common, "--quick")
     written = {path.name for path in tmp_path.iterdir()}
     assert {"table1.md", "table1.json", "table1.png", "packit.jsonl"} <= written

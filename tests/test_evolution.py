@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.box import Box
-from packit_sim.creation.chromosomes import (
+from packit_sim.core.parallel import Workers
+from packit_sim.datasets.packs import verify
+from packit_sim.generation.chromosomes import (
     SEARCHES,
     Chromosome,
     EvolutionSettings,
@@ -15,13 +17,11 @@ from packit_sim.creation.chromosomes import (
     mutate,
     order_crossover,
 )
-from packit_sim.creation.evolution import Evolution, Generation, evolve
-from packit_sim.creation.pack_creator import PackCreator, Recipe, draw_pool
-from packit_sim.creation.searches import search_of, select
-from packit_sim.datasets.packs import verify
+from packit_sim.generation.evolution import Evolution, Generation, evolve
+from packit_sim.generation.pack_creator import PackCreator, Recipe, draw_pool
+from packit_sim.generation.strategies import search_of, select
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parallel import Workers
 from tests.zoo import BALL, CUBE
 
 SMALL = EvolutionSettings(pool=8, population=8, elite=2, lucky=2, generations=4, keep_every=2)

@@ -15,12 +15,12 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import nofit, placement
 from packit_sim.box import Box
+from packit_sim.engine import feasibility, nofit
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.occupancy import Placed
 from tests.zoo import ZOO, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -109,7 +109,7 @@ def test_mask_equals_the_oracle(mask_seed: tuple[int, int]) -> None:
     rng = np.random.default_rng(mask_seed)
     *items, item = KINDS[number % len(KINDS)](rng)
     box = filled(items, rng)
-    truth = placement.oracle(box, item)
+    truth = feasibility.oracle(box, item)
     for _ in range(nofit.MEETINGS + 2):
         mask = box.feasible(item)
         assert mask.shape == truth.shape == (25, 25, 25)
@@ -118,10 +118,10 @@ def test_mask_equals_the_oracle(mask_seed: tuple[int, int]) -> None:
     ranked = np.argwhere(truth.transpose(2, 0, 1))
     assert box.blbf(item) == (tuple(ranked[0][[1, 2, 0]]) if len(ranked) else None)
     for location in rng.integers(25, size=(5, 3)):
-        candidate = Placed(item, tuple(location.tolist()))
+        candidate = PlacedItem(item, tuple(location.tolist()))
         reason = box.why_not(item, location)
         assert bool(reason) is not bool(truth[candidate.location])
-        assert bool(reason.walls) is not placement.is_inside(box.cells, candidate)
+        assert bool(reason.walls) is not feasibility.is_inside(box.cells, candidate)
         assert reason.items == tuple(
-            n for n, other in enumerate(box.placed) if placement.conflicts(other, candidate)
+            n for n, other in enumerate(box.placed) if feasibility.conflicts(other, candidate)
         )

@@ -19,25 +19,25 @@ import numpy as np
 import pytest
 
 from packit_sim.box import Box
+from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import OutsideItem, Pack, dataset_file, read_packs, write_packs
-from packit_sim.envs.episode import End
-from packit_sim.errors import PackItError
-from packit_sim.experiments.results import ResultsError, Rollout
+from packit_sim.evaluation.results import ResultsError, Rollout
+from packit_sim.explorer import panels
+from packit_sim.explorer.controls import NOTHING
+from packit_sim.explorer.exhibits import Collection
+from packit_sim.explorer.questions import Question
+from packit_sim.explorer.workers import Worker
+from packit_sim.game.episode import End
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.pictures.coloring import PALETTE, Key, Scale, by_category
-from packit_sim.viewing import tables
-from packit_sim.viewing.boxes import Floats, corners, reach
-from packit_sim.viewing.controls import NOTHING
-from packit_sim.viewing.exhibits import Collection
-from packit_sim.viewing.pages import _look, _view
-from packit_sim.viewing.questions import Question
-from packit_sim.viewing.surfaces import MOST_TRIANGLES, surface
-from packit_sim.viewing.workers import Worker
+from packit_sim.render.coloring import PALETTE, Key, Scale, by_category
+from packit_sim.viewer.boxes import Floats, corners, reach
+from packit_sim.viewer.pages import _look, _view
+from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
 from tests.zoo import BALL, CUBE, cube_of
 
 pytest.importorskip("viser")
-from packit_sim.viewing.explorer import Explorer
+from packit_sim.explorer.explorer import Explorer
 
 GLASS = 0.12
 
@@ -105,7 +105,7 @@ def test_the_step_says_how_many_items_are_seen(explorer: Explorer) -> None:
 def test_the_sequence_plays_to_its_end(
     explorer: Explorer, packs: list[Pack], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.viewing.explorer.PACE", 0.01)
+    monkeypatch.setattr("packit_sim.explorer.explorer.PACE", 0.01)
     explorer.controls.set_step(2)
     explorer.settle()
     explorer.play()
@@ -320,16 +320,16 @@ def test_an_empty_box_and_one_without_neighbours_are_shown(
 def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:
     pack = replace(packs[0], made={"by": "<script>alert(1)</script>"})
     exhibit = Collection([pack], library)[0]
-    assert "<script" not in tables.facts(exhibit)
-    assert "&lt;b" in tables.legend(Key("", (("<b>", PALETTE[0]),)))
-    assert "&lt;b" in tables.legend(Scale("<b>", "0", "1")) and tables.legend(None) == ""
+    assert "<script" not in panels.facts(exhibit)
+    assert "&lt;b" in panels.legend(Key("", (("<b>", PALETTE[0]),)))
+    assert "&lt;b" in panels.legend(Scale("<b>", "0", "1")) and panels.legend(None) == ""
 
 
 def test_the_list_has_every_item_with_its_volume_and_reward(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     exhibit = Collection(packs, library)[0]
-    text = tables.items(exhibit, by_category(exhibit.items).of, 3, 1)
+    text = panels.items(exhibit, by_category(exhibit.items).of, 3, 1)
     assert text.count("<tr") == len(exhibit.items) + 1
     assert text.count("opacity:0.5") == len(exhibit.items) - 3
     for n, item in enumerate(exhibit.items):

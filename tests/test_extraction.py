@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.box import Box
-from packit_sim.collision import LooseMesh
-from packit_sim.extraction import extraction, way_out
+from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.disassembly import disassemble, find_route
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.sweeping import Axis, cyclic, plainly_rises, room, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.occupancy import Placed
-from packit_sim.sweeping import Axis, cyclic, plainly_rises, room, surface
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -124,23 +124,23 @@ def test_the_room_is_free_and_no_more_of_it(seed: int) -> None:
 
 def test_what_stands_alone_goes_straight_up() -> None:
     box = box_of((40, 40, 40), (cube_of(8), (2, 2, 0)), (cube_of(8), (2, 2, 2)))
-    assert way_out([], box.placed[0], box.cells) == ((2, 2, 0),)
-    assert way_out(box.placed[:1], box.placed[1], box.cells) == ((2, 2, 2),)
+    assert find_route([], box.placed[0], box.cells) == ((2, 2, 0),)
+    assert find_route(box.placed[:1], box.placed[1], box.cells) == ((2, 2, 2),)
 
 
 def test_what_is_under_a_bridge_comes_from_the_side() -> None:
     """Not from above; along the tunnel, which is along y, and up before it or behind it."""
     box = box_of((48, 60, 40), (BRIDGE, (2, 5, 0)), (cube_of(12), (4, 6, 0)))
     bridge, cube = box.placed
-    assert way_out([bridge], cube, box.cells, moves=1) is None
-    way = way_out([bridge], cube, box.cells, moves=2)
+    assert find_route([bridge], cube, box.cells, moves=1) is None
+    way = find_route([bridge], cube, box.cells, moves=2)
     assert way is not None and len(way) == 2
     assert way[0] == (4, 6, 0) and way[1][0] == 4 and way[1][2] == 0
     assert way[1][1] <= 2 or way[1][1] >= 10
-    found = extraction(box, moves=1)
+    found = disassemble(box, moves=1)
     share = cube.item.volume / (cube.item.volume + bridge.item.volume)
     assert found.insertable == pytest.approx(1 - share)
-    found = extraction(box)
+    found = disassemble(box)
     assert found.insertable == 1.0 and found.insertable_from_above == pytest.approx(1 - share)
     assert (found.out[0], found.interlocked) == (((2, 5, 0),), ())
 
@@ -148,7 +148,7 @@ def test_what_is_under_a_bridge_comes_from_the_side() -> None:
 def test_a_tunnel_between_walls_has_no_way() -> None:
     """As long as the box: what is in it has no way until the bridge is taken away."""
     box = box_of((48, 20, 40), (BRIDGE, (2, 0, 0)), (cube_of(12), (4, 1, 0)))
-    found = extraction(box)
+    found = disassemble(box)
     assert found.into == (((2, 0, 0),), None)
     assert found.out == (((2, 0, 0),), None)
     assert found.interlocked == ()
@@ -157,14 +157,14 @@ def test_a_tunnel_between_walls_has_no_way() -> None:
 
 def test_a_ring_on_a_post_comes_off_and_one_between_heads_is_locked() -> None:
     free = box_of((40, 40, 48), (POST, (4, 4, 0)), (FRAME, (2, 2, 2)))
-    assert extraction(free).out == (((4, 4, 0),), ((2, 2, 2),))
+    assert disassemble(free).out == (((4, 4, 0),), ((2, 2, 2),))
     locked = box_of((40, 40, 48), (DUMBBELL, (2, 2, 0)), (FRAME, (2, 2, 2)))
-    found = extraction(locked)
+    found = disassemble(locked)
     assert found.out == (None, None)
     assert found.interlocked == (0, 1)
     assert found.into == (((2, 2, 0),), None)
     beside = box_of((80, 40, 48), (DUMBBELL, (2, 2, 0)), (FRAME, (2, 2, 2)), (POST, (15, 2, 0)))
-    assert extraction(beside).interlocked == (0, 1)
+    assert disassemble(beside).interlocked == (0, 1)
 
 
 def test_rings_through_each_other_are_locked() -> None:
@@ -173,7 +173,7 @@ def test_rings_through_each_other_are_locked() -> None:
     box = Box((48, 48, 40))
     middle = box.place(ring, (2, 2, 3)).center
     places = [tuple(at) for at in np.argwhere(box.feasible(other)).tolist()]
-    away = np.array([Placed(other, at).center - middle for at in places])
+    away = np.array([PlacedItem(other, at).center - middle for at in places])
     off_axes = np.abs(away[:, [np.argmin(ring.extents), np.argmin(other.extents)]]).max(axis=1)
     tube = 0.5 / 1.3 * ring.extents.max()  # radii of 0.5 and 0.15: 1.3 wide
     linked = np.flatnonzero((off_axes < 0.03) & (np.linalg.norm(away, axis=1) < 1.3 * tube))
@@ -184,13 +184,13 @@ def test_rings_through_each_other_are_locked() -> None:
 
 def _interlocked(box: Box, other: Item, at: Triple) -> tuple[int, ...]:
     box.place(other, at)
-    found = extraction(box).interlocked
+    found = disassemble(box).interlocked
     box.undo()
     return found
 
 
 def test_an_empty_box_and_no_moves() -> None:
-    found = extraction(Box())
+    found = disassemble(Box())
     assert (found.insertable, found.removable, found.interlocked) == (1.0, 1.0, ())
     with pytest.raises(ValueError, match="moves 0 is not possible"):
-        extraction(Box(), moves=0)
+        disassemble(Box(), moves=0)

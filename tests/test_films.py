@@ -15,12 +15,12 @@ from PIL import Image
 from trimesh import creation
 
 from packit_sim.box import Box
-from packit_sim.errors import RenderError
+from packit_sim.core.errors import RenderError
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.pictures import films, video
-from packit_sim.pictures.films import Pace, packing, shot, sides, turning
-from packit_sim.pictures.layouts import Layout
-from packit_sim.pictures.looks import Cut, Look
+from packit_sim.media import films, video
+from packit_sim.media.films import Pace, packing, shot, sides, turning
+from packit_sim.render.layouts import Layout
+from packit_sim.render.looks import Cut, Look
 from tests.zoo import BALL, RING, cube_of
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -233,4 +233,4 @@ def test_the_film_s_items_are_seen_on_their_way() -> None:
     pictures = [next(shot(box, [frames[n]], 96, 54)) for n in (0, 15, 50)]
     changed = [np.abs(a.astype(int) - b).max(axis=2) > 20 for a, b in pairwise(pictures)]
     assert all(0.01 < part.mean() < 0.6 for part in changed)
-    assert Look() == films.USUAL
+    assert Look() == films.DEFAULT_LOOK

@@ -2,10 +2,10 @@
 
 import pytest
 
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.forecast import ENOUGH, Forecast, told
-from packit_sim.creation.generation import Progress
 from packit_sim.datasets.packs import LibraryRef, Pack
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import Progress
+from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, told
 
 SETTINGS = EvolutionSettings(generations=99, patience=20)
 """An evolution has 100 generations, the first included, or ends 20 after its best."""
@@ -22,7 +22,7 @@ def at(*generations: int) -> list[Progress]:
 
 
 def test_the_first_generations_tell_nothing() -> None:
-    forecast = Forecast(SETTINGS, packs=4, workers=2, since=0.0)
+    forecast = TimeEstimate(SETTINGS, packs=4, workers=2, since=0.0)
     assert forecast.seconds_left([], 10.0) is None
     assert forecast.seconds_left(at(ENOUGH, ENOUGH - 1), 10.0) is None
     assert forecast.seconds_left(at(ENOUGH, ENOUGH), 10.0) is not None
@@ -30,41 +30,41 @@ def test_the_first_generations_tell_nothing() -> None:
 
 def test_what_is_left_goes_on_at_the_same_pace() -> None:
     """100 generations in 50 s; left are 50, 50 and twice 100."""
-    forecast = Forecast(SETTINGS, packs=4, workers=2, since=1000.0)
+    forecast = TimeEstimate(SETTINGS, packs=4, workers=2, since=1000.0)
     assert forecast.seconds_left(at(50, 50), 1050.0) == pytest.approx(150)
 
 
 def test_the_last_pack_has_one_worker_alone() -> None:
     """Two workers did 150 generations in 60 s, so that one does 1.25 a second."""
-    forecast = Forecast(SETTINGS, packs=2, workers=2, since=0.0)
+    forecast = TimeEstimate(SETTINGS, packs=2, workers=2, since=0.0)
     forecast.finish(0, pack(99))
     assert forecast.seconds_left([Progress(1, 49, 0.4)], 60.0) == pytest.approx(40)
 
 
 def test_what_was_there_before_took_none_of_the_time() -> None:
     done = {0: pack(99)}
-    forecast = Forecast(SETTINGS, 2, 1, since=0.0, before=[Progress(1, 39, 0.4)], done=done)
+    forecast = TimeEstimate(SETTINGS, 2, 1, since=0.0, before=[Progress(1, 39, 0.4)], done=done)
     assert forecast.seconds_left([Progress(1, 39, 0.4)], 10.0) is None
     assert forecast.seconds_left([Progress(1, 59, 0.4)], 10.0) == pytest.approx(20)
 
 
 def test_evolutions_are_as_long_as_those_that_ended() -> None:
     """The first ended after 50 + 21 generations; one that goes on longer may do so to the end."""
-    forecast = Forecast(SETTINGS, packs=3, workers=1, since=0.0)
+    forecast = TimeEstimate(SETTINGS, packs=3, workers=1, since=0.0)
     forecast.finish(0, pack(50))
     assert forecast.seconds_left([], 71.0) == pytest.approx(2 * 71)
     assert forecast.seconds_left([Progress(1, 79, 0.4)], 151.0) == pytest.approx(20 + 71)
 
 
 def test_a_checkpoint_of_a_finished_pack_is_let_be() -> None:
-    forecast = Forecast(SETTINGS, packs=1, workers=8, since=0.0)
+    forecast = TimeEstimate(SETTINGS, packs=1, workers=8, since=0.0)
     forecast.finish(0, pack(99))
     assert forecast.is_over(0) and not forecast.is_over(1)
     assert forecast.seconds_left(at(90), 10.0) == 0
 
 
 def test_packs_that_tell_no_generation_count_as_the_longest() -> None:
-    forecast = Forecast(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack("?")})
+    forecast = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack("?")})
     assert forecast.seconds_left([Progress(1, 49, 0.4)], 50.0) == pytest.approx(50)
 
 

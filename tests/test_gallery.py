@@ -12,11 +12,12 @@ from PIL import Image
 from trimesh import creation
 
 from packit_sim import scene
-from packit_sim.errors import MeshError, RenderError
+from packit_sim.core.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
-from packit_sim.pictures import gallery, lettering
-from packit_sim.pictures.gallery import Picture, contact_sheet, picture
-from packit_sim.pictures.looks import BACKGROUND
+from packit_sim.media import contact_sheets
+from packit_sim.media.contact_sheets import Picture, contact_sheet, picture
+from packit_sim.render import lettering
+from packit_sim.render.looks import BACKGROUND
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 
 SIDE = 96
@@ -35,7 +36,7 @@ def inked(image: Picture) -> np.ndarray:
 
 def tile(image: Picture, row: int, column: int, side: int = SIDE) -> tuple[Picture, Picture]:
     """The picture and the label of one tile of a sheet."""
-    gap, strip = side // 20, len(gallery._label("", side))
+    gap, strip = side // 20, len(contact_sheets._label("", side))
     y, x = gap + row * (side + strip + gap), gap + column * (side + gap)
     return image[y : y + side, x : x + side], image[y + side : y + side + strip, x : x + side]
 
@@ -89,7 +90,7 @@ def test_tiles_stand_in_their_places(renderer: str) -> None:
     for n, shape in enumerate(shapes):
         image, label = tile(sheet.image, *divmod(n, 3))
         assert inked(image).any() and inked(label).any()
-        assert np.array_equal(label, gallery._label(shape.id, SIDE))
+        assert np.array_equal(label, contact_sheets._label(shape.id, SIDE))
         if shape in (CUBE, ROD):
             assert np.array_equal(image, picture(shape, SIDE))
     image, label = tile(sheet.image, 1, 2)
@@ -105,14 +106,14 @@ def test_tiles_stand_in_their_places(renderer: str) -> None:
 )
 def test_the_size_of_the_grid(count: int, columns: int | None, grid: tuple[int, int]) -> None:
     sheet = contact_sheet([(str(n), "none") for n in range(count)], columns, side=40)
-    strip = len(gallery._label("", 40))
+    strip = len(contact_sheets._label("", 40))
     rows, across = grid
     assert sheet.image.shape == (rows * (42 + strip) + 2, across * 42 + 2, 3)
     assert inked(tile(sheet.image, *divmod(count - 1, across), side=40)[0]).any()
 
 
 def test_labels_are_shortened_in_the_middle() -> None:
-    font = gallery._font(SIDE)
+    font = contact_sheets._font(SIDE)
     assert lettering.shortened("mug", font, 80) == "mug"
     short = lettering.shortened("category/a-very-long-name-0017", font, 80)
     start, end = short.split(lettering.ELLIPSIS)
@@ -120,7 +121,7 @@ def test_labels_are_shortened_in_the_middle() -> None:
     assert end and "category/a-very-long-name-0017".endswith(end)
     assert 65 < font.getlength(short) <= 80
     assert lettering.shortened("mug", font, 1) == lettering.ELLIPSIS
-    assert not inked(gallery._label("m" * 500, SIDE))[:, [0, 1, -2, -1]].any()
+    assert not inked(contact_sheets._label("m" * 500, SIDE))[:, [0, 1, -2, -1]].any()
 
 
 @pytest.mark.parametrize("side", [16, 33, 160, 600])
@@ -128,8 +129,8 @@ def test_labels_are_shortened_in_the_middle() -> None:
     "text", ["", " ", "a\nb\tc", "Käse für 2 €", "杯子", "👍", "\udce9\x00\u202e", "x" * 10_000]
 )
 def test_any_text_can_be_a_label_or_a_message(text: str, side: int) -> None:
-    assert gallery._label(text, side).shape == gallery._label("mug", side).shape
-    assert gallery._message(text, side).shape == (side, side, 3)
+    assert contact_sheets._label(text, side).shape == contact_sheets._label("mug", side).shape
+    assert contact_sheets._message(text, side).shape == (side, side, 3)
 
 
 def test_what_the_font_does_not_have() -> None:
@@ -138,16 +139,19 @@ def test_what_the_font_does_not_have() -> None:
 
 
 def test_messages_are_wrapped_at_spaces_and_within_long_words() -> None:
-    font = gallery._font(SIDE)
+    font = contact_sheets._font(SIDE)
     text = "the file ends early: /data/" + "deep/" * 12 + "mug.stl holds nothing"
     lines = list(lettering.lines_of(text, font, 90))
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
     assert all(font.getlength(line) <= 90 and line == line.strip() for line in lines)
     assert lines[0].split() == text.split()[: len(lines[0].split())]
-    shown = inked(gallery._message(text, SIDE))
+    shown = inked(contact_sheets._message(text, SIDE))
     assert 3 < np.count_nonzero(np.diff(shown.any(axis=1).astype(int)) == 1) < len(lines) + 3
     assert not shown[[0, -1]].any() and not shown[:, [0, -1]].any()
-    ends = gallery._message("too long " * 100, SIDE), gallery._message("too long " * 9, SIDE)
+    ends = (
+        contact_sheets._message("too long " * 100, SIDE),
+        contact_sheets._message("too long " * 9, SIDE),
+    )
     assert not np.array_equal(*ends)
 
 

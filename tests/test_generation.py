@@ -15,13 +15,19 @@ import pytest
 import trimesh
 
 import packit_sim.libraries.library
-from packit_sim.creation import generation
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.generation import GenerationError, Order, checkpoint, generate, work_folder
+from packit_sim.core.errors import BusyError, LibraryError
+from packit_sim.core.parallel import Workers, WorkersError
 from packit_sim.datasets.packs import Pack, load_tasks, read_packs, verify
-from packit_sim.errors import BusyError, LibraryError
+from packit_sim.generation import jobs
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import (
+    GenerationError,
+    GenerationJob,
+    checkpoint,
+    generate,
+    work_folder,
+)
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parallel import Workers, WorkersError
 
 SMALL = EvolutionSettings(
     pool=8, population=8, elite=2, lucky=2, generations=6, keep_every=2, size_range=(0.6, 0.8)
@@ -36,12 +42,15 @@ def library() -> ShapeLibrary:
 @pytest.fixture(scope="module")
 def undisturbed(library, tmp_path_factory) -> list[Pack]:
     return generate(
-        Order(library, 3, 40, "train", settings=SMALL), tmp_path_factory.mktemp("g") / "train.jsonl"
+        GenerationJob(library, 3, 40, "train", settings=SMALL),
+        tmp_path_factory.mktemp("g") / "train.jsonl",
     )
 
 
-def order(library: ShapeLibrary, packs: int = 3, **changes: object) -> Order:
-    return Order(library, packs, **{"seed": 40, "split": "train", "settings": SMALL, **changes})
+def order(library: ShapeLibrary, packs: int = 3, **changes: object) -> GenerationJob:
+    return GenerationJob(
+        library, packs, **{"seed": 40, "split": "train", "settings": SMALL, **changes}
+    )
 
 
 def test_a_dataset_holds_its_packs_by_seed_and_nothing_else_is_left(
@@ -136,11 +145,11 @@ def test_killed_at_any_moment(undisturbed, tmp_path, seed) -> None:
 def test_a_kill_loses_the_work_since_the_last_checkpoint_alone(
     library, tmp_path, monkeypatch
 ) -> None:
-    assert generation.CHECKPOINT_SECONDS <= 10
-    monkeypatch.setattr(generation, "CHECKPOINT_SECONDS", 0.0)
+    assert jobs.CHECKPOINT_SECONDS <= 10
+    monkeypatch.setattr(jobs, "CHECKPOINT_SECONDS", 0.0)
     file = tmp_path / "train.jsonl"
     steps = []
-    step = generation.Evolution.step
+    step = jobs.Evolution.step
 
     def counted(evolution, workers=None):
         if len(steps) == 4:
@@ -148,10 +157,10 @@ def test_a_kill_loses_the_work_since_the_last_checkpoint_alone(
         steps.append(evolution.seed)
         return step(evolution, workers)
 
-    monkeypatch.setattr(generation.Evolution, "step", counted)
+    monkeypatch.setattr(jobs.Evolution, "step", counted)
     with pytest.raises(KeyboardInterrupt):
         generate(order(library), file)
-    assert [p.generation for p in generation.under_way(file)] == [3]
+    assert [p.generation for p in jobs.under_way(file)] == [3]
     steps[:] = [None] * 5
     generate(order(library, 1), file)
     assert steps[5:] == [40] * 3
@@ -258,14 +267,14 @@ def test_a_machine_without_our_folder_keeps_no_checkpoints(
     library, undisturbed, tmp_path, monkeypatch
 ) -> None:
     """That of a cluster without a shared folder: the path may hold nothing, or another's files."""
-    monkeypatch.setattr(generation, "CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr(jobs, "CHECKPOINT_SECONDS", 0.0)
     wanted = order(library)
     anothers = tmp_path / "anothers"
     anothers.mkdir()
     (anothers / "order.json").write_text(json.dumps({**wanted.to_json(), "seed": 7}))
     checkpoint(anothers, 1).write_text("{}")
     for folder in (tmp_path / "no" / "such" / "folder", anothers, Path("/proc/no/folder")):
-        made = generation._made(wanted, wanted.to_json(), folder, 1, os.getpid())
+        made = jobs._made(wanted, wanted.to_json(), folder, 1, os.getpid())
         assert made == (1, undisturbed[1:2])
     assert checkpoint(anothers, 1).read_text() == "{}"
     assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
@@ -275,7 +284,7 @@ def test_a_machine_with_another_library_makes_no_packs(library, tmp_path) -> Non
     wanted = order(library).to_json()
     wanted["library"]["digest"] = "0123456789abcdef"
     with pytest.raises(GenerationError, match="should be 0123456789ab"):
-        generation._made(order(library), wanted, tmp_path, 0, os.getpid())
+        jobs._made(order(library), wanted, tmp_path, 0, os.getpid())
 
 
 def test_a_library_that_travels_is_found_wherever_it_is_installed(

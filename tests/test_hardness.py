@@ -10,12 +10,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from packit_sim.cli.app import app
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.generation import Order, generate
+from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem, read_packs
-from packit_sim.errors import PackItError
-from packit_sim.experiments import hardness
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.paper import hardness
 
 SMALL = EvolutionSettings(
     *(8, 8, 2, 2), generations=6, patience=3, keep_every=2, size_range=(0.6, 0.8)
@@ -56,7 +56,9 @@ def test_packs_without_a_history_are_refused() -> None:
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("history") / "tiny"
     library = ShapeLibrary.open("everyday").split("test")
-    generate(Order(library, 3, 0, "test", history=True, settings=SMALL), folder / "test.jsonl")
+    generate(
+        GenerationJob(library, 3, 0, "test", history=True, settings=SMALL), folder / "test.jsonl"
+    )
     return folder
 
 

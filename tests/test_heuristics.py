@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trimesh import creation
 
+from packit_agents.heuristics.column_runs import SHORTEST_GAP, stretches
 from packit_agents.heuristics.contacts import contacts, neighbours
 from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, room_below
-from packit_agents.heuristics.stretches import SHORTEST_GAP, stretches
 from packit_sim.box import Box
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.envs.episode import End, Episode, Stage
-from packit_sim.envs.policies import load_policy
+from packit_sim.game.agents import load_policy
+from packit_sim.game.episode import End, Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape

@@ -17,7 +17,7 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim.errors import LibraryError
+from packit_sim.core.errors import LibraryError
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification

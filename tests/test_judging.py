@@ -8,18 +8,17 @@ from dataclasses import replace
 
 import pytest
 
-from packit_sim.box import Box, Snapshot
+from packit_sim.box import Box, BoxState
+from packit_sim.core.errors import BusyError, PackFormatError, PhysicsError
+from packit_sim.core.files import claimed
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import write_packs
-from packit_sim.errors import BusyError, PackFormatError, PhysicsError
-from packit_sim.experiments import judging, results
-from packit_sim.experiments.judging import SCORES, is_judged, judge
-from packit_sim.experiments.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.files import claimed
-from packit_sim.parallel import Workers
-from packit_sim.physics import decomposition, store
-from packit_sim.physics.decomposition import DecompositionSettings
-from packit_sim.physics.scores import Verdict
-from packit_sim.physics.world import PhysicsSettings
+from packit_sim.evaluation import judging, results
+from packit_sim.evaluation.judging import SCORES, is_judged, judge
+from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.physics.convex import decomposition, disk_cache
+from packit_sim.physics.quality import QualityScores
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.reports import tables
 from packit_sim.reports.runs import Runs
 from tests.runs import everyday, packit, rollout
@@ -32,7 +31,7 @@ GOOD, BAD = "largest-first/aligned/blbf", "random/random/random"
 @pytest.fixture(autouse=True, scope="module")
 def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(store.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
         yield
 
 
@@ -54,9 +53,9 @@ def test_cubes_by_hand() -> None:
     stands, floats = Box((40, 40, 40)), Box((40, 40, 40))
     stands.place(cube_of(12), (2, 2, 0))
     floats.place(cube_of(12), (2, 2, 3))
-    assert Verdict.of(stands, HALVES) == Verdict(stable=1.0, insertable=1.0, floating=0)
-    assert Verdict.of(floats, HALVES) == Verdict(stable=0.0, insertable=1.0, floating=1)
-    assert Verdict.of(Box(), HALVES) == Verdict(stable=1.0, insertable=1.0, floating=0)
+    assert QualityScores.of(stands, HALVES) == QualityScores(stable=1.0, insertable=1.0, floating=0)
+    assert QualityScores.of(floats, HALVES) == QualityScores(stable=0.0, insertable=1.0, floating=1)
+    assert QualityScores.of(Box(), HALVES) == QualityScores(stable=1.0, insertable=1.0, floating=0)
 
 
 def test_each_rollout_tells_the_scores_of_its_box(played, judged) -> None:
@@ -65,7 +64,7 @@ def test_each_rollout_tells_the_scores_of_its_box(played, judged) -> None:
     ]
     for one in judged:
         assert is_judged(one, "bisection") and not is_judged(one, "coacd")
-        found = Verdict.of(Snapshot(one.pack.cells, one.pack.placed(everyday())), HALVES)
+        found = QualityScores.of(BoxState(one.pack.cells, one.pack.placed(everyday())), HALVES)
         assert told(one) == vars(found)
     assert not any(is_judged(one, "bisection") for one in played)
     assert told(judged[-1]) == {"stable": 1.0, "insertable": 1.0, "floating": 0}
@@ -118,7 +117,7 @@ def test_a_stop_keeps_what_was_judged(played, judged, tmp_path, monkeypatch) -> 
 
 
 def test_other_pieces_are_another_score(judged, monkeypatch) -> None:
-    monkeypatch.setattr(judging, "_judged", lambda n, box, pieces: (n, Verdict(0.5, 0.25, 7)))
+    monkeypatch.setattr(judging, "_judged", lambda n, box, pieces: (n, QualityScores(0.5, 0.25, 7)))
     monkeypatch.setattr(judging, "require", lambda settings: None)
     again = judge(judged[:1], everyday(), "coacd")
     assert told(again[0]) == {"stable": 0.5, "insertable": 0.25, "floating": 7}

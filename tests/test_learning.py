@@ -21,29 +21,29 @@ from trimesh import creation
 from packit_agents.learning import training
 from packit_agents.learning.augmentation import AugmentedEnv, turned
 from packit_agents.learning.heads import LocationHead, RotationHead
-from packit_agents.learning.imitation import IMPOSSIBLE, LESSON, SMALLER, TaughtEnv, TaughtPPO
-from packit_agents.learning.learned import FIELDS, LearnedShape, log_probabilities, masked
+from packit_agents.learning.imitation import IMPOSSIBLE, LESSON, SMALLER, ImitationPPO, LabellingEnv
+from packit_agents.learning.learned_policies import FIELDS, LearnedShape, log_probabilities, masked
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
 from packit_agents.learning.training import Training, TrainingError
 from packit_agents.learning.training_settings import SettingsError, TrainingSettings, read_settings
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
-from packit_sim import placement
+from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
+from packit_sim.engine import feasibility
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import End, Episode, Stage
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PROSPECTS
-from packit_sim.envs.policies import Agent, UnknownPolicyError, load_policy
-from packit_sim.experiments.curves import Trained
-from packit_sim.experiments.evaluation import evaluate
-from packit_sim.experiments.results import ResultsError, read_results
+from packit_sim.evaluation.evaluation import evaluate
+from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.evaluation.results import ResultsError, read_results
+from packit_sim.game.agents import Agent, UnknownPolicyError, load_policy
+from packit_sim.game.episode import End, Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.parallel import Workers
 from tests.zoo import cube_of
 
 
@@ -201,7 +201,7 @@ def test_the_head_for_locations_can_say_bottom_left_back_fill() -> None:
     for _ in range(20):
         mask = rng.random((25, 25, 25)) < 0.001
         best = np.where(mask, logits.detach().numpy(), -np.inf).argmax()
-        assert np.unravel_index(best, mask.shape) == placement.first(mask)
+        assert np.unravel_index(best, mask.shape) == feasibility.first(mask)
 
 
 @pytest.mark.parametrize(
@@ -562,7 +562,7 @@ def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
 def test_lessons_are_what_the_teacher_would_choose(library) -> None:
     teacher = load_policy(Stage.SHAPE, "largest-first")
     plain = PackItEnv("starter", rotation="aligned", location="blbf", observation="features")
-    env = TaughtEnv(plain, "largest-first/aligned/blbf")
+    env = LabellingEnv(plain, "largest-first/aligned/blbf")
     seen, _ = env.reset(seed=0)
     chosen = []
     for number in range(8):
@@ -645,7 +645,7 @@ def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
 def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(easy) -> None:
     rules = {"rotation": "aligned", "location": "blbf", "observation": "prospects", "easy": easy}
     plain = PackItEnv("starter", **rules)
-    env = TaughtEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
+    env = LabellingEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
     teacher = load_policy(Stage.SHAPE, "largest-fitting-first")
     seen, _ = env.reset(seed=0)
     over, without_room = False, 0
@@ -670,7 +670,7 @@ def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(
 
 def test_with_regrets_a_gamble_is_left_for_what_surely_has_room() -> None:
     """Two shapes may have room one time in two, a small one always: choices alone would gamble."""
-    model = TaughtPPO.__new__(TaughtPPO)
+    model = ImitationPPO.__new__(ImitationPPO)
     model.imitation, model.num_timesteps = 100, 100
     logits = torch.zeros(1, 3, requires_grad=True)
     lessons = torch.tensor([[0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])

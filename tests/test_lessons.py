@@ -9,7 +9,7 @@ pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra trai
 
 import torch
 
-from packit_agents.learning.lessons import Lessons
+from packit_agents.learning.dagger_dataset import DaggerDataset
 
 STEPS, ENVS, ROOM, ACTIONS = 6, 2, 3, 11
 
@@ -38,7 +38,7 @@ def rollout(first: int) -> SimpleNamespace:
     )
 
 
-def check(lessons: Lessons, numbers: range) -> None:
+def check(lessons: DaggerDataset, numbers: range) -> None:
     """Draws until each state has come, and holds each field against its state's number."""
     torch.manual_seed(0)
     seen, masks = lessons.draw(40 * len(numbers))
@@ -53,7 +53,7 @@ def check(lessons: Lessons, numbers: range) -> None:
 
 
 def test_what_is_drawn_is_what_was_told(tmp_path) -> None:
-    lessons = Lessons(tmp_path / "lessons", ACTIONS, 0)
+    lessons = DaggerDataset(tmp_path / "lessons", ACTIONS, 0)
     for n in range(3):
         lessons.add(12 * (n + 1), rollout(12 * n))
     assert len(lessons) == 36
@@ -61,7 +61,7 @@ def test_what_is_drawn_is_what_was_told(tmp_path) -> None:
 
 
 def test_each_state_is_as_likely(tmp_path) -> None:
-    lessons = Lessons(tmp_path / "lessons", ACTIONS, 0)
+    lessons = DaggerDataset(tmp_path / "lessons", ACTIONS, 0)
     for n in range(2):
         lessons.add(12 * (n + 1), rollout(12 * n))
     torch.manual_seed(0)
@@ -71,21 +71,21 @@ def test_each_state_is_as_likely(tmp_path) -> None:
 
 def test_after_a_kill_only_what_the_checkpoint_knows_is_left(tmp_path) -> None:
     folder = tmp_path / "lessons"
-    lessons = Lessons(folder, ACTIONS, 0)
+    lessons = DaggerDataset(folder, ACTIONS, 0)
     for n in range(3):
         lessons.add(12 * (n + 1), rollout(12 * n))
-    again = Lessons(folder, ACTIONS, 24)
+    again = DaggerDataset(folder, ACTIONS, 24)
     check(again, range(24))
     assert sorted(file.stem for file in folder.iterdir()) == ["000000000012", "000000000024"]
     torch.manual_seed(1)
     first = again.draw(20)
     torch.manual_seed(1)
-    second = Lessons(folder, ACTIONS, 24).draw(20)
+    second = DaggerDataset(folder, ACTIONS, 24).draw(20)
     assert all((first[0][name] == second[0][name]).all() for name in first[0])
 
 
 def test_what_is_forgotten_leaves_no_file(tmp_path) -> None:
-    lessons = Lessons(tmp_path / "lessons", ACTIONS, 0)
+    lessons = DaggerDataset(tmp_path / "lessons", ACTIONS, 0)
     lessons.add(12, rollout(0))
     lessons.clear()
     lessons.clear()

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from packit_sim.box import Box
-from packit_sim.errors import LibraryError, MeshError, UnknownShapeError
+from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored

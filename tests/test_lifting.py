@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_sim import lifting
 from packit_sim.box import Box
+from packit_sim.engine import insertion
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.occupancy import Placed
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -41,7 +41,7 @@ def test_what_stands_under_a_shelf_is_not_clear_and_beside_it_is() -> None:
     box.place(cube_of(8), (4, 4, 5))
     small = cube_of(4)
     mask = box.feasible(small)
-    clear = lifting.clear(box.placed, small, mask)
+    clear = insertion.clear(box.placed, small, mask)
     assert mask[4, 4, 0] and not clear[4, 4, 0] and not clear[5, 4, 3]
     assert clear[3, 4, 0] and clear[6, 4, 0]  # beside it: sides may touch on the way
     assert clear[4, 4, 7] and not mask[4, 4, 6]
@@ -64,7 +64,7 @@ def test_a_ball_in_a_bowl_is_clear_and_under_one_turned_over_it_is_not() -> None
             and 4 * at[2] + ball.cells[2] <= bowl.cells[2]
         ]
         if inside:
-            found = lifting.clear(box.placed, ball, box.feasible(ball))
+            found = insertion.clear(box.placed, ball, box.feasible(ball))
             assert any(found[at] for at in inside) == expected
 
 
@@ -73,7 +73,7 @@ def test_a_thin_plate_above_covers_a_thin_one_below() -> None:
     plate = Item(Shape.from_mesh(creation.box((1, 1, 0.01)), "plate"), 0.02)
     box = Box()
     box.place(plate, (0, 0, 5))
-    found = lifting.clear(box.placed, plate, box.feasible(plate))
+    found = insertion.clear(box.placed, plate, box.feasible(plate))
     width = -(-plate.cells[0] // 4)
     assert not found[0, 0, 0] and not found[width - 1, 0, 3]
     assert found[width, 0, 0] and found[0, 0, 6]
@@ -86,7 +86,7 @@ def test_sheets_that_stand_upright_cover_what_is_straight_below_them() -> None:
     pipe = Item(Shape.from_mesh(walls, "pipe"), 0.02)
     box = Box()
     box.place(pipe, (0, 0, 12))
-    found = lifting.clear(box.placed, pipe, box.feasible(pipe))
+    found = insertion.clear(box.placed, pipe, box.feasible(pipe))
     width = -(-pipe.cells[0] // 4)
     assert not found[0, 0, 0] and not found[1, 0, 0] and found[width, 0, 0] and found[0, 0, 20]
 
@@ -98,10 +98,10 @@ def test_hooks_hold_each_other() -> None:
     box.place(ring, (5, 5, 0))
     other = Item(RING, 0.05, 8)
     mask = box.feasible(other)
-    found = lifting.clear(box.placed, other, mask)
+    found = insertion.clear(box.placed, other, mask)
     assert found.any() and not found.all()
     for at in np.argwhere(mask & ~found)[::97].tolist():
-        assert not lifting.oracle(box.placed, Placed(other, tuple(at)))
+        assert not insertion.oracle(box.placed, PlacedItem(other, tuple(at)))
 
 
 @settings(max_examples=8)
@@ -114,13 +114,13 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
     ]
     box = packed(rng, items[:3], (24, 24, 24))
     mask = box.feasible(items[3])
-    found = lifting.clear(box.placed, items[3], mask)
+    found = insertion.clear(box.placed, items[3], mask)
     assert not (found & ~mask).any()
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:4]]:
-        candidate = Placed(items[3], at)
-        assert found[at] == lifting.oracle(box.placed, candidate)
-        assert found[at] == lifting.is_clear(box.placed, candidate)
+        candidate = PlacedItem(items[3], at)
+        assert found[at] == insertion.oracle(box.placed, candidate)
+        assert found[at] == insertion.is_clear(box.placed, candidate)
         if found[at]:
             assert lifted_by_steps(box, items[3], at)
 
@@ -132,10 +132,10 @@ def test_everyday_shapes_as_the_oracle_says(seed: int) -> None:
     items = [Item(EVERYDAY[id], 0.02, int(rng.integers(24))) for id in ids]
     box = packed(rng, items[:6], (40, 40, 40))
     mask = box.feasible(items[6])
-    found = lifting.clear(box.placed, items[6], mask)
+    found = insertion.clear(box.placed, items[6], mask)
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:2]]:
-        assert found[at] == lifting.oracle(box.placed, Placed(items[6], at))
+        assert found[at] == insertion.oracle(box.placed, PlacedItem(items[6], at))
         if found[at]:
             assert lifted_by_steps(box, items[6], at)
 
@@ -146,7 +146,7 @@ def test_the_answer_is_a_matter_of_the_two_items_alone() -> None:
     for _ in range(30):
         apart = rng.integers(-5, 6, size=3)
         answers = {
-            lifting.is_clear([Placed(other, tuple(at + apart))], Placed(one, tuple(at)))
+            insertion.is_clear([PlacedItem(other, tuple(at + apart))], PlacedItem(one, tuple(at)))
             for at in (np.array((6, 6, 6)), np.array((9, 7, 12)))
         }
         assert len(answers) == 1
@@ -159,10 +159,13 @@ def test_points_above_one_another_are_found() -> None:
     points = trimesh.sample.sample_surface(ring.mesh, 1000, seed=0)[0]
     found = missed = 0
     for _ in range(40):
-        item, other = Placed(ball, (9, 9, 9)), Placed(ring, tuple(rng.integers(5, 14, size=3)))
+        item, other = (
+            PlacedItem(ball, (9, 9, 9)),
+            PlacedItem(ring, tuple(rng.integers(5, 14, size=3))),
+        )
         triangles = np.asarray(ball.mesh.triangles) + item.center
         below = (heights(points + other.center, triangles) < 0).any()
-        answer = not lifting.is_clear([other], item)
+        answer = not insertion.is_clear([other], item)
         assert answer or not below
         found += below
         missed += answer and not below

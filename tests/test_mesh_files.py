@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from trimesh import creation, transformations
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import SUFFIXES, read
 from tests import bad_meshes
@@ -125,7 +125,7 @@ def test_bad_files_take_little_time_and_memory(tmp_path: Path) -> None:
     script = """
 import resource, sys
 from pathlib import Path
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 from packit_sim.libraries.mesh_files import read
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for file in sorted(Path(sys.argv[1]).iterdir()):

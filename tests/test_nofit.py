@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim import caches, nofit, placement
 from packit_sim.box import Box
+from packit_sim.core import caches
+from packit_sim.engine import feasibility, nofit
+from packit_sim.engine.nofit import MEETINGS, NoFit
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.screening import BLOCKED, OPEN
 from packit_sim.geometry.shapes import Item
-from packit_sim.nofit import MEETINGS, NoFit
-from packit_sim.occupancy import Placed
-from packit_sim.screening import BLOCKED, OPEN
 from tests.zoo import BALL, RING, ZOO, random_item
 
 
@@ -22,25 +23,25 @@ def test_a_table_says_of_every_offset_what_the_oracle_says(seed: int) -> None:
     here = (20, 20, 20)
     for place in np.ndindex(*(size + 2 for size in table.states.shape)):  # and one beyond
         x, y, z = (a + n - 1 - r for a, n, r in zip(here, place, table.reach, strict=True))
-        a, b = Placed(first, here), Placed(second, (x, y, z))
-        expected = placement.conflicts(a, b)
+        a, b = PlacedItem(first, here), PlacedItem(second, (x, y, z))
+        expected = feasibility.conflicts(a, b)
         assert table.conflict(a, b) is table.conflict(b, a) is expected
     assert not (table.states == OPEN).any()
     if first.key != second.key:
-        for placed, item in ((Placed(first, here), second), (Placed(second, here), first)):
+        for placed, item in ((PlacedItem(first, here), second), (PlacedItem(second, here), first)):
             states = np.zeros((41, 41, 41), dtype=np.uint8)
             table.merge_into(states, placed, item)
             assert (states == BLOCKED).sum() == (table.states == BLOCKED).sum()
             for location in rng.integers(10, 31, size=(20, 3)):
-                candidate = Placed(item, tuple(location.tolist()))
+                candidate = PlacedItem(item, tuple(location.tolist()))
                 blocked = states[candidate.location] == BLOCKED
-                assert blocked == placement.conflicts(placed, candidate)
+                assert blocked == feasibility.conflicts(placed, candidate)
 
 
 def test_a_pair_earns_its_table_by_meeting_and_again_when_it_is_gone() -> None:
     caches.clear()
     ring, ball = Item(RING, 0.4**3), Item(BALL, 0.2**3)
-    placed = [Placed(ring, (0, 0, 0))]
+    placed = [PlacedItem(ring, (0, 0, 0))]
     for _ in range(2):
         for _ in range(MEETINGS):
             assert nofit.tables(placed, ball) is None

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
+from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.original import Original, read_original
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import End
-from packit_sim.envs.policies import Agent
-from packit_sim.errors import PackFormatError
-from packit_sim.experiments.evaluation import play
+from packit_sim.evaluation.evaluation import play
+from packit_sim.game.agents import Agent
+from packit_sim.game.episode import End
 from packit_sim.libraries.library import ShapeLibrary
 
 MUG, CHAIR = "03797390", "03001627"

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from packit_sim.box import Box
+from packit_sim.core.errors import InfeasibleError, PackFormatError
 from packit_sim.datasets.packs import (
     LibraryRef,
     Pack,
@@ -14,7 +15,6 @@ from packit_sim.datasets.packs import (
     verify,
     write_packs,
 )
-from packit_sim.errors import InfeasibleError, PackFormatError
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary

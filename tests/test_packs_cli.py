@@ -15,10 +15,8 @@ from trimesh import creation
 from typer.testing import CliRunner, Result
 
 from packit_sim.cli.app import app
-from packit_sim.creation import datasheet
-from packit_sim.creation.census import Census, dataset_files, take
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.generation import Order, generate
+from packit_sim.core.errors import PackFormatError, PackItError
+from packit_sim.datasets import datasheet
 from packit_sim.datasets.original import read_original
 from packit_sim.datasets.packs import (
     LibraryRef,
@@ -28,9 +26,11 @@ from packit_sim.datasets.packs import (
     read_packs,
     write_packs,
 )
-from packit_sim.errors import PackFormatError, PackItError
+from packit_sim.datasets.statistics import DatasetStatistics, dataset_files, take
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.pictures.plots import COLORS, MissingMatplotlibError
+from packit_sim.render.plots import COLORS, MissingMatplotlibError
 from tests.test_original import CHAIR, GOOD, MUG, pack, write
 
 CUBE = 3**-1.5
@@ -108,7 +108,7 @@ def evolved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("evolved") / "small"
     for split, seed in (("train", 7), ("test", 3)):
         library = ShapeLibrary.open("everyday").split(split)
-        generate(Order(library, 2, seed, split, settings=SMALL), folder / f"{split}.jsonl")
+        generate(GenerationJob(library, 2, seed, split, settings=SMALL), folder / f"{split}.jsonl")
     return folder
 
 
@@ -146,13 +146,13 @@ def test_a_box_of_another_size_counts_by_its_own_volume(blocks: ShapeLibrary) ->
     pack = Pack(
         LibraryRef.of(blocks), (200, 100, 100), (PackedItem("brick", 1.0, 0, (0, 0, 0)),), 0.5
     )
-    census = Census.of("packs", [pack], blocks)
+    census = DatasetStatistics.of("packs", [pack], blocks)
     assert census.volumes.tolist() == pytest.approx([BRICK / 2])
 
 
 def test_scales_that_are_all_different_are_told_together(blocks: ShapeLibrary) -> None:
     items = [("brick", 0.1 + 0.01 * n, 0) for n in range(20)]
-    rows = Census.of("packs", [made(blocks, *items)], blocks).rows()
+    rows = DatasetStatistics.of("packs", [made(blocks, *items)], blocks).rows()
     assert rows["scales"] == "20: 0.1 to 0.29"
     assert not any(name.startswith("items of scale") for name in rows)
 

@@ -21,7 +21,7 @@ from benchmarks.peers.players import Player
 from benchmarks.peers.posed import AXIS_ORDERS, Posed
 from benchmarks.peers.rows import Row, read, summaries, write
 from benchmarks.peers.spectral import Metrics, Spectral, distances
-from benchmarks.peers.validity import Verdict
+from benchmarks.peers.validity import QualityScores
 from packit_sim import Box, Item, Shape
 from packit_sim.datasets import packings
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
@@ -66,7 +66,7 @@ def test_two_cubes_lie_side_by_side(peer) -> None:
     packing = peer.pack(task)
     centres = sorted(posed.centre.tolist() for posed in packing)
     np.testing.assert_allclose(centres, [[0.2, 0.2, 0.2], [0.6, 0.2, 0.2]])
-    assert Verdict.of(packing, task.cells) == Verdict((), (), (0, 1))
+    assert QualityScores.of(packing, task.cells) == QualityScores((), (), (0, 1))
 
 
 @pytest.mark.parametrize("peer", ALL, ids=named)
@@ -86,7 +86,7 @@ def test_a_ball_goes_into_a_ring(peer) -> None:
     task = ring_and_ball()
     packing = peer.pack(task)
     assert [posed.item.shape.id for posed in packing] == ["ring", "ball"]
-    assert Verdict.of(packing, task.cells).holds
+    assert QualityScores.of(packing, task.cells).holds
 
 
 def test_cuboids_leave_the_ball_outside_the_ring() -> None:
@@ -102,7 +102,7 @@ def test_cuboids_fill_a_box_whatever_their_turn() -> None:
         task = task_of(*[Item(brick, scale)] * 4, cells=cells)
         packing = Cuboids().pack(task)
         assert len(packing) == 4
-        assert Verdict.of(packing, task.cells).holds
+        assert QualityScores.of(packing, task.cells).holds
 
 
 def test_an_agent_stops_by_the_rules_or_goes_on() -> None:
@@ -128,7 +128,7 @@ def test_sampled_voxels_miss_thin_walls_and_what_crosses_them() -> None:
     assert not voxels(crate(), 2, sampled=True).any()
     packing = Spectral(2, sampled=True).pack(task)
     assert len(packing) == 2
-    assert Verdict.of(packing, task.cells).pairs == ((0, 1),)
+    assert QualityScores.of(packing, task.cells).pairs == ((0, 1),)
     assert len(Spectral(2).pack(task)) == 1, "the cube in a corner leaves the crate no room"
 
 
@@ -141,7 +141,7 @@ def test_conservative_peers_are_always_valid(seed) -> None:
     for peer in CONSERVATIVE:
         packing = peer.pack(task)
         assert packing, peer.name
-        assert Verdict.of(packing, task.cells).holds, peer.name
+        assert QualityScores.of(packing, task.cells).holds, peer.name
 
 
 def test_transforms_count_collisions_as_a_plain_loop_does() -> None:
@@ -194,8 +194,8 @@ def test_the_verdict_is_that_of_the_check_of_foreign_packings(tmp_path) -> None:
     around = [(0.05, 0.5, 0.5), (0.3, 0.2, 0.2), (0.4, 0.3, 0.2), (0.7, 0.7, 0.7), (0.5, 0.8, 0.2)]
     packing = [Posed(cube, np.array(centre)) for centre in around]
     packing.append(Posed(ball, np.array((0.7, 0.7, 0.7))))
-    verdict = Verdict.of(packing, BOX)
-    assert verdict == Verdict((0,), ((1, 2), (3, 5)), (1, 3, 4))
+    verdict = QualityScores.of(packing, BOX)
+    assert verdict == QualityScores((0,), ((1, 2), (3, 5)), (1, 3, 4))
     for posed in packing:
         posed.item.shape.mesh.export(tmp_path / f"{posed.item.shape.id}.ply")
     items = [
@@ -210,7 +210,7 @@ def test_what_touches_holds_and_what_overlaps_by_more_than_the_tolerance_does_no
     first = Posed(cube_of(20), np.array((0.1, 0.1, 0.1)))
     for overlap, holds in ((-1e-3, True), (0.0, True), (0.9e-4, True), (2e-4, False)):
         second = Posed(cube_of(20), np.array((0.3 - overlap, 0.1, 0.1)))
-        assert Verdict.of([first, second], BOX).holds == holds, overlap
+        assert QualityScores.of([first, second], BOX).holds == holds, overlap
 
 
 def test_rows_are_summed_up_written_and_read_again(tmp_path) -> None:

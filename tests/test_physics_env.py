@@ -16,20 +16,21 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from trimesh import creation, transformations
 
-from packit_sim import Agent, bodies
+from packit_sim import Agent
+from packit_sim.core.errors import InfeasibleError
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.engine import bodies
+from packit_sim.engine.feasibility import first
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import End, Episode
-from packit_sim.errors import InfeasibleError
-from packit_sim.experiments.results import PACKIT, ResultsError, Rollout
+from packit_sim.evaluation.results import ResultsError, Rollout
+from packit_sim.game.episode import End, Episode
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.physics import store
-from packit_sim.physics.box import Lying, SettlingBox
-from packit_sim.physics.decomposition import DecompositionSettings
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.placement import first
-from packit_sim.viewing.viewer import Viewer
+from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settling_box import Lying, SettlingBox
+from packit_sim.rules import PACKIT
+from packit_sim.viewer.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, cube_of
 
 SETTINGS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
@@ -40,7 +41,7 @@ CELLS: Triple = (40, 40, 40)
 def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Pieces are made once for this module, and left nowhere else."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(store.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
         yield
 
 

@@ -21,14 +21,14 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.cli.app import main
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.evolution import evolve
 from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.evolution import evolve
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.pictures import figures
-from packit_sim.pictures.coloring import ramp
-from packit_sim.pictures.looks import BACKGROUND
+from packit_sim.paper import figures
+from packit_sim.render.coloring import ramp
+from packit_sim.render.looks import BACKGROUND
 from tests.zoo import cube_of
 
 pytestmark = pytest.mark.usefixtures("tiny")
@@ -263,7 +263,7 @@ def test_a_folder_that_cannot_be_written_to_is_told_before_there_is_work(
 ) -> None:
     """As root any folder can be: so `os.access` says what it says to others."""
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.setattr("packit_sim.cli.pictures.Scene", None)
+    monkeypatch.setattr("packit_sim.cli.picture_commands.Scene", None)
     for command, name in (("render", "a.png"), ("film", "a.gif"), ("export", "a.glb")):
         failed = packit(command, packs, "--out", tmp_path / name)
         assert failed.code == 2 and "no permission for" in failed.err

@@ -6,10 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Task, load_tasks
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import Stage
-from packit_sim.envs.policies import Agent
 from packit_sim.envs.recording import (
     CUT_SHORT,
     MissingMinariError,
@@ -19,7 +18,8 @@ from packit_sim.envs.recording import (
     stage_steps,
 )
 from packit_sim.envs.wrappers import flattened
-from packit_sim.errors import PackItError
+from packit_sim.game.agents import Agent
+from packit_sim.game.episode import Stage
 from packit_sim.libraries.library import ShapeLibrary
 
 minari = pytest.importorskip("minari", reason="Minari comes with the extra record")

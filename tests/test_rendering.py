@@ -16,16 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.box import Box
-from packit_sim.errors import RenderError
+from packit_sim.core.errors import RenderError
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.geometry.shapes import Item
-from packit_sim.occupancy import Placed
-from packit_sim.pictures import rendering
-from packit_sim.pictures.cameras import CAMERAS, FRONT, TOP, Camera, turntable
-from packit_sim.pictures.coloring import ByNumber, ByShare, by_order
-from packit_sim.pictures.layouts import GAP, Layout, unplaced
-from packit_sim.pictures.looks import BACKGROUND, Cut, Look
-from packit_sim.pictures.sections import is_beyond, section
+from packit_sim.render import rendering
+from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
+from packit_sim.render.coloring import ByNumber, ByShare, by_order
+from packit_sim.render.layouts import GAP, Layout, unplaced
+from packit_sim.render.looks import BACKGROUND, Cut, Look
+from packit_sim.render.sections import is_beyond, section
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, RING, ZOO, cube_of
 
@@ -115,7 +115,7 @@ def test_exploded_items_keep_their_directions(factor: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     items = [Item(shape, 0.01) for shape in (CUBE, BALL, RING)]
     places = rng.integers(0, 20, (3, 3)).tolist()
-    placed = [Placed(item, tuple(at)) for item, at in zip(items, places, strict=True)]
+    placed = [PlacedItem(item, tuple(at)) for item, at in zip(items, places, strict=True)]
     size = np.ones(3)
     packed, apart = (Layout.packed(placed, size, f) for f in (0.0, factor))
     for one, two in ((0, 1), (1, 2), (0, 2)):
@@ -159,7 +159,7 @@ def test_items_stand_apart_on_the_floor_beside_the_box(count, seed, size) -> Non
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_the_section_of_a_cube_is_a_square_at_the_cut(axis: str) -> None:
-    placed = Placed(cube_of(30), (5, 5, 5))
+    placed = PlacedItem(cube_of(30), (5, 5, 5))
     cut = Cut(axis, 0.3501)  # type: ignore[arg-type]
     left = section(placed, cut)
     assert left is not None
@@ -172,17 +172,17 @@ def test_the_section_of_a_cube_is_a_square_at_the_cut(axis: str) -> None:
 
 
 def test_sections_by_hand() -> None:
-    ball = Placed(Item(BALL, 0.1), (4, 4, 0))
+    ball = PlacedItem(Item(BALL, 0.1), (4, 4, 0))
     middle = section(ball, Cut("z", float(ball.center[2])))
     radius = float(ball.item.extents[0]) / 2
     assert middle is not None
     assert middle.cap.area == pytest.approx(np.pi * radius**2, rel=0.05)
-    hollow = Placed(Item(HOLLOW, 0.5), (0, 0, 0))
+    hollow = PlacedItem(Item(HOLLOW, 0.5), (0, 0, 0))
     through = section(hollow, Cut("y", float(hollow.center[1])))
     width = float(hollow.item.extents[0])
     assert through is not None  # a cavity that nothing can get into counts as solid
     assert through.cap.area == pytest.approx(width**2, rel=0.03)
-    bowl = Placed(Item(BOWL, 0.5), (0, 0, 0))
+    bowl = PlacedItem(Item(BOWL, 0.5), (0, 0, 0))
     wall = section(bowl, Cut("y", float(bowl.center[1])))
     assert wall is not None
     curve = np.pi * float(bowl.item.extents[0]) / 2
@@ -191,7 +191,7 @@ def test_sections_by_hand() -> None:
 
 @given(at=st.floats(0.01, 1.2), which=st.integers(0, len(ZOO) - 1), axis=st.sampled_from("xyz"))
 def test_an_item_is_kept_cut_or_gone(at: float, which: int, axis: str) -> None:
-    placed = Placed(Item(ZOO[which], 0.05, 5), (4, 3, 6))
+    placed = PlacedItem(Item(ZOO[which], 0.05, 5), (4, 3, 6))
     cut = Cut(axis, at)
     n = cut.dimension
     low = placed.center[n] - placed.item.extents[n] / 2

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim.geometry.repair import MAX_HOLE, Repairs, mended
+from packit_sim.geometry.repair import MAX_HOLE, Repairs, repair_mesh
 from packit_sim.geometry.shapes import Shape
 
 
@@ -54,7 +54,7 @@ def test_each_part_is_turned_by_itself() -> None:
     mesh = trimesh.util.concatenate(
         [turned(ball, [3]), turned(sheet.apply_translation((5, 0, 0)), [4, 5])]
     )
-    whole, repairs = mended(mesh)
+    whole, repairs = repair_mesh(mesh)
     assert repairs.flipped_triangles == 3 and whole.is_winding_consistent
     assert (whole.faces[80:] == sheet.faces + ball.vertices.shape[0]).all()
 
@@ -74,7 +74,7 @@ def test_a_moebius_strip_has_no_two_sides_to_choose_from() -> None:
     )
     strip = trimesh.Trimesh(vertices, faces, process=False)
     assert not strip.is_winding_consistent
-    whole, repairs = mended(strip)
+    whole, repairs = repair_mesh(strip)
     assert not repairs and (whole.faces == strip.faces).all()
 
 
@@ -92,6 +92,6 @@ def test_small_holes_are_filled_and_large_ones_are_not() -> None:
     open_box.update_faces(open_box.face_normals[:, 2] < 0.5)
     shape, repairs = repaired(open_box)
     assert not repairs and not shape.mesh.is_watertight
-    whole, repairs = mended(open_box, max_hole=1.0)
+    whole, repairs = repair_mesh(open_box, max_hole=1.0)
     assert repairs == Repairs(filled_holes=1) and whole.is_volume
     assert MAX_HOLE < 0.1

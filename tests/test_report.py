@@ -14,15 +14,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from packit_sim.errors import PackItError
-from packit_sim.experiments.curves import CurveError, Trained
-from packit_sim.experiments.evaluation import Score, compare
-from packit_sim.experiments.results import Rules, write_results
+from packit_sim.core.errors import PackItError
+from packit_sim.evaluation.evaluation import Score, compare
+from packit_sim.evaluation.learning_curves import CurveError, Trained
+from packit_sim.evaluation.results import write_results
 from packit_sim.reports import charts, tables
-from packit_sim.reports.gallery import SOLUTION, View, extremes, gallery
+from packit_sim.reports.examples import SOLUTION, View, extremes, gallery
 from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
+from packit_sim.rules import Rules
 from tests.runs import everyday, packit, results, rollout, tasks, training
 
 GOOD, BAD = "largest-first/aligned/blbf", "random/random/<b>&random"

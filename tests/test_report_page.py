@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from packit_sim.reports.gallery import SOLUTION, gallery
+from packit_sim.reports.examples import SOLUTION, gallery
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import Runs
 from tests.runs import everyday, results, tasks, training

@@ -18,12 +18,12 @@ import trimesh
 from PIL import Image
 
 from packit_sim.box import Box
-from packit_sim.errors import RenderError
+from packit_sim.core.errors import RenderError
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.pictures import rendering
-from packit_sim.pictures.cameras import Camera
-from packit_sim.pictures.looks import Look
+from packit_sim.render import rendering
+from packit_sim.render.cameras import Camera
+from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
@@ -50,7 +50,7 @@ def three_items() -> Box:
 
 @dataclass(frozen=True)
 class Anywhere:
-    """An item anywhere, as `Placed` is on the grid: cell boxes play no part."""
+    """An item anywhere, as `PlacedItem` is on the grid: cell boxes play no part."""
 
     item: Item
     center: np.ndarray = dataclasses.field(compare=False)

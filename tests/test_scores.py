@@ -14,10 +14,9 @@ from packit_sim.box import Box
 from packit_sim.cli.app import app
 from packit_sim.datasets.packs import LibraryRef
 from packit_sim.geometry.shapes import Item
-from packit_sim.physics import store
-from packit_sim.physics.decomposition import DecompositionSettings
-from packit_sim.physics.scores import Verdict, scores
-from packit_sim.physics.world import PhysicsSettings
+from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.quality import QualityScores, pack_quality
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from tests.zoo import cube_of
 
 HALVES = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
@@ -25,7 +24,7 @@ HALVES = PhysicsSettings(decomposition=DecompositionSettings(method="bisection")
 
 @pytest.fixture(autouse=True)
 def _store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path / "kept"))
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path / "kept"))
 
 
 def test_a_cube_that_floats_beside_one_that_stands() -> None:
@@ -33,7 +32,7 @@ def test_a_cube_that_floats_beside_one_that_stands() -> None:
     box = Box((40, 40, 40))
     box.place(cube_of(12), (0, 0, 0))
     box.place(cube_of(12), (5, 5, 3))
-    found = scores(box, HALVES)
+    found = pack_quality(box, HALVES)
     assert found.floating == (1,)
     row = found.row()
     assert row["density"] == pytest.approx(2 * 0.12**3 / 0.4**3)
@@ -41,9 +40,9 @@ def test_a_cube_that_floats_beside_one_that_stands() -> None:
     assert (row["insertable"], row["from above"], row["removable"]) == (1.0, 1.0, 1.0)
     assert (row["interlocked"], row["floating"]) == (0, 1)
     assert row["filled, pushed"] > row["filled"]
-    short = asdict(Verdict.of(box, HALVES))
+    short = asdict(QualityScores.of(box, HALVES))
     assert short == {name: row[name] for name in ("stable", "insertable", "floating")}
-    assert scores(Box(), HALVES).row()["stable"] == 1.0
+    assert pack_quality(Box(), HALVES).row()["stable"] == 1.0
 
 
 def test_the_command_judges_what_agents_packed(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from trimesh import creation
 
 from packit_agents.planning.budgets import Budget
 from packit_sim.datasets.packs import Task, load_tasks
-from packit_sim.envs.episode import End, Episode
-from packit_sim.envs.policies import Agent, UnknownPolicyError, load_search, search_names
-from packit_sim.experiments.evaluation import evaluate, play
-from packit_sim.experiments.results import Rules
+from packit_sim.evaluation.evaluation import evaluate, play
+from packit_sim.game.agents import Agent, UnknownPolicyError, load_search, search_names
+from packit_sim.game.episode import End, Episode
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 from tests.test_episode import task_of
 from tests.zoo import cube_of
 

@@ -12,18 +12,19 @@ import pytest
 from trimesh import creation, transformations
 
 from packit_sim import ShapeLibrary, read_packs
-from packit_sim.box import Box, Snapshot
+from packit_sim.box import Box, BoxState
+from packit_sim.core.errors import PhysicsError
 from packit_sim.datasets.packs import dataset_file
-from packit_sim.errors import PhysicsError
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.physics import settling, store, world
-from packit_sim.physics.decomposition import DecompositionSettings
+from packit_sim.physics import settling, world
+from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.penetration import penetrations, wall_penetrations
-from packit_sim.physics.pieces import Piece
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling import INSIDE, Settled, settle, settle_each
 from packit_sim.physics.stability import stability
-from packit_sim.physics.world import PhysicsSettings, World
+from packit_sim.physics.world import World
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
 
@@ -37,7 +38,7 @@ STILL = 0.002
 def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Pieces are made once for this module, and left nowhere else."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(store.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
+        patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
         yield
 
 
@@ -354,7 +355,7 @@ def test_a_scene_shows_how_its_box_settles() -> None:
 def test_a_pack_of_the_benchmark_ends_through_nothing() -> None:
     library = ShapeLibrary.open("everyday")
     pack = read_packs(dataset_file("starter"))[0]
-    found = settle(Snapshot(pack.cells, pack.placed(library)), SETTINGS)
+    found = settle(BoxState(pack.cells, pack.placed(library)), SETTINGS)
     assert all(item.inside for item in found.items)
     assert max(wall_penetrations(found)) < INSIDE
     assert max(penetrations(found).values(), default=0.0) < 0.02

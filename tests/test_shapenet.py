@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from trimesh import creation
 
-from packit_sim.errors import LibraryError, UnknownShapeError
+from packit_sim.core.errors import LibraryError, UnknownShapeError
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import CATEGORIES
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.shapes import Item, Shape
 from tests.zoo import BALL, BOWL, CUBE, RING, SOUP, TILTED, ZOO
 

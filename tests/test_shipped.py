@@ -12,14 +12,14 @@ import pytest
 
 pytest.importorskip("torch")
 
-from packit_agents.learning import shipped
+from packit_agents.learning import pretrained
 from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights
+from packit_sim.core.confidence import Estimate, told
 from packit_sim.datasets.packs import load_tasks
-from packit_sim.envs.episode import Episode
-from packit_sim.envs.policies import Agent
-from packit_sim.estimates import Estimate, told
+from packit_sim.game.agents import Agent
+from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
 
 ROOT = Path(__file__).parents[1]
@@ -70,7 +70,7 @@ def test_the_papers_network_sees_what_the_papers_does() -> None:
     network, prospects, made = read_weights(FOLDER / "packnn.safetensors")
     assert prospects == 0 and made["settings"]["network"]["network"] == "packnn"
     assert isinstance(network, PackNN)
-    assert shipped.PackNN().made == made
+    assert pretrained.PackNN().made == made
 
 
 def test_the_card_quotes_the_last_measurement() -> None:

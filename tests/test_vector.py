@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.policies import Agent
 from packit_sim.envs.vector import PackItVectorEnv
-from packit_sim.experiments.evaluation import evaluate, evaluate_batched
+from packit_sim.evaluation.evaluation import evaluate, evaluate_batched
+from packit_sim.game.agents import Agent
 
 SHAPES_ONLY = {"observation": "features", "rotation": "aligned", "location": "blbf"}
 

@@ -11,8 +11,9 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import EvolutionSettings, evolve, placement
+from packit_sim import EvolutionSettings, evolve
 from packit_sim.box import Box
+from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.packings import verify_packing, winding_number
 from packit_sim.datasets.packs import (
     LibraryRef,
@@ -23,7 +24,7 @@ from packit_sim.datasets.packs import (
     write_packs,
 )
 from packit_sim.datasets.verification import Report, verify_dataset
-from packit_sim.errors import PackFormatError
+from packit_sim.engine import feasibility
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -163,7 +164,7 @@ def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_p
         item = random_item(ZOO, 0.25, rng)
         locations = np.argwhere(box.feasible(item))
         if len(locations):
-            places.append(placement.first(placement.oracle(box, item)))
+            places.append(feasibility.first(feasibility.oracle(box, item)))
             box.place(item, rng.choice(locations))
     write_packs(
         tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library), by="evolution", seed=0)]

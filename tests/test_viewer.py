@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 from packit_sim.box import Box
-from packit_sim.errors import PackItError, RenderError
+from packit_sim.core.errors import PackItError, RenderError
 from packit_sim.geometry.shapes import Item
-from packit_sim.viewing.viewer import Viewer
+from packit_sim.viewer.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of
 
 viser = pytest.importorskip("viser")
@@ -30,7 +30,7 @@ BYTES = 4
 
 LEFT_OPEN = """
 from packit_sim.box import Box
-from packit_sim.viewing.viewer import Viewer
+from packit_sim.viewer.viewer import Viewer
 print(Viewer(Box()).address)
 """
 
@@ -245,7 +245,7 @@ def test_a_closed_viewer_says_so(viewer: Viewer) -> None:
 
 def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    spec = importlib.util.find_spec("packit_sim.viewing.viewer")
+    spec = importlib.util.find_spec("packit_sim.viewer.viewer")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

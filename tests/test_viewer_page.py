@@ -15,12 +15,12 @@ import pytest
 from PIL import Image
 
 from packit_sim.datasets.packs import dataset_file, read_packs
+from packit_sim.explorer.exhibits import Collection
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.viewing.boxes import corners, reach
-from packit_sim.viewing.exhibits import Collection
+from packit_sim.viewer.boxes import corners, reach
 
 pytest.importorskip("viser")
-from packit_sim.viewing.explorer import Explorer
+from packit_sim.explorer.explorer import Explorer
 
 REFERENCES = Path(__file__).parent / "pages"
 WINDOW = {"width": 640, "height": 480}

@@ -7,20 +7,20 @@ import pytest
 import trimesh
 
 from packit_sim.box import Box
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.occupancy import Placed
 from tests.zoo import BALL, CUBE, RING, TILTED, cube_of
 
 
-def solid(placed: Placed) -> trimesh.Trimesh:
+def solid(placed: PlacedItem) -> trimesh.Trimesh:
     mesh = placed.item.mesh.copy()
     mesh.apply_translation(placed.center)
     return mesh
 
 
-def overlap_depth(a: Placed, b: Placed) -> float:
+def overlap_depth(a: PlacedItem, b: PlacedItem) -> float:
     """Mean thickness of what two solids share, in box units: twice its volume over its area."""
     shared = trimesh.boolean.intersection([solid(a), solid(b)], engine="manifold")
     return 0.0 if shared.is_empty or shared.area == 0 else 2 * abs(shared.volume) / shared.area
@@ -61,5 +61,5 @@ def test_cubes_that_overlap_by_the_tolerance_share_that_and_the_witness_sees_it(
     box.place(almost, (0, 0, 0))
     box.place(almost, (6, 0, 0))
     assert overlap_depth(*box.placed) == pytest.approx(0.9e-4, rel=0.02)
-    deeper = [Placed(cube_of(24.1), (0, 0, 0)), Placed(cube_of(24.1), (6, 0, 0))]
+    deeper = [PlacedItem(cube_of(24.1), (0, 0, 0)), PlacedItem(cube_of(24.1), (6, 0, 0))]
     assert overlap_depth(*deeper) > 5 * CONTACT_TOLERANCE

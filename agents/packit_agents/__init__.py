@@ -1,6 +1,6 @@
 """Agents that play PackIt: policies for its sub-tasks."""
 
-from packit_agents.heuristics.locations import (
+from packit_agents.heuristics.location_policies import (
     BLBF,
     DBLF,
     HeightmapMinimisation,
@@ -8,8 +8,8 @@ from packit_agents.heuristics.locations import (
     MaximalContact,
     RandomLocation,
 )
-from packit_agents.heuristics.rotations import Aligned, FirstFit, Lowest, RandomRotation
-from packit_agents.heuristics.shapes import (
+from packit_agents.heuristics.rotation_policies import Aligned, FirstFit, Lowest, RandomRotation
+from packit_agents.heuristics.shape_policies import (
     LargestBoxFirst,
     LargestFirst,
     LargestFittingFirst,

@@ -31,11 +31,12 @@ from benchmarks.peers.players import Player
 from benchmarks.peers.posed import Peer
 from benchmarks.peers.rows import Row, Summary, read, summaries, write
 from benchmarks.peers.spectral import Spectral
-from packit_sim import ShapeLibrary, caches
+from packit_sim import ShapeLibrary
 from packit_sim.cli.console import console, progress_bars
-from packit_sim.cli.evaluate import interval, show_agents
+from packit_sim.cli.evaluation_commands import interval, show_agents
+from packit_sim.core import caches
 from packit_sim.datasets.packs import Task, load_tasks
-from packit_sim.pictures import plots
+from packit_sim.render import plots
 
 AGENTS = (
     "largest-first/aligned/blbf",

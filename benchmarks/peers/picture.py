@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.peers.rows import Summary
-from packit_sim.estimates import Estimate
-from packit_sim.pictures import plots
+from packit_sim.core.confidence import Estimate
+from packit_sim.render import plots
 
 HOLDS, PACKED, SECONDS = plots.COLORS[:3]
 

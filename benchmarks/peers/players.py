@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.peers.posed import Posed
 from packit_sim.datasets.packs import Task
-from packit_sim.envs.episode import End, Episode, Stage
-from packit_sim.envs.policies import Agent
+from packit_sim.game.agents import Agent
+from packit_sim.game.episode import End, Episode, Stage
 
 SEED = 0
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.posed import Posed
-from benchmarks.peers.validity import Verdict
+from benchmarks.peers.validity import QualityScores
+from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.files import replace_text
 from packit_sim.datasets.packs import Task
-from packit_sim.estimates import Comparison, Estimate
-from packit_sim.experiments.evaluation import SLACK
-from packit_sim.files import replace_text
+from packit_sim.evaluation.evaluation import SLACK
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 
 DIGITS = 6
@@ -28,7 +28,7 @@ class Row:
 
     together: how many tasks its items are of. task: their digest. items, placed: how many.
     share: of the items' volume that was placed. density: placed volume over the box's.
-    kept, kept_density: the same of what is left when conflicts are resolved (see `Verdict`).
+    kept, kept_density: the same of what is left when conflicts are resolved (see `QualityScores`).
     pairs: of items in conflict. outside: items beyond a wall. seconds: of processor time, with all
     that is made of the meshes for it.
     """
@@ -50,7 +50,7 @@ class Row:
     def of(
         cls, peer: str, together: int, task: Task, packing: Sequence[Posed], seconds: float
     ) -> Row:
-        verdict = Verdict.of(packing, task.cells)
+        verdict = QualityScores.of(packing, task.cells)
         placed = sum(posed.item.volume for posed in packing)
         kept = sum(packing[n].item.volume for n in verdict.kept)
         box = float(np.prod(np.array(task.cells) / CELLS_PER_UNIT))

@@ -20,7 +20,7 @@ from packit_sim.geometry.shapes import Shape
 
 
 @dataclass(frozen=True)
-class Verdict:
+class QualityScores:
     """What is wrong with a packing.
 
     outside: numbers of the items that reach beyond a wall. pairs: of those that can't both be.
@@ -33,7 +33,7 @@ class Verdict:
     kept: tuple[int, ...]
 
     @classmethod
-    def of(cls, packing: Sequence[Posed], cells: Triple) -> Verdict:
+    def of(cls, packing: Sequence[Posed], cells: Triple) -> QualityScores:
         """Of items in a box of so many cells."""
         bodies = [_Body("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
         extents = np.array(cells) * CELL

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from packit_sim.cli import packs as packs_cli
-from packit_sim.cli import shapes as shapes_cli
+from packit_sim.cli import pack_commands as packs_cli
+from packit_sim.cli import shape_commands as shapes_cli
 from packit_sim.cli.console import (
     LibraryOption,
     PacksArgument,
@@ -26,19 +26,20 @@ from packit_sim.cli.console import (
     make_room,
     progress_bars,
 )
-from packit_sim.cli.evaluate import HEURISTICS, compare_command, evaluate_command, evaluate_shown
-from packit_sim.cli.figures import figures_command
-from packit_sim.cli.generate import evolve_shown, generate_command
-from packit_sim.cli.physics import score_command, settle_command
-from packit_sim.cli.pictures import (
-    export_command,
-    film_command,
-    render_command,
+from packit_sim.cli.evaluation_commands import (
+    HEURISTICS,
+    compare_command,
+    evaluate_command,
+    evaluate_shown,
 )
-from packit_sim.cli.report import report_command
-from packit_sim.cli.reproduce import reproduce_command
-from packit_sim.cli.view import view_command
-from packit_sim.creation.chromosomes import EvolutionSettings
+from packit_sim.cli.figure_commands import figures_command
+from packit_sim.cli.generation_commands import evolve_shown, generate_command
+from packit_sim.cli.physics_commands import score_command, settle_command
+from packit_sim.cli.picture_commands import export_command, film_command, render_command
+from packit_sim.cli.report_commands import report_command
+from packit_sim.cli.reproduction_commands import reproduce_command
+from packit_sim.cli.viewer_commands import view_command
+from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import (
     Pack,
@@ -48,9 +49,9 @@ from packit_sim.datasets.packs import (
     write_packs,
 )
 from packit_sim.datasets.verification import verify_dataset
-from packit_sim.envs.policies import Agent
-from packit_sim.errors import PackItError
-from packit_sim.experiments.results import Rollout
+from packit_sim.evaluation.results import Rollout
+from packit_sim.game.agents import Agent
+from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.scene import Scene
 

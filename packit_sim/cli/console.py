@@ -18,10 +18,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from packit_sim.errors import PackItError
+from packit_sim.core.errors import PackItError
+from packit_sim.core.parallel import BackendName
 from packit_sim.libraries.splits import Split
-from packit_sim.parallel import BackendName
-from packit_sim.physics.decomposition import Method
+from packit_sim.physics.settings import Method
 
 console = Console()
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from packit_sim.core.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, Task
-from packit_sim.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import Item

@@ -16,15 +16,12 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from packit_sim.caches import cached_property
-from packit_sim.collision import LooseMesh
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import MeshError, PackFormatError
 from packit_sim.datasets.verification import MAX_LENGTH, Problem, Report, is_number, named
-from packit_sim.errors import (
-    MeshError,
-    PackFormatError,
-)
+from packit_sim.engine.collision import LooseMesh
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.geometry.repair import cleaned, mended
+from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import read
 
@@ -58,7 +55,7 @@ def verify_packing(file: Path | str) -> Report:
 
     An item holds where its mesh is inside the box, crosses no other's, and has no part that lies in
     a shell of another, be it in a cavity. A shell is a part that is closed, once holes that the
-    importer would fill are (`repair.mended`): what an open one holds is not known. Tolerance is
+    importer would fill are (`repair.repair_mesh`): what an open one holds is unknown. Tolerance is
     the contact tolerance, with the box's longest extent as the unit; in that measure meshes are
     drawn in as on the grid, along their file's axes. The volume is the closed body's, or the
     solid's by voxels (see `Shape`).
@@ -110,7 +107,7 @@ class _Loaded:
         size = float(np.abs(used - middle).max())
         if not (size > 1 / MAX_LENGTH and np.abs(used).max() < MAX_LENGTH):
             raise MeshError(f"{name}: its lengths must be from {1 / MAX_LENGTH} to {MAX_LENGTH}")
-        clean, _ = cleaned(trimesh.Trimesh((vertices - middle) / size, faces, process=False))
+        clean, _ = clean_mesh(trimesh.Trimesh((vertices - middle) / size, faces, process=False))
         solid = Shape.from_mesh(clean, name)
         self.vertices: Floats = np.asarray(clean.vertices) * size + middle
         self.faces: Ints = np.asarray(clean.faces, dtype=np.int64)
@@ -124,7 +121,7 @@ class _Loaded:
     @cached_property
     def shells(self) -> tuple[Floats, tuple[Ints, ...]]:
         """Vertices (n, 3), and the faces of each closed part."""
-        whole, _ = mended(self._clean)
+        whole, _ = repair_mesh(self._clean)
         size, middle = self._frame
         faces: Ints = np.asarray(whole.faces, dtype=np.int64)
         part = _parts(faces, len(whole.vertices))

@@ -14,16 +14,16 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from packit_sim import placement
 from packit_sim._version import __version__
 from packit_sim.box import Box
-from packit_sim.errors import InfeasibleError, PackFormatError, UnknownShapeError
-from packit_sim.files import replace_text
+from packit_sim.core.errors import InfeasibleError, PackFormatError, UnknownShapeError
+from packit_sim.core.files import replace_text
+from packit_sim.engine import feasibility
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
-from packit_sim.occupancy import Placed
 
 FORMAT = 1
 """Version of the pack format, written with each pack."""
@@ -97,7 +97,7 @@ class Pack:
         )
         return cls(library, box.cells, items, box.density, json.loads(json.dumps(made)))
 
-    def placed(self, library: ShapeLibrary) -> tuple[Placed, ...]:
+    def placed(self, library: ShapeLibrary) -> tuple[PlacedItem, ...]:
         """The items in their places, unchecked.
 
         Raises PackFormatError where the library is not the pack's, UnknownShapeError for an id
@@ -110,7 +110,7 @@ class Pack:
                 f"({library.digest[:12]})"
             )
         return tuple(
-            Placed(Item(library[i.shape], i.scale, i.rotation), i.location) for i in self.items
+            PlacedItem(Item(library[i.shape], i.scale, i.rotation), i.location) for i in self.items
         )
 
     def replay(self, library: ShapeLibrary) -> Box:
@@ -219,13 +219,13 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     except (PackFormatError, UnknownShapeError) as error:
         return [str(error)]
     problems = []
-    inside: dict[int, Placed] = {}
+    inside: dict[int, PlacedItem] = {}
     for n, candidate in enumerate(items):
         what = f"item {n} ({candidate.item.shape.id!r})"
-        if not placement.is_inside(pack.cells, candidate):
+        if not feasibility.is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        blocking = [n for n, other in inside.items() if placement.conflicts(other, candidate)]
+        blocking = [n for n, other in inside.items() if feasibility.conflicts(other, candidate)]
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
         inside[n] = candidate
@@ -351,7 +351,7 @@ def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
             f"field '{where}.rotation' is {rotation!r}: it must be 0 to {rotations.COUNT - 1}"
         )
     try:
-        location = placement.checked_location(cells, _get(raw, "location", list, where))
+        location = feasibility.checked_location(cells, _get(raw, "location", list, where))
     except InfeasibleError as error:
         raise PackFormatError(f"field '{where}.location': {error}") from None
     return PackedItem(outside.shape, outside.scale, rotation, location)

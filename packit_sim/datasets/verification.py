@@ -18,18 +18,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import placement
+from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.datasets.packs import FORMAT, WHOLE, Pack, PackedItem, manifest_path, verify
-from packit_sim.errors import (
-    LibraryError,
-    PackFormatError,
-    PackItError,
-    UnknownShapeError,
-)
+from packit_sim.engine import feasibility
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
-from packit_sim.occupancy import Placed
 
 EVOLVED = "evolution"
 """Who makes packs whose every item stands at its bottom-left-back-fill location: made["by"]."""
@@ -362,12 +357,12 @@ def _scale_problems(
             )
 
 
-def _order_problems(cells: Triple, placed: Sequence[Placed]) -> Iterator[str]:
+def _order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]:
     """Which items could have stood before where they do, in the order of bottom-left-back fill."""
     outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
-    before: list[Placed] = []
+    before: list[PlacedItem] = []
     for n, candidate in enumerate(placed):
-        if not placement.is_inside(cells, candidate):
+        if not feasibility.is_inside(cells, candidate):
             continue
         free = _earlier(outer, inner, before, candidate)
         if free is not None:
@@ -386,8 +381,8 @@ def _order_problems(cells: Triple, placed: Sequence[Placed]) -> Iterator[str]:
 def _earlier(
     outer: npt.NDArray[np.bool_],
     inner: npt.NDArray[np.bool_],
-    placed: Sequence[Placed],
-    candidate: Placed,
+    placed: Sequence[PlacedItem],
+    candidate: PlacedItem,
 ) -> Triple | None:
     """The first location before the candidate's in (z, x, y) that the oracle finds feasible.
 
@@ -408,9 +403,9 @@ def _earlier(
             left = left[~theirs.ravel()[base[:, None] + some].any(axis=1)]
     asked = list(placed)
     for x, y, z in left.tolist():
-        at = Placed(item, (x, y, z))
+        at = PlacedItem(item, (x, y, z))
         for n, other in enumerate(asked):
-            if placement.conflicts(other, at):
+            if feasibility.conflicts(other, at):
                 asked.insert(0, asked.pop(n))
                 break
         else:

@@ -19,23 +19,23 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim.box import Box
-from packit_sim.creation.chromosomes import EvolutionSettings
-from packit_sim.creation.sampler import TaskSampler
+from packit_sim.core.counters import statistics
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
-from packit_sim.envs.episode import EASY_ORDER, ORDER, Episode, Stage, State
+from packit_sim.engine.base_box import BaseBox
+from packit_sim.engine.feasibility import Contents
 from packit_sim.envs.observations import OBSERVERS, Observation
-from packit_sim.envs.policies import Policy, load_policy
+from packit_sim.game.agents import Policy, load_policy
+from packit_sim.game.episode import EASY_ORDER, ORDER, Episode, Stage, State
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.task_sampler import TaskSampler
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.physics.box import SettlingBox
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.pictures.layouts import Layout, unplaced
-from packit_sim.placement import Contents
-from packit_sim.room import Room
-from packit_sim.scene import USUAL, Look, Scene
-from packit_sim.statistics import statistics
-from packit_sim.viewing.viewer import Viewer
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settling_box import SettlingBox
+from packit_sim.render.layouts import Layout, unplaced
+from packit_sim.scene import DEFAULT_LOOK, Look, Scene
+from packit_sim.viewer.viewer import Viewer
 
 FRESH = "fresh"
 """The name of tasks that are made on the fly."""
@@ -107,7 +107,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         observation: str = "voxels",
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
-        look: Look = USUAL,
+        look: Look = DEFAULT_LOOK,
     ) -> None:
         _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
         _one_of("order", order, ("random", "cycle"))
@@ -306,7 +306,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                 )
 
 
-def _shown(box: Room) -> tuple[Contents, Layout | None]:
+def _shown(box: BaseBox) -> tuple[Contents, Layout | None]:
     """A box for a picture, and where its items are shown, if not in their places."""
     if isinstance(box, SettlingBox):
         return unplaced([lying.item for lying in box.placed], box.cells), box.layout

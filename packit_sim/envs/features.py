@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.caches import bounded
-from packit_sim.compiled import kernel
+from packit_sim.core.caches import bounded_cache
+from packit_sim.core.compilation import kernel
 from packit_sim.geometry.bits import Words, lowest_bit
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
@@ -60,7 +60,7 @@ class CubeMeans:
         return counts.astype(np.float32) / self._sizes
 
 
-@bounded(
+@bounded_cache(
     "item features",
     ITEMS_BUDGET,
     "bytes",

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from packit_sim.envs.episode import Episode, Stage
 from packit_sim.envs.features import CubeMeans
+from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.voxels import centred
@@ -197,7 +197,7 @@ class FeatureObserver(Observer):
             self._extents[n] = item.extents
 
 
-class ProspectObserver(FeatureObserver):
+class PlacementFeatureObserver(FeatureObserver):
     """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
 
     prospects: float32 (max_shapes, 8), at the shape's site (see `Episode.site`): whether there is
@@ -233,7 +233,7 @@ class ProspectObserver(FeatureObserver):
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
     "voxels": VoxelObserver,
     "features": FeatureObserver,
-    "prospects": ProspectObserver,
+    "prospects": PlacementFeatureObserver,
     "none": Observer,
 }
 """What the environment's setting `observation` can be."""

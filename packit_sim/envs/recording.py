@@ -19,11 +19,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
+from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Task
-from packit_sim.envs.episode import Stage
 from packit_sim.envs.observations import Observation
-from packit_sim.envs.policies import GROUND_TRUTH, Agent
-from packit_sim.errors import PackItError
+from packit_sim.game.agents import GROUND_TRUTH, Agent
+from packit_sim.game.episode import Stage
 
 CUT_SHORT = "cut short"
 """The end of an episode that was left before it was over."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from llvmlite import ir
 from numba.extending import intrinsic
 
-from packit_sim.compiled import kernel
+from packit_sim.core.compilation import kernel
 from packit_sim.geometry import rotations
 
 Words = npt.NDArray[np.uint64]

@@ -15,8 +15,8 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-from packit_sim.compiled import kernel
-from packit_sim.errors import MeshError
+from packit_sim.core.compilation import kernel
+from packit_sim.core.errors import MeshError
 
 RELATIVE_SLACK = 0.02
 """How much more than the distance its bound may be, as a share of it."""

@@ -34,7 +34,7 @@ class Repairs:
         return any(asdict(self).values())
 
 
-def cleaned(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
+def clean_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
     """A mesh without doubled vertices, doubled triangles and those without area.
 
     Its surface stays the same. The mesh should be about one unit in size: vertices nearer than
@@ -55,7 +55,9 @@ def cleaned(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
     return clean, Repairs(merged, duplicate, flat)
 
 
-def mended(mesh: trimesh.Trimesh, max_hole: float = MAX_HOLE) -> tuple[trimesh.Trimesh, Repairs]:
+def repair_mesh(
+    mesh: trimesh.Trimesh, max_hole: float = MAX_HOLE
+) -> tuple[trimesh.Trimesh, Repairs]:
     """A clean mesh with neighbours that agree on what is outside, and without small holes.
 
     Where they disagree as few triangles are turned as make a part consistent, or as make it face

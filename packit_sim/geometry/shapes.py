@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from packit_sim.caches import bounded, cached_property
-from packit_sim.errors import MeshError
+from packit_sim.core.caches import bounded_cache, cached_property
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple, cell_box
-from packit_sim.geometry.repair import Repairs, cleaned, mended
+from packit_sim.geometry.repair import Repairs, clean_mesh, repair_mesh
 from packit_sim.geometry.voxelization import solid_volume
 from packit_sim.geometry.voxels import Voxels
 
@@ -69,10 +69,10 @@ class Shape:
     ) -> tuple[Shape, Repairs]:
         """The shape of a mesh whose winding and small holes are repaired, and what was done.
 
-        See `repair.mended`; else as `from_mesh`.
+        See `repair.repair_mesh`; else as `from_mesh`.
         """
         clean, cleaning = _canonical(mesh, id, up)
-        whole, mending = mended(clean)
+        whole, mending = repair_mesh(clean)
         shape = cls(_canonical(whole, id, "z")[0] if mending else clean, id, category)
         return shape, replace(
             cleaning,
@@ -226,7 +226,7 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
         vertices = vertices[:, [1, 2, 0]]
     vertices = vertices / (np.abs(vertices[used]).max() or 1.0)
     vertices = vertices - (vertices[used].min(axis=0) + vertices[used].max(axis=0)) / 2
-    clean, repairs = cleaned(trimesh.Trimesh(vertices, faces, process=False))
+    clean, repairs = clean_mesh(trimesh.Trimesh(vertices, faces, process=False))
     extents = clean.extents if len(clean.faces) else np.ptp(vertices[used], axis=0)
     flat = np.flatnonzero(extents <= _MIN_EXTENT * np.linalg.norm(extents))
     if len(flat):
@@ -250,7 +250,7 @@ def _signed_volume(mesh: trimesh.Trimesh) -> float:
         return float(mesh.volume)
 
 
-@bounded(
+@bounded_cache(
     "voxels",
     VOXELS_BUDGET,
     "bytes",
@@ -262,7 +262,7 @@ def _upright_voxels(shape: Shape, scale: float) -> Voxels:
     return Voxels.of(vertices[shape.mesh.faces], Item(shape, scale).cells)
 
 
-@bounded(
+@bounded_cache(
     "turned voxels",
     VOXELS_BUDGET,
     "bytes",

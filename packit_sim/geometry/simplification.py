@@ -9,7 +9,7 @@ import meshoptimizer
 import numpy as np
 import trimesh
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape

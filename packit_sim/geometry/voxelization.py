@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.compiled import kernel
+from packit_sim.core.compilation import kernel
 from packit_sim.geometry.bits import HIGH, LOW, STRIDES, Words
 from packit_sim.geometry.lattice import (
     CELL,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.compiled import kernel
+from packit_sim.core.compilation import kernel
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import (
     FULL,

@@ -7,8 +7,8 @@ from collections import Counter
 from functools import partial
 from pathlib import Path
 
-from packit_sim.caches import cached_property
-from packit_sim.errors import LibraryError
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import LibraryError
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.sources import Candidate, Source
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
-from packit_sim.errors import MeshError, PackItError
+from packit_sim.core.errors import MeshError, PackItError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import UP_AXES, Shape

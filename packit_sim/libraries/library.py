@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from packit_sim.errors import LibraryError, UnknownShapeError
+from packit_sim.core.errors import LibraryError, UnknownShapeError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.shapenet import TAXONOMY, ShapeNet

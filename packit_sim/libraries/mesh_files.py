@@ -22,7 +22,7 @@ import trimesh
 from lxml import etree
 from trimesh.resolvers import FilePathResolver
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
 
 SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Endings of the files that can be read, in lower case."""

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from packit_sim.caches import cached_property
-from packit_sim.errors import LibraryError
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import LibraryError
 from packit_sim.libraries import mesh_files, splits
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, Source

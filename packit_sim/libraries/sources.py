@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from packit_sim.caches import bounded
-from packit_sim.errors import LibraryError, MeshError
+from packit_sim.core.caches import bounded_cache
+from packit_sim.core.errors import LibraryError, MeshError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import RawMesh
 
@@ -153,7 +153,7 @@ class Source(ABC):
             raise MeshError(f"{candidate.source}: {error}") from error
 
 
-@bounded(
+@bounded_cache(
     "shapes",
     SHAPES_BUDGET,
     "bytes",

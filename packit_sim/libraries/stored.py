@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-from packit_sim.caches import cached_property
-from packit_sim.errors import LibraryError
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import LibraryError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits

@@ -8,12 +8,12 @@ from itertools import combinations, product
 import numpy as np
 from trimesh import transformations
 
-from packit_sim.caches import cached_property
-from packit_sim.collision import LooseMesh
-from packit_sim.physics.pieces import Floats
+from packit_sim.core.caches import cached_property
+from packit_sim.engine.collision import LooseMesh
+from packit_sim.physics.convex.pieces import Floats
+from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
-from packit_sim.physics.solids import Solid
-from packit_sim.pictures.layouts import Pose
+from packit_sim.render.layouts import Pose
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths, in box units, that are told apart."""

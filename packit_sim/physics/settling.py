@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_sim.caches import cached_property
+from packit_sim.core.caches import cached_property
+from packit_sim.engine.occupancy import ItemInBox, Load
 from packit_sim.geometry.lattice import CELL
-from packit_sim.occupancy import Load, Standing
-from packit_sim.physics.decomposition import Decomposition, decompose
-from packit_sim.physics.fitting import Part, fitted
-from packit_sim.physics.pieces import Floats, Piece
-from packit_sim.physics.world import WALLS, PhysicsSettings, World
-from packit_sim.pictures.layouts import Layout, Pose
+from packit_sim.physics.convex.decomposition import Decomposition, decompose
+from packit_sim.physics.convex.fitting import Part, fitted
+from packit_sim.physics.convex.pieces import Floats, Piece
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.world import WALLS, World
+from packit_sim.render.layouts import Layout, Pose
 
 INSIDE = 0.005
 """Box units by which an item may reach out of the box and still be inside: a contact gives way a
@@ -35,7 +36,7 @@ class SettledItem:
     the end, and walls: which of `WALLS`. inside: whether all of it is in the box (see `INSIDE`).
     """
 
-    placed: Standing
+    placed: ItemInBox
     move: Floats
     displacement: float
     farthest: float
@@ -121,7 +122,7 @@ def _masses(box: Load, settings: PhysicsSettings) -> list[float]:
 
 
 def _pieces(
-    items: Sequence[Standing], settings: PhysicsSettings
+    items: Sequence[ItemInBox], settings: PhysicsSettings
 ) -> tuple[list[list[Piece]], float]:
     """The pieces of items in their places, and the share of their volume that was cut away."""
     whole = [
@@ -135,7 +136,7 @@ def _pieces(
     return pieces, 1 - after / before if items else 0.0
 
 
-def _parts(placed: Standing, decomposition: Decomposition) -> list[Part]:
+def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
     size = float(np.cbrt(placed.item.scale))
     return [
         (piece.moved(placed.pose[:3, :3], placed.pose[:3, 3]), out * size)
@@ -181,7 +182,7 @@ def _simulated(
 
 
 def _settled(
-    placed: Standing, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
+    placed: ItemInBox, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
 ) -> SettledItem:
     before, after = _moved(placed, np.eye(4)), _moved(placed, move)
     center = move[:3, :3] @ placed.center + move[:3, 3]
@@ -197,6 +198,6 @@ def _settled(
     )
 
 
-def _moved(placed: Standing, move: Floats) -> Floats:
+def _moved(placed: ItemInBox, move: Floats) -> Floats:
     """(n, 3) vertices of an item's mesh, moved from its place, in box units."""
     return placed.vertices @ move[:3, :3].T + move[:3, 3]

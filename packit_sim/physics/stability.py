@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from packit_sim.engine.feasibility import Contents
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
-from packit_sim.physics.world import PhysicsSettings
-from packit_sim.placement import Contents
 
 DISTANCE = 0.05
 """Box units by which no point of a stable item moves. Items stand on grid nodes, so that one may

@@ -8,17 +8,17 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from trimesh import transformations
 
-from packit_sim.errors import PhysicsError
-from packit_sim.physics.decomposition import DecompositionSettings
-from packit_sim.physics.pieces import Bulk, Floats, Piece
-from packit_sim.pictures.obj_text import objects
-from packit_sim.pictures.rendering import UNIT, quiet
+from packit_sim.core.errors import PhysicsError
+from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.render.obj_text import objects
+from packit_sim.render.rendering import UNIT, quiet
 
 with quiet():
     import pybullet
@@ -44,58 +44,6 @@ _NO_BOUNCE = 0.05
 """m/s below which nothing bounces: else items would rattle and never rest."""
 
 
-@dataclass(frozen=True)
-class PhysicsSettings:
-    """The world in which items move, and when it ends. SI units, but for `side`.
-
-    side: metres of a box unit. density: kg/m3 of every item, whose mass is that times its
-    volume. lightest: the share of the heaviest item's mass that none in its box is taken to
-    fall short of; 0 takes them as they are, but a solver presses what is very light through
-    walls, where something very heavy lies on it. gravity: m/s2. friction: Coulomb's
-    coefficient, between items as with walls. rolling: the arm of rolling resistance, in metres,
-    without which no ball would ever rest. restitution: the share of speed that comes back from
-    an impact. damping: the share of all speed that is lost in a second. step: seconds of a step
-    of time. limit: seconds after which it ends in any case. rest: m/s below which each point of
-    every item stays for `calm` seconds, where all are at rest. decomposition: how shapes become
-    convex pieces. fitted: whether pieces are cut back where they reach into others' at the
-    start (see `fitting`). Raises ValueError where one is out of range.
-    """
-
-    side: float = 0.5
-    density: float = 500.0
-    lightest: float = 0.01
-    gravity: float = 9.81
-    friction: float = 0.5
-    rolling: float = 0.001
-    restitution: float = 0.1
-    damping: float = 0.04
-    step: float = 1 / 240
-    limit: float = 5.0
-    rest: float = 0.02
-    calm: float = 0.25
-    decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
-    fitted: bool = True
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("side", 1e-3, 1e3),
-            ("density", 1e-3, 1e6),
-            ("lightest", 0.0, 1.0),
-            ("gravity", 0.0, 1e3),
-            ("friction", 0.0, 10.0),
-            ("rolling", 0.0, 1.0),
-            ("restitution", 0.0, 1.0),
-            ("damping", 0.0, 1.0),
-            ("step", 1e-5, 0.02),
-            ("limit", 0.0, 3600.0),
-            ("rest", 0.0, 10.0),
-            ("calm", 0.0, 60.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"{name} {value!r} is not possible: {low:g} to {high:g}")
-
-
 @dataclass(frozen=True, eq=False)
 class _Body:
     """PyBullet's number for an item, and where it was put.
@@ -105,7 +53,7 @@ class _Body:
 
     number: int
     mass: float
-    bulk: Bulk
+    bulk: MassProperties
     reach: float
 
 
@@ -144,7 +92,7 @@ class World:
 
         mass: kg, spread evenly over the pieces; 0 for an item that stays where it is.
         """
-        bulk = Bulk.of(pieces)
+        bulk = MassProperties.of(pieces)
         own = [((p.vertices - bulk.center) @ bulk.axes, p.faces) for p in pieces]
         path = self._folder / f"{len(self._bodies)}.obj"
         path.write_text(objects(own, 1.0))

@@ -7,9 +7,9 @@ from io import StringIO
 from itertools import cycle, product
 from typing import Any
 
-from packit_sim.estimates import Estimate
-from packit_sim.pictures import plots
-from packit_sim.reports.runs import Learned, Played
+from packit_sim.core.confidence import Estimate
+from packit_sim.render import plots
+from packit_sim.reports.runs import EvaluationRun, TrainingRun
 
 WIDTH = 8.0
 """Inches of a plot, of which the page makes its own width."""
@@ -18,7 +18,7 @@ _LINES = ("-", "--", ":", "-.")
 """Of the second seven agents, and so on: colours come again, lines differ."""
 
 
-def rewards(played: Sequence[Played]) -> str:
+def rewards(played: Sequence[EvaluationRun]) -> str:
     """Average Reward of each agent with its interval, the best on top."""
     found = sorted(
         ((Estimate.of([r.total for r in one.rollouts]), one.name) for one in played),
@@ -55,7 +55,7 @@ def rewards(played: Sequence[Played]) -> str:
     return out.getvalue()
 
 
-def returns(played: Sequence[Played]) -> str:
+def returns(played: Sequence[EvaluationRun]) -> str:
     """The share of tasks with a return of x or more, for all x: Success@x as a curve."""
     out = StringIO()
     with plots.inlined(out, [["returns"]], WIDTH, _height(len(played))) as (figure, axes):
@@ -77,7 +77,7 @@ def success(totals: Sequence[float]) -> tuple[list[float], list[float]]:
     return [0.0, *sorted(totals), max(totals)], [100.0, *shares, 0.0]
 
 
-def learning(learned: Sequence[Learned]) -> str:
+def learning(learned: Sequence[TrainingRun]) -> str:
     """Validation rewards with their intervals, and training's as thin lines, against steps."""
     out = StringIO()
     with plots.inlined(out, [["learning"]], WIDTH, _height(len(learned))) as (figure, axes):

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from packit_sim.errors import MeshError
+from packit_sim.core.errors import MeshError
+from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
-from packit_sim.occupancy import Placed
-from packit_sim.pictures.coloring import COLORINGS, ByShare, Coloring, hexadecimal
-from packit_sim.pictures.export import names
+from packit_sim.media.export import names
+from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 
 TRIANGLES = 1500
 """Of a shape on the page: it is looked at in a hand's breadth."""
@@ -31,7 +31,7 @@ class Models:
         self._shapes: list[dict[str, Any]] = []
         self._boxes: list[dict[str, Any]] = []
 
-    def add(self, cells: Triple, placed: Sequence[Placed], total: float) -> int:
+    def add(self, cells: Triple, placed: Sequence[PlacedItem], total: float) -> int:
         """Takes in a box and returns its number.
 
         placed: what is in it, in the order of placing. total: volume of all items of its task, in

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim._version import __version__
-from packit_sim.errors import PackItError
-from packit_sim.estimates import Estimate, told
+from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.errors import PackItError
 from packit_sim.libraries.library import assets_folder
-from packit_sim.pictures.coloring import ramp
-from packit_sim.pictures.plots import require
+from packit_sim.render.coloring import ramp
+from packit_sim.render.plots import require
 from packit_sim.reports import charts, tables
-from packit_sim.reports.gallery import Gallery
+from packit_sim.reports.examples import Gallery
 from packit_sim.reports.runs import Runs
 
 

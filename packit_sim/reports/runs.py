@@ -9,9 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import mean
 
-from packit_sim.errors import PackItError
-from packit_sim.experiments.curves import Trained
-from packit_sim.experiments.results import Rollout, Rules, read_results
+from packit_sim.core.errors import PackItError
+from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.evaluation.results import Rollout, read_results
+from packit_sim.rules import Rules
 
 
 class ReportError(PackItError, ValueError):
@@ -19,7 +20,7 @@ class ReportError(PackItError, ValueError):
 
 
 @dataclass(frozen=True)
-class Played:
+class EvaluationRun:
     """What one agent made of its tasks.
 
     name: tells it from all others of the report. file: of the results. rollouts: at least one, one
@@ -46,7 +47,7 @@ class Played:
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainingRun:
     """A training. name: tells it from all others of the report."""
 
     name: str
@@ -57,8 +58,8 @@ class Learned:
 class Runs:
     """All that a report is of, in the order that it was asked for."""
 
-    played: tuple[Played, ...]
-    learned: tuple[Learned, ...]
+    played: tuple[EvaluationRun, ...]
+    learned: tuple[TrainingRun, ...]
 
     @classmethod
     def read(cls, paths: Sequence[Path]) -> Runs:
@@ -86,10 +87,10 @@ class Runs:
         folders = _told_apart([(run.folder.resolve().name, run.folder) for run in trained])
         return cls(
             tuple(
-                Played(name, path, tuple(own))
+                EvaluationRun(name, path, tuple(own))
                 for name, (_, path, own) in zip(names, played, strict=True)
             ),
-            tuple(Learned(name, run) for name, run in zip(folders, trained, strict=True)),
+            tuple(TrainingRun(name, run) for name, run in zip(folders, trained, strict=True)),
         )
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from packit_sim.estimates import Estimate
-from packit_sim.experiments.evaluation import SUCCESS_LEVELS, Score, compare
-from packit_sim.experiments.judging import SCORES
-from packit_sim.experiments.results import Rollout
-from packit_sim.reports.runs import Learned, Played
+from packit_sim.core.confidence import Estimate
+from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare
+from packit_sim.evaluation.judging import SCORES
+from packit_sim.evaluation.results import Rollout
+from packit_sim.reports.runs import EvaluationRun, TrainingRun
 
 _OWN = frozenset(
     ("results", "by", "task", "task_digest", "seed", "easy", "kinematic", "return", "end")
@@ -49,7 +49,7 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
 
 
-def scores(played: Sequence[Played]) -> Table:
+def scores(played: Sequence[EvaluationRun]) -> Table:
     """An agent a row: Average Reward, Success@x and density."""
     found = [(one.name, Score.of(one.rollouts[0].agent, one.rollouts)) for one in played]
     columns = (
@@ -90,7 +90,7 @@ def scores(played: Sequence[Played]) -> Table:
     )
 
 
-def more_scores(played: Sequence[Played]) -> Table | None:
+def more_scores(played: Sequence[EvaluationRun]) -> Table | None:
     """Whatever else results tell of the boxes as they were left, or None where they tell nothing.
 
     A number that each rollout of any agent has in its pack's `made`, beside those of `Rollout`, is
@@ -115,7 +115,7 @@ def more_scores(played: Sequence[Played]) -> Table | None:
     )
 
 
-def comparisons(played: Sequence[Played]) -> dict[str, Table]:
+def comparisons(played: Sequence[EvaluationRun]) -> dict[str, Table]:
     """How each agent does against each other, on the tasks that both have played, by the other's
     name: the numbers of `packit compare`.
     """
@@ -136,7 +136,7 @@ def comparisons(played: Sequence[Played]) -> dict[str, Table]:
     return tables
 
 
-def evaluations(played: Sequence[Played]) -> Table:
+def evaluations(played: Sequence[EvaluationRun]) -> Table:
     """What was asked of the agents, file by file."""
     columns = (
         Column("results"),
@@ -147,7 +147,7 @@ def evaluations(played: Sequence[Played]) -> Table:
         Column("library"),
         Column("box", "cells an axis"),
     )
-    asked: dict[tuple[str, str, int, str, str], list[Played]] = {}
+    asked: dict[tuple[str, str, int, str, str], list[EvaluationRun]] = {}
     for one in played:
         rules = " and ".join(name for name, holds in vars(one.rules).items() if holds)
         pack = one.rollouts[0].pack
@@ -164,7 +164,7 @@ def evaluations(played: Sequence[Played]) -> Table:
     return Table("What was played.", columns, tuple(rows))
 
 
-def trainings(learned: Sequence[Learned]) -> Table:
+def trainings(learned: Sequence[TrainingRun]) -> Table:
     """What each training reached in validation."""
     columns = (
         Column("training"),
@@ -186,7 +186,7 @@ def trainings(learned: Sequence[Learned]) -> Table:
     return Table("What trainings reached on their validation tasks.", columns, tuple(rows))
 
 
-def settings(learned: Sequence[Learned]) -> Table:
+def settings(learned: Sequence[TrainingRun]) -> Table:
     """The settings of trainings side by side; those that differ are marked."""
     names = dict.fromkeys(name for one in learned for name in one.run.settings)
     rows = []
@@ -212,7 +212,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and math.isfinite(value)
 
 
-def _compared(one: Played, other: Played) -> tuple[Cell, ...]:
+def _compared(one: EvaluationRun, other: EvaluationRun) -> tuple[Cell, ...]:
     try:
         found = compare(one.rollouts, other.rollouts)
     except ValueError:  # no task that both have played

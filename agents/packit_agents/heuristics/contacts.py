@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_agents.heuristics.stretches import stretches
-from packit_sim.compiled import kernel
+from packit_agents.heuristics.column_runs import stretches
+from packit_sim.core.compilation import kernel
+from packit_sim.engine.feasibility import Mask
 from packit_sim.geometry.bits import FULL, HIGH, LOW, Words, count_bits
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import Mask
 
 _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
 """By how many bits neighbours along x, y and z are apart in a word."""

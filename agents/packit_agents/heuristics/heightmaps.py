@@ -8,15 +8,15 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_agents.heuristics.stretches import stretches
-from packit_sim.compiled import kernel
+from packit_agents.heuristics.column_runs import stretches
+from packit_sim.core.compilation import kernel
+from packit_sim.engine.feasibility import Mask
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import Mask
 
 Heights = npt.NDArray[np.int64]
-Rooms = npt.NDArray[np.uint16]
+Clearances = npt.NDArray[np.uint16]
 Costs = npt.NDArray[np.int64]
 
 
@@ -33,7 +33,7 @@ def growth(heights: Heights, item: Item, mask: Mask) -> Costs:
     return _growth(heights, _columns(item), mask)
 
 
-def room_below(words: Words) -> Rooms:
+def room_below(words: Words) -> Clearances:
     """[x % 4, y % 4, z % 4, brick] over a box's cells: the empty cells straight below each.
 
     Bricks are in C order: what a column of a shape has below it at all nodes stands in a row.
@@ -41,7 +41,7 @@ def room_below(words: Words) -> Rooms:
     return _room_below(np.ascontiguousarray(words))
 
 
-def gaps(rooms: Rooms, item: Item, mask: Mask) -> Costs:
+def gaps(rooms: Clearances, item: Item, mask: Mask) -> Costs:
     """[x, y, z] over the nodes: the empty cells straight below the item; 0 off the mask.
 
     The item must be inside the box wherever the mask is True.

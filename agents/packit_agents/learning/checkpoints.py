@@ -11,8 +11,8 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from packit_sim.errors import PackItError
-from packit_sim.files import replacing
+from packit_sim.core.errors import PackItError
+from packit_sim.core.files import replacing
 
 FORMAT = 1
 

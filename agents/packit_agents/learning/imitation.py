@@ -19,11 +19,11 @@ from sb3_contrib.common.maskable.buffers import MaskableDictRolloutBuffer
 from torch import Tensor, nn
 from torch.nn import functional
 
-from packit_agents.learning.lessons import Lessons
+from packit_agents.learning.dagger_dataset import DaggerDataset
 from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.episode import Episode
 from packit_sim.envs.observations import Observation
-from packit_sim.envs.policies import Agent
+from packit_sim.game.agents import Agent
+from packit_sim.game.episode import Episode
 
 LESSON = "lesson"
 """The field of an observation that tells what the teacher would choose."""
@@ -35,7 +35,7 @@ IMPOSSIBLE = 2.0
 """Told for what may not be chosen."""
 
 
-class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
+class LabellingEnv(gym.Wrapper[Observation, Any, Observation, Any]):
     """An environment whose observations tell what a teacher would choose.
 
     teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
@@ -87,7 +87,7 @@ class TaughtEnv(gym.Wrapper[Observation, Any, Observation, Any]):
 
 
 def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32]:
-    """(shapes,), as `TaughtEnv` tells them. best: the teacher's choice."""
+    """(shapes,), as `LabellingEnv` tells them. best: the teacher's choice."""
     items = episode.task.items
     costs = np.full(shapes, IMPOSSIBLE, dtype=np.float32)
     for n in np.flatnonzero(episode.outside).tolist():
@@ -97,7 +97,7 @@ def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32
     return costs
 
 
-class TaughtPPO(MaskablePPO):
+class ImitationPPO(MaskablePPO):
     """MaskablePPO that for its first `imitation` steps imitates what its observations tell.
 
     It goes over all that it was told so far, `lessons`, in minibatches that are drawn by chance,
@@ -108,7 +108,7 @@ class TaughtPPO(MaskablePPO):
     returns, as always.
     """
 
-    lessons: Lessons
+    lessons: DaggerDataset
     imitation = 0
     imitation_epochs = 4
 

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 
 from packit_agents.learning.blocks import blocks
 from packit_agents.learning.heads import LocationHead, RotationHead
-from packit_sim.envs.episode import Stage
 from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
+from packit_sim.game.episode import Stage
 from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
 
 Seen = Mapping[str, Tensor]

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
     VecEnvStepReturn,
 )
 
-from packit_sim.parallel import Actors
+from packit_sim.core.parallel import Actors
 
 EnvMaker = Callable[[], gym.Env[Any, Any]]
 """Makes an environment, in the process that it then lives in."""

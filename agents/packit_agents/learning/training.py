@@ -24,23 +24,23 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from packit_agents.learning.actor_critic import ActorCritic, on_device
 from packit_agents.learning.augmentation import AugmentedEnv
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
-from packit_agents.learning.imitation import LESSON, TaughtEnv, TaughtPPO
-from packit_agents.learning.learned import FIELDS, SHAPE_FIELDS, log_probabilities
-from packit_agents.learning.lessons import Lessons
+from packit_agents.learning.dagger_dataset import DaggerDataset
+from packit_agents.learning.imitation import LESSON, ImitationPPO, LabellingEnv
+from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim._version import __version__
+from packit_sim.core.confidence import Estimate
+from packit_sim.core.errors import PackItError
+from packit_sim.core.files import claimed, replace_text
 from packit_sim.datasets.packs import LibraryRef, Task, load_tasks
 from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
-from packit_sim.errors import PackItError
-from packit_sim.estimates import Estimate
-from packit_sim.experiments.curves import CURVE_FILE, SETTINGS_FILE, Point
-from packit_sim.experiments.evaluation import evaluate_batched
-from packit_sim.files import claimed, replace_text
+from packit_sim.evaluation.evaluation import evaluate_batched
+from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, Point
 from packit_sim.libraries.library import ShapeLibrary
 
 RECENT = 200
@@ -197,9 +197,9 @@ class Training:
             **(fixed if settings.network.policies == "shape" else {}),
         }
 
-    def _new_model(self) -> TaughtPPO:
+    def _new_model(self) -> ImitationPPO:
         settings = self.settings
-        model = TaughtPPO(
+        model = ImitationPPO(
             ActorCritic,
             self._envs,
             learning_rate=settings.rate,
@@ -300,7 +300,7 @@ class Training:
         self._written = time.monotonic()
         found = read_checkpoint(self.folder / CHECKPOINT, self._device)
         assert isinstance(self._envs.action_space, spaces.Discrete)
-        self._model.lessons = Lessons(
+        self._model.lessons = DaggerDataset(
             self.folder / "lessons",
             int(self._envs.action_space.n),
             0 if found is None else found[1]["steps"],
@@ -359,7 +359,7 @@ def _env(
         source = Mixture(tasks, library, settings.mixed)
     env: gym.Env[Any, Any] = PackItEnv(source, library, **rules)
     if settings.teacher is not None:
-        env = TaughtEnv(env, settings.teacher, regrets=settings.regrets)
+        env = LabellingEnv(env, settings.teacher, regrets=settings.regrets)
     if settings.augmented:
         env = AugmentedEnv(env)
     assert isinstance(env.observation_space, spaces.Dict)

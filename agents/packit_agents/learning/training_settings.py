@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from packit_agents.learning.networks import NetworkSettings
-from packit_sim.errors import PackItError
+from packit_sim.core.errors import PackItError
 
 
 class SettingsError(PackItError, ValueError):
@@ -34,7 +34,7 @@ class TrainingSettings:
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
     imitation_epochs: how many minibatches of all lessons so far are gone over after each rollout,
         as a multiple of those that the rollout has.
-    regrets: whether regrets are told, not the teacher's choices alone (see `TaughtEnv`).
+    regrets: whether regrets are told, not the teacher's choices alone (see `LabellingEnv`).
     imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
         `learning_rate` meanwhile.
     learning_rate: of PPO at first; it falls linearly to 0 where `annealed`.

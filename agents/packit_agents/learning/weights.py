@@ -14,8 +14,8 @@ from safetensors.torch import save
 from torch import nn
 
 from packit_agents.learning.networks import NetworkSettings, network
-from packit_sim.errors import PackItError
-from packit_sim.files import replacing
+from packit_sim.core.errors import PackItError
+from packit_sim.core.files import replacing
 
 FORMAT = "packit-network"
 VERSION = 1

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_agents.planning.rollouts import Best, go_on, proposals
-from packit_sim.envs.episode import Episode, State
-from packit_sim.envs.policies import Agent, OnProgress
+from packit_sim.game.agents import Agent, OnProgress
+from packit_sim.game.episode import Episode, State
 
 
 @dataclass(frozen=True)

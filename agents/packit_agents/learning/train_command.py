@@ -1,0 +1,86 @@
+"""`packit train`: PackNN from packs, by PPO."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from packit_sim.cli.console import AddressOption, console, progress_bars
+from packit_sim.core.errors import PackItError
+from packit_sim.render import plots
+
+if TYPE_CHECKING:
+    from packit_agents.learning.training import Progress
+    from packit_sim.evaluation.learning_curves import Point
+
+
+def train_command(
+    out: Annotated[Path, typer.Argument(help="Folder of the training.")],
+    config: Annotated[
+        Path | None, typer.Option(help="TOML file with settings, by name; network is a table.")
+    ] = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="NAME=VALUE, such as steps=100000 or network.width=64; any number."
+        ),
+    ] = None,
+    device: Annotated[str, typer.Option(help="cpu, cuda, or auto.")] = "auto",
+    ray_workers: Annotated[
+        int, typer.Option(min=0, help="Processes of a Ray cluster for the environments.")
+    ] = 0,
+    address: AddressOption = None,
+) -> None:
+    """Trains a network to choose shapes; its best weights are best.safetensors in the folder.
+
+    Stop it at any moment: the same command goes on, and ends in the same weights. Let it play with
+    packit evaluate --agent learned@FOLDER/best.safetensors/aligned/blbf.
+    """
+    try:
+        from packit_agents.learning.training import Training
+        from packit_agents.learning.training_settings import read_settings
+    except ImportError as error:
+        raise PackItError(
+            f"training needs {error.name}, which is not installed: pip install 'packit-sim[train]'"
+        ) from None
+    plots.require()
+    settings = read_settings(config, set or [])
+    training = Training(settings, out, device, ray_workers, address)
+    try:
+        with progress_bars() as progress:
+            bar = progress.add_task("training", total=settings.steps, note="")
+
+            def show(at: Progress) -> None:
+                reward = "" if at.reward is None else f"return {at.reward:.3f}"
+                best = "" if at.best is None else f", best {at.best.validation.mean:.3f}"
+                progress.update(bar, completed=at.steps, note=reward + best)
+
+            training.run(show)
+    except KeyboardInterrupt:
+        console.print("stopped: the same command goes on from here")
+        raise typer.Exit(130) from None
+    finally:
+        training.close()
+    draw(training.curve, out / "curve.png")
+    best = training.best
+    assert best is not None
+    console.print(
+        f"best after {best.steps} steps: Average Reward {best.validation.mean:.3f} in validation; "
+        f"wrote {out / 'best.safetensors'} and curve.png"
+    )
+
+
+def draw(curve: list[Point], path: Path) -> None:
+    """The learning curve: validation with its interval, and training."""
+    with plots.drawn(path, [["reward"]], 8, 5) as (_, axes):
+        ax = axes["reward"]
+        steps = [point.steps for point in curve]
+        validation = [point.validation for point in curve]
+        plots.line(ax, steps, validation, color=plots.COLORS[0], marker="o", label="validation")
+        known = [(point.steps, point.reward) for point in curve if point.reward is not None]
+        if known:
+            ax.plot(*zip(*known, strict=True), color=plots.COLORS[1], label="training, by chance")
+        ax.set(xlabel="Shape-Selection steps", ylabel="Average Reward", title="Learning curve")
+        ax.legend()

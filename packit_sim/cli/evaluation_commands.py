@@ -1,0 +1,272 @@
+"""`packit evaluate` and `packit compare`: agents on tasks, and on the same tasks side by side."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from packit_sim.cli.console import (
+    AddressOption,
+    BackendOption,
+    LibraryOption,
+    PacksArgument,
+    PiecesOption,
+    SeedOption,
+    SplitOption,
+    WorkersOption,
+    console,
+    make_room,
+    progress_bars,
+)
+from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.errors import PackItError
+from packit_sim.core.parallel import Workers
+from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
+from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
+from packit_sim.evaluation.judging import SCORES, is_judged, judge
+from packit_sim.evaluation.results import Rollout, read_results
+from packit_sim.game.agents import Agent
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.convex.decomposition import require
+from packit_sim.physics.settings import METHODS, DecompositionSettings, Method
+from packit_sim.rules import PACKIT, Rules
+
+HEURISTICS = tuple(
+    "/".join(parts)
+    for parts in itertools.product(
+        ("random", "largest-first"), ("random", "aligned"), ("random", "blbf")
+    )
+)
+"""Every combination of the paper's heuristics."""
+
+
+def evaluate_command(
+    packs: PacksArgument = STARTER_PACKS,
+    split: SplitOption = None,
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="shape/rotation/location, and +search=value if wished, such as "
+            "largest-first/aligned/blbf+beam=4; may be given more than once."
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    library: LibraryOption = "everyday",
+    easy: Annotated[bool, typer.Option("--easy", help="By the rules of PackIt-Easy.")] = False,
+    kinematic: Annotated[
+        bool, typer.Option("--kinematic", help="Only straight down from the open top.")
+    ] = False,
+    tasks: Annotated[
+        int | None, typer.Option(min=1, help="Only so many, the first of the dataset.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the results; what it holds already is not played again."),
+    ] = None,
+    scores: Annotated[
+        bool, typer.Option("--scores", help="Also what is stable, insertable, and floats.")
+    ] = False,
+    pieces: PiecesOption = METHODS[0],
+    workers: WorkersOption = 0,
+    backend: BackendOption = "loky",
+    address: AddressOption = None,
+) -> None:
+    """Lets agents play the tasks of a dataset and prints the paper's table.
+
+    With --out it can be stopped at any moment: the same command goes on. With --scores each box is
+    let go, and ways into it are looked for: seconds a task, and the first time also to take its
+    shapes apart.
+    """
+    if scores:
+        require(DecompositionSettings(method=pieces))
+    opened = ShapeLibrary.open(library)
+    agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
+    wanted = load_tasks(packs, opened, split)[:tasks]
+    if out is not None:
+        make_room(out)
+    try:
+        with Workers(workers, backend, address) as hands:
+            rollouts = evaluate_shown(
+                agents, wanted, seed, Rules(easy, kinematic), workers=hands, file=out
+            )
+            if scores:
+                rollouts = judge_shown(rollouts, opened, pieces, workers=hands, file=out)
+    except KeyboardInterrupt:
+        console.print("stopped" + (": the same command goes on from here" if out else ""))
+        raise typer.Exit(130) from None
+    show_agents(agent.name for agent in agents)
+    table = score_table([Score.of(agent.name, rollouts) for agent in agents])
+    table.caption = (
+        f"tasks: {len(wanted)}, seed: {seed}; below each mean its 95% bootstrap interval; "
+        "s: median seconds a task"
+    )
+    console.print(table)
+    own = [_of(rollouts, agent.name) for agent in agents]
+    if scores:
+        console.print(verdict_table(own))
+    if len(own) > 1:
+        others = enumerate(own[1:], start=2)
+        console.print(comparison_table((n, 1, compare(each, own[0])) for n, each in others))
+    if out is not None:
+        console.print(f"wrote {out}")
+
+
+def compare_command(
+    results: Annotated[
+        list[Path], typer.Argument(help="One or two files that `packit evaluate --out` wrote.")
+    ],
+) -> None:
+    """Compares agents on the tasks that both have played.
+
+    Those of one file with each other, of two files the first's with the second's.
+    """
+    if len(results) > 2:
+        raise PackItError(f"{len(results)} files can't be compared: give one or two")
+    played = [
+        [(name, _of(each, name)) for name in _agents(each)] for each in map(read_results, results)
+    ]
+    numbered = list(enumerate(itertools.chain(*played), start=1))
+    if len(played) == 1:
+        pairs = list(itertools.combinations(numbered, 2))
+        if not pairs:
+            raise PackItError(f"{results[0]} holds one agent alone: give a second file")
+    else:
+        count = len(played[0])
+        pairs = list(itertools.product(numbered[:count], numbered[count:]))
+    try:
+        rows = [(n, m, compare(a, b)) for (n, (_, a)), (m, (_, b)) in pairs]
+    except ValueError as error:
+        raise PackItError(f"{' and '.join(map(str, results))}: {error}") from None
+    show_agents(name for _, (name, _) in numbered)
+    console.print(comparison_table(rows))
+
+
+def evaluate_shown(
+    agents: Sequence[Agent],
+    tasks: Sequence[Task],
+    seed: int,
+    rules: Rules = PACKIT,
+    *,
+    workers: Workers | None = None,
+    file: Path | None = None,
+) -> list[Rollout]:
+    """As `evaluate`, with a bar."""
+    with progress_bars() as progress:
+        total = len(agents) * len(tasks)
+        bar = progress.add_task("playing", total=total, note="")
+        played = 0
+
+        def show(rollout: Rollout) -> None:
+            nonlocal played
+            played += 1
+            progress.update(bar, completed=played, note=rollout.agent)
+
+        rollouts = evaluate(agents, tasks, seed, show, rules=rules, workers=workers, file=file)
+        progress.update(bar, completed=total, note="")
+    return rollouts
+
+
+def judge_shown(
+    rollouts: Sequence[Rollout],
+    library: ShapeLibrary,
+    pieces: Method,
+    *,
+    workers: Workers | None = None,
+    file: Path | None = None,
+) -> list[Rollout]:
+    """As `judge`, with a bar."""
+    with progress_bars() as progress:
+        known = sum(is_judged(rollout, pieces) for rollout in rollouts)
+        bar = progress.add_task("judging", total=len(rollouts), completed=known, note="")
+
+        def show(rollout: Rollout) -> None:
+            progress.update(bar, advance=1, note=rollout.agent)
+
+        judged = judge(rollouts, library, pieces, show, workers=workers, file=file)
+        progress.update(bar, note="")
+    return judged
+
+
+def score_table(scores: Sequence[Score]) -> Table:
+    """The paper's table 1, one agent a row, by its number."""
+    levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
+    table = _table("", "reward", *levels, "density", "s")
+    for number, score in enumerate(scores, start=1):
+        table.add_row(
+            str(number),
+            interval(score.reward, ".3f", ".2f"),
+            *(interval(estimate, ".1f", ".0f") for estimate in score.success.values()),
+            interval(score.density, ".3f", ".2f"),
+            f"{score.seconds:.2g}",
+        )
+    return table
+
+
+def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
+    """What agents left, judged: one agent a row, by its number, with its own rollouts."""
+    table = _table("", "density", "reward", *SCORES)
+    for number, rollouts in enumerate(own, start=1):
+        score = Score.of(rollouts[0].agent, rollouts)
+        told = [Estimate.of([r.pack.made[name] for r in rollouts]) for name in SCORES]
+        cells = [interval(estimate, ".3f", ".2f") for estimate in (score.density, score.reward)]
+        cells += [interval(estimate, ".3f", ".2f") for estimate in told]
+        table.add_row(str(number), *cells)
+    table.caption = (
+        f"boxes of {len(own[0])} tasks as they were left: shares of the placed volume, and how "
+        "many items float; below each mean its 95% bootstrap interval"
+    )
+    return table
+
+
+def comparison_table(
+    comparisons: Iterable[tuple[int | str, int | str, Comparison]],
+) -> Table:
+    """Pairs of agents by their numbers, and how they compare."""
+    table = _table("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
+    for first, second, found in comparisons:
+        table.add_row(
+            str(first),
+            str(second),
+            str(found.pairs),
+            interval(found.difference, "+.3f", "+.3f"),
+            interval(found.ratio, ".3f", ".3f"),
+            *map(str, (found.wins, found.ties, found.losses)),
+        )
+    table.caption = "returns on the same tasks; below each mean its 95% bootstrap interval"
+    return table
+
+
+def interval(estimate: Estimate, mean_spec: str, spec: str) -> str:
+    """A mean with its interval below it."""
+    mean = format(estimate.mean, mean_spec)
+    if estimate.low is None or estimate.high is None:
+        return mean
+    return f"{mean}\n[dim]{format(estimate.low, spec)} {format(estimate.high, spec)}[/]"
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def show_agents(names: Iterable[str]) -> None:
+    """The agents behind the numbers of a table."""
+    for number, name in enumerate(names, start=1):
+        console.print(f"[bold]{number}[/] {escape(name)}", highlight=False, soft_wrap=True)
+
+
+def _agents(rollouts: Iterable[Rollout]) -> list[str]:
+    return list(dict.fromkeys(rollout.agent for rollout in rollouts))
+
+
+def _of(rollouts: Iterable[Rollout], agent: str) -> list[Rollout]:
+    return [rollout for rollout in rollouts if rollout.agent == agent]

@@ -1,0 +1,147 @@
+"""The command line of what packs are worth: `packit settle` and `packit score`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from packit_sim.box import BoxState
+from packit_sim.cli.console import (
+    LibraryOption,
+    PacksArgument,
+    PiecesOption,
+    SplitOption,
+    console,
+    make_room,
+    progress_bars,
+)
+from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.files import replace_text
+from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.engine.compaction import compact
+from packit_sim.engine.disassembly import MOVES
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.quality import pack_quality
+from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.stability import DISTANCE
+
+LimitOption = Annotated[int | None, typer.Option(min=1, help="Packs, from the first on.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="Write all numbers, to this JSON.")]
+
+
+def settle_command(
+    packs: PacksArgument,
+    split: SplitOption = None,
+    library: LibraryOption = "everyday",
+    limit: LimitOption = None,
+    out: OutOption = None,
+) -> None:
+    """Pushes packs together, off the grid: down, left and back, exactly to where meshes meet.
+
+    Filled: the items' volume over that of the smallest box around them at the box's bottom left
+    back corner. Works on packs and on what agents made of them, the files of `packit evaluate`.
+    """
+    rows = []
+    for pack, box in _boxes(packs, split, library, limit, out):
+        found = compact(box)
+        (filled, pushed), (height, lower) = found.filled, found.height
+        numbers = {
+            "filled": filled,
+            "filled, pushed": pushed,
+            "regained": pushed - filled,
+            "height": height,
+            "height, pushed": lower,
+            "mean drop": float(-found.shifts[:, 2].mean()) if box.placed else 0.0,
+        }
+        rows.append((pack, numbers, {"shifts": found.shifts.tolist(), "rounds": found.rounds}))
+    _show(rows)
+    _write(out, packs, rows)
+
+
+def score_command(
+    packs: PacksArgument,
+    split: SplitOption = None,
+    library: LibraryOption = "everyday",
+    limit: LimitOption = None,
+    distance: Annotated[
+        float, typer.Option(help="Box units that no point of a stable item moves.")
+    ] = DISTANCE,
+    moves: Annotated[int, typer.Option(min=1, help="Straight moves of a way in.")] = MOVES,
+    pieces: PiecesOption = METHODS[0],
+    out: OutOption = None,
+) -> None:
+    """Judges packs: whether they stand when they are let go, and whether they can be packed at all.
+
+    All are shares of volume, but for counts of items. Reward: of the agent, where it was one that
+    packed. Seconds a pack; the first time also to take its shapes apart.
+    """
+    settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
+    rows = []
+    for pack, box in _boxes(packs, split, library, limit, out):
+        found = pack_quality(box, settings, distance=distance, moves=moves)
+        reward = pack.made.get("return")
+        numbers = {} if reward is None else {"reward": float(reward)}
+        more = {"floating": found.floating, "interlocked": found.disassembly.interlocked}
+        rows.append((pack, {**numbers, **found.row()}, more))
+    _show(rows)
+    _write(out, packs, rows)
+
+
+Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
+
+
+def _boxes(
+    packs: str, split: str | None, library: str, limit: int | None, out: Path | None
+) -> Iterator[tuple[Pack, BoxState]]:
+    """Packs with what is in their boxes, one after another, and a bar of how many are done."""
+    if out is not None:
+        make_room(out)
+    opened = ShapeLibrary.open(library)
+    read = read_packs(dataset_file(packs, split))[:limit]
+    with progress_bars() as progress:
+        bar = progress.add_task("packs", total=len(read), note="")
+        for pack in read:
+            yield pack, BoxState(pack.cells, pack.placed(opened))
+            progress.advance(bar)
+
+
+def _show(rows: Sequence[Row]) -> None:
+    """The means of what each agent, or search, packed."""
+    own: dict[str, list[Mapping[str, float]]] = {}
+    for pack, numbers, _ in rows:
+        own.setdefault(_maker(pack), []).append(numbers)
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.add_column("mean of packs", no_wrap=True)
+    for maker in own:
+        table.add_column(escape(maker), justify="right")
+    table.add_row("packs", *(str(len(found)) for found in own.values()))
+    for name in dict.fromkeys(name for _, numbers, _ in rows for name in numbers):
+        table.add_row(name, *(_mean(found, name) for found in own.values()))
+    console.print(table)
+
+
+def _mean(rows: Sequence[Mapping[str, float]], name: str) -> str:
+    values = [numbers[name] for numbers in rows if name in numbers]
+    return told(Estimate.of(values), ".3f") if values else ""
+
+
+def _maker(pack: Pack) -> str:
+    return str(pack.made.get("by", "packs"))
+
+
+def _write(out: Path | None, packs: str, rows: Sequence[Row]) -> None:
+    if out is None:
+        return
+    each = [
+        {"pack": n, "by": _maker(pack), **numbers, **more}
+        for n, (pack, numbers, more) in enumerate(rows)
+    ]
+    replace_text(out, json.dumps({"packs": packs, "each": each}, indent=1) + "\n")
+    console.print(f"wrote {out}", soft_wrap=True)

@@ -1,0 +1,328 @@
+"""The command line of pictures: `packit render`, `film` and `export`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import numpy as np
+import typer
+from PIL import ImageColor
+
+from packit_sim.box import BoxState as Contents
+from packit_sim.cli.console import (
+    LibraryOption,
+    PacksArgument,
+    SplitOption,
+    console,
+    make_room,
+    progress_bars,
+)
+from packit_sim.cli.shape_commands import CategoryOption, selection
+from packit_sim.core.errors import PackItError
+from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.geometry.lattice import BOX_CELLS, CELL
+from packit_sim.geometry.shapes import UP_AXES, Item
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.media import export, films, video
+from packit_sim.physics.settling import settle
+from packit_sim.physics.stability import DISTANCE
+from packit_sim.render.cameras import CAMERAS, Camera
+from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
+from packit_sim.render.layouts import Layout, unplaced
+from packit_sim.render.legends import beside
+from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
+from packit_sim.render.rendering import MAX_SIDE, save_png
+from packit_sim.scene import Scene
+
+USUAL_BACKGROUND = f"#{bytes(BACKGROUND).hex()}"
+
+TURNTABLE = "turntable"
+"""The name of the camera that goes around."""
+
+VIEWS = 8
+"""Of a picture by that camera, in two rows."""
+
+ColoringName = Literal["item", "category", "order", "share", "stability"]
+assert set(get_args(ColoringName)) == {*COLORINGS, "stability"}
+
+PackOption = Annotated[int, typer.Option("--pack", min=0, help="Which pack of the dataset.")]
+CameraOption = Annotated[
+    str,
+    typer.Option(help="iso, top, front, turntable (all round), or AZIMUTH,ELEVATION in degrees."),
+]
+BackgroundOption = Annotated[str, typer.Option(help="A colour's name, or #rrggbb.")]
+BoxOption = Annotated[BoxStyle | None, typer.Option(help="How the box is drawn; ghost: of glass.")]
+ExplodeOption = Annotated[
+    float, typer.Option(min=0.0, help="Move the items apart, by such a share of their distances.")
+]
+CutOption = Annotated[
+    str | None, typer.Option(help="Take away what is beyond a plane, such as y=0.6.")
+]
+ColorOption = Annotated[ColoringName, typer.Option(help="What the items' colours tell.")]
+
+
+def render_command(
+    out: Annotated[Path, typer.Option("--out", help="A .png, or a .npz of arrays.")],
+    packs: Annotated[
+        str | None,
+        typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
+    ] = None,
+    split: SplitOption = None,
+    pack: PackOption = 0,
+    task: Annotated[
+        bool, typer.Option("--task", help="The pack taken apart: its items beside the box.")
+    ] = False,
+    library: LibraryOption = "everyday",
+    category: CategoryOption = None,
+    id: Annotated[
+        list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
+    ] = None,
+    camera: CameraOption = "iso",
+    size: Annotated[str, typer.Option(help="Pixels: an edge's, or WIDTHxHEIGHT.")] = "512",
+    background: BackgroundOption = USUAL_BACKGROUND,
+    box: BoxOption = None,
+    explode: ExplodeOption = 0.0,
+    cut: CutOption = None,
+    color: ColorOption = "item",
+    legend: Annotated[bool, typer.Option(help="What the colours mean, at the right.")] = True,
+) -> None:
+    """Draws a pack, a task, a result, or without PACKS shapes of a library side by side.
+
+    A .npz has the image, depth and segmentation, and the camera's projection, as arrays.
+    """
+    if out.suffix.lower() not in (".png", ".npz"):
+        raise PackItError(f"{out} is no picture: choose a name that ends in .png or .npz")
+    around = camera == TURNTABLE
+    if around and out.suffix.lower() == ".npz":
+        raise PackItError(f"{out} would be of {VIEWS} views: choose another camera for arrays")
+    width, height = _size(size)
+    opened = ShapeLibrary.open(library)
+    shown, layout, coloring = _shown(packs, split, pack, task, opened, category, id, color)
+    style: BoxStyle = box or ("none" if packs is None else "edges")
+    look = _look(camera, background, style, explode, cut, coloring)
+    make_room(out)
+    with stoppable(), Scene(shown) as scene:
+        if around:
+            frames = list(films.turning(shown, VIEWS, look))
+            if layout is not None:
+                layout = layout.all_round(np.array(shown.cells) * CELL)
+            shots = [scene.snapshot(width, height, at, layout or way) for at, way in frames]
+        else:
+            shots = [scene.snapshot(width, height, look, layout)]
+        if out.suffix.lower() == ".npz":
+            shots[0].save_arrays(out)
+        else:
+            half = -(-len(shots) // 2)
+            rows = [shots[:half], shots[half:]] if around else [shots]
+            image = np.concatenate([np.concatenate([s.image for s in row], axis=1) for row in rows])
+            if legend and shots[0].legend is not None:
+                image = beside(image, shots[0].legend, look.background)
+            save_png(image, out, scene.renderer)
+        console.print(f"wrote {out} by the {scene.renderer} renderer", soft_wrap=True)
+
+
+def film_command(
+    packs: PacksArgument,
+    out: Annotated[Path, typer.Option("--out", help="A .mp4 or .gif.")],
+    split: SplitOption = None,
+    pack: PackOption = 0,
+    library: LibraryOption = "everyday",
+    camera: CameraOption = "iso",
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, help="How long; by default as long as it takes.")
+    ] = None,
+    fps: Annotated[int, typer.Option(min=1, max=100, help="Frames a second.")] = 25,
+    size: Annotated[str, typer.Option(help="Pixels: an edge's, or WIDTHxHEIGHT.")] = "960x540",
+    background: BackgroundOption = USUAL_BACKGROUND,
+    box: BoxOption = None,
+    explode: ExplodeOption = 0.0,
+    cut: CutOption = None,
+    color: ColorOption = "item",
+) -> None:
+    """Films how a pack is packed, item by item; by the camera turntable, a turn around it.
+
+    Only a turn can be of a box that is cut open or moved apart.
+    """
+    video.require(out)
+    width, height = _size(size)
+    opened = ShapeLibrary.open(library)
+    shown, _, coloring = _shown(packs, split, pack, False, opened, None, None, color)
+    look = _look(camera, background, box or "edges", explode, cut, coloring)
+    if camera == TURNTABLE:
+        frames = list(films.turning(shown, max(1, round((seconds or 8.0) * fps)), look))
+    else:
+        if cut or explode:
+            raise PackItError(
+                "--cut and --explode are not possible while a box is packed: choose --camera "
+                f"{TURNTABLE}, which films a turn around it, or leave them out"
+            )
+        pace = films.Pace(fps)
+        if seconds is not None:
+            pace = films.Pace.lasting(seconds, len(shown.placed), fps)
+        frames = list(films.packing(shown, look, pace))
+    make_room(out)
+    with stoppable(), progress_bars() as progress:
+        bar = progress.add_task("filming", total=len(frames), note="")
+
+        def told() -> Iterator[video.Picture]:
+            for picture in films.shot(shown, frames, width, height):
+                yield picture
+                progress.advance(bar)
+
+        video.write(out, told(), fps)
+    console.print(f"wrote {out}: {len(frames)} frames", soft_wrap=True)
+
+
+def export_command(
+    packs: PacksArgument,
+    out: Annotated[Path, typer.Option("--out", help="A .glb, .3mf, .stl or .json.")],
+    split: SplitOption = None,
+    pack: PackOption = 0,
+    library: LibraryOption = "everyday",
+    unit_mm: Annotated[
+        float, typer.Option("--unit-mm", help="Millimetres to a box unit, in .3mf and .stl.")
+    ] = export.UNIT_MM,
+    color: ColorOption = "item",
+) -> None:
+    """Writes a packed box for other tools: its items with their names, poses and colours.
+
+    A .json goes with a folder of meshes, and `packit verify` checks it.
+    """
+    export.require(out)
+    opened = ShapeLibrary.open(library)
+    shown, _, coloring = _shown(packs, split, pack, False, opened, None, None, color)
+    make_room(out)
+    with stoppable():
+        try:
+            export.export(shown, out, coloring=coloring, unit_mm=unit_mm)
+        except ValueError as error:
+            raise PackItError(str(error)) from None
+    console.print(f"wrote {out}: {len(shown.placed)} items", soft_wrap=True)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Ends the command where it is stopped, with nothing half done."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print("stopped: nothing is written")
+        raise typer.Exit(130) from None
+
+
+def _shown(
+    packs: str | None,
+    split: str | None,
+    number: int,
+    task: bool,
+    library: ShapeLibrary,
+    categories: Sequence[str] | None,
+    ids: Sequence[str] | None,
+    color: ColoringName,
+) -> tuple[Contents, Layout | None, Coloring]:
+    """What a picture is of, where it is shown if not in its places, and its colours."""
+    if color == "stability" and (packs is None or task):
+        raise PackItError("only a packed box can be let go: leave out --color stability")
+    rule = COLORINGS.get(color, by_item)
+    if packs is None:
+        if not (categories or ids):
+            raise PackItError("nothing to draw: give PACKS, or shapes by --category or --id")
+        items = [Item(library[name]) for name in selection(library, categories, ids)]
+        return unplaced(items, BOX_CELLS), Layout.standing(items), rule
+    if categories or ids:
+        raise PackItError(f"--category and --id are of a library: leave them out, or {packs!r}")
+    pack = picked(packs, split, number)
+    if task:
+        items = list(pack.task(library).items)
+        size = np.array(pack.cells) * CELL
+        return unplaced(items, pack.cells), Layout.standing(items, size), rule
+    placed = pack.placed(library)
+    reached = pack.made.get("return")
+    if color == "share" and isinstance(reached, float) and reached > 0:
+        rule = ByShare(sum(one.item.volume for one in placed) / reached)
+    box = Contents(pack.cells, placed)
+    return box, None, _by_stability(box) if color == "stability" else rule
+
+
+def _by_stability(box: Contents) -> Coloring:
+    """How far the point of each item moves that moves most when the box is let go."""
+    farthest = {n: item.farthest for n, item in enumerate(settle(box).items)}
+    return ByNumber("moves when let go", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")
+
+
+def picked(packs: str, split: str | None, number: int) -> Pack:
+    """A pack of a dataset by its number; raises PackItError where it has none."""
+    read = read_packs(dataset_file(packs, split))
+    if number >= len(read):
+        raise PackItError(f"{packs} has no pack {number}: choose 0 to {len(read) - 1}")
+    return read[number]
+
+
+def _look(
+    camera: str,
+    background: str,
+    box: BoxStyle,
+    explode: float,
+    cut: str | None,
+    coloring: Coloring,
+) -> Look:
+    return Look(
+        _camera(camera),
+        _background(background),
+        box,
+        explode,
+        None if cut is None else _cut(cut),
+        coloring,
+    )
+
+
+def _camera(text: str) -> Camera:
+    if text in CAMERAS or text == TURNTABLE:
+        return CAMERAS.get(text, CAMERAS["iso"])
+    try:
+        azimuth, elevation = map(float, text.split(","))
+        return Camera(azimuth, elevation)
+    except ValueError as error:
+        why = f": {error}" if str(error).startswith("camera") else ""
+        raise PackItError(
+            f"camera {text!r} is not known{why}: choose {', '.join(CAMERAS)}, {TURNTABLE}, "
+            "or AZIMUTH,ELEVATION in degrees, such as 30,45"
+        ) from None
+
+
+def _background(text: str) -> RGB:
+    try:
+        red, green, blue = ImageColor.getrgb(text)[:3]
+    except ValueError:
+        raise PackItError(
+            f"background {text!r} is no colour: choose a name, such as white, or #rrggbb"
+        ) from None
+    return red, green, blue
+
+
+def _cut(text: str) -> Cut:
+    try:
+        axis, at = text.split("=")
+        (known,) = (name for name in UP_AXES if name == axis)
+        return Cut(known, float(at))
+    except ValueError:
+        raise PackItError(
+            f"cut {text!r} is not possible: choose an axis and where on it, in box units above 0, "
+            "such as y=0.6"
+        ) from None
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height."""
+    found = re.fullmatch(r"(\d+)(?:x(\d+))?", text)
+    if found:
+        width, height = int(found[1]), int(found[2] or found[1])
+        if all(16 <= side <= MAX_SIDE for side in (width, height)):
+            return width, height
+    raise PackItError(
+        f"size {text!r} is not possible: choose 16 to {MAX_SIDE} pixels, such as 512, or 1280x720"
+    )

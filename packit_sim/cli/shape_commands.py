@@ -1,0 +1,364 @@
+"""The command line of shape libraries: `packit shapes`."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import uuid
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from packit_sim.cli.console import LibraryOption, SeedOption, console, make_room, progress_bars
+from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
+from packit_sim.geometry.shapes import Axis
+from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.mesh_files import UNITS_CM, Unit
+from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.libraries.splits import SPLITS, Split
+from packit_sim.media.contact_sheets import contact_sheet
+from packit_sim.render.rendering import MAX_SIDE
+
+MOST_ROWS = 40
+"""Of the table that an import prints; its report has them all."""
+
+app = typer.Typer(help="Look at shape libraries, and make them.", no_args_is_help=True)
+
+CategoryOption = Annotated[
+    list[str] | None, typer.Option("--category", help="Only this category; may be repeated.")
+]
+SplitOption = Annotated[Split | None, typer.Option("--split", help="Only this split.")]
+
+
+@app.command("list")
+def list_command(
+    library: LibraryOption = "everyday",
+    category: CategoryOption = None,
+    split: SplitOption = None,
+) -> None:
+    """Lists the shapes of a library."""
+    opened = _opened(library, split)
+    ids = selection(opened, category)
+    columns = ["id", "category"]
+    if opened.source.is_catalogued:
+        columns += ["triangles", "watertight", "volume", "licence"]
+    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False)
+    for id in ids:
+        row = [id, opened.source.categories[id]]
+        if opened.source.is_catalogued:
+            info = opened.info(id)
+            row += [str(info.triangles), _yes(info.watertight), f"{info.volume:.4f}", info.licence]
+        table.add_row(*map(escape, row))
+    console.print(table)
+    console.print(f"{len(ids)} shapes")
+
+
+@app.command()
+def show(
+    id: Annotated[str, typer.Argument(help="The shape.")],
+    library: LibraryOption = "everyday",
+    out: Annotated[Path | None, typer.Option(help="Draw it, to this PNG.")] = None,
+    side: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
+) -> None:
+    """Tells all that is known of a shape."""
+    opened = ShapeLibrary.open(library)
+    info, shape = opened.info(id), opened[id]
+    table = Table(show_header=False, box=None)
+    for name, value in _facts(opened, info).items():
+        table.add_row(f"[bold]{name}[/]", escape(value))
+    table.add_row("[bold]extents[/]", " x ".join(f"{e:.3f}" for e in shape.extents))
+    console.print(table)
+    if out is not None:
+        make_room(out)
+        renderer = contact_sheet([(id, shape)], side=side).save(out)
+        console.print(f"wrote {out} by the {renderer} renderer")
+
+
+@app.command()
+def stats(library: LibraryOption = "everyday") -> None:
+    """Counts a library's shapes: by category, by split, watertight ones, triangles."""
+    opened = ShapeLibrary.open(library)
+    known = opened.source.is_catalogued
+    try:
+        split_of = {id: split for split in SPLITS for id in opened.split(split)}
+    except LibraryError:
+        split_of = {}
+    headings = ["category", "shapes", *(SPLITS if split_of else ())]
+    if known:
+        headings += ["watertight", "triangles", "volume"]
+    table = Table(*headings, box=None, pad_edge=False, collapse_padding=True)
+    table.columns[0].no_wrap = True
+    for name, ids in opened.categories.items():
+        table.add_row(escape(name), *_counts(opened, ids, split_of))
+    table.add_row("all", *_counts(opened, opened.ids, split_of))
+    console.print(table)
+    told = f"{len(opened)} shapes in {len(opened.categories)} categories"
+    if known:
+        infos = list(map(opened.info, opened))
+        licences = Counter(info.licence or "no licence" for info in infos)
+        told += (
+            f", {len({info.group for info in infos})} different objects; "
+            "triangles and volume are medians\n"
+            + ", ".join(f"{name}: {count}" for name, count in licences.most_common())
+        )
+    console.print(told, highlight=False)
+    if opened.missing:
+        console.print(f"{len(opened.missing)} more have no mesh file", style="yellow")
+
+
+@app.command("contact-sheet")
+def contact_sheet_command(
+    out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
+    library: LibraryOption = "everyday",
+    category: CategoryOption = None,
+    split: SplitOption = None,
+    id: Annotated[
+        list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
+    ] = None,
+    per_category: Annotated[
+        int | None, typer.Option(min=1, help="Only so many of each category.")
+    ] = None,
+    columns: Annotated[int | None, typer.Option(min=1, help="As square as can be.")] = None,
+    side: Annotated[int, typer.Option(min=32, max=512, help="Pixels an edge of a picture.")] = 128,
+) -> None:
+    """Draws a grid of pictures of shapes; exit code 1 where one can't be read."""
+    opened = _opened(library, split)
+    ids = selection(opened, category, id)
+    if per_category is not None:
+        seen: Counter[str] = Counter()
+        chosen = []
+        for name in ids:
+            kind = opened.source.categories[name]
+            seen[kind] += 1
+            if seen[kind] <= per_category:
+                chosen.append(name)
+        ids = tuple(chosen)
+    make_room(out)
+    problems = []
+    with progress_bars() as progress:
+        bar = progress.add_task("drawing", total=len(ids), note="")
+
+        def tiles() -> Any:
+            for name in ids:
+                progress.update(bar, note=name)
+                try:
+                    yield name, opened[name]
+                except MeshError as error:
+                    problems.append(str(error))
+                    yield name, str(error)
+                progress.advance(bar)
+
+        sheet = contact_sheet(tiles(), columns=columns, side=side)
+    renderer = sheet.save(out)
+    console.print(f"wrote {out} by the {renderer} renderer: {len(ids)} shapes")
+    for problem in problems:
+        console.print(problem, style="red", markup=False, highlight=False, soft_wrap=True)
+    if problems:
+        raise typer.Exit(1)
+
+
+@app.command("import")
+def import_command(
+    source: Annotated[
+        str, typer.Argument(help="folder:PATH, shapenet:PATH, or any other library.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="The library to write: a folder.")],
+    name: Annotated[str, typer.Option(help="Its name; by default the folder's.")] = "",
+    version: Annotated[str, typer.Option(help="Its version.")] = "1",
+    up: Annotated[
+        Axis | None, typer.Option(help="The axis that points up; by default the files tell.")
+    ] = None,
+    unit: Annotated[
+        Unit | None, typer.Option(help="Of length, where the files don't tell it.")
+    ] = None,
+    max_triangles: Annotated[
+        int, typer.Option(min=0, help="Meshes with more are reduced; 0 keeps them all.")
+    ] = 4000,
+    max_error: Annotated[
+        float, typer.Option(help="How far reducing may move the surface, of the diagonal.")
+    ] = 0.01,
+    eager: Annotated[
+        bool, typer.Option("--eager", help="Reduce all meshes, to 0.001 of the diagonal.")
+    ] = False,
+    min_thickness: Annotated[
+        float, typer.Option(help="Refuse what is thinner, of the diagonal.")
+    ] = 0.0,
+    memory: Annotated[float, typer.Option(help="GiB that one mesh may take.")] = 4.0,
+    timeout: Annotated[float, typer.Option(help="Seconds that one mesh may take.")] = 300.0,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes; by default one a core.")
+    ] = os.cpu_count() or 1,
+    seed: SeedOption = 0,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also what is in none of the source's splits.")
+    ] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="JSON; by default beside the library: OUT.report.json.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the library.")] = False,
+) -> None:
+    """Makes a library of meshes: repaired, reduced, divided into splits, with a report.
+
+    Each is read in a process of its own, with a limit to its memory and its time. Of ShapeNet the
+    paper's three subsets are taken: 100 shapes of each category, or a third.
+    """
+    if out.exists() and not overwrite:
+        raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
+    try:
+        settings = ImportSettings(
+            up=up,
+            unit_cm=None if unit is None else UNITS_CM[unit],
+            simplification=Simplification(max_triangles or None, max_error, eager),
+            min_thickness=min_thickness,
+            memory=int(memory * 2**30),
+            timeout=timeout,
+            workers=workers,
+            seed=seed,
+        )
+    except ValueError as error:
+        raise PackItError(str(error)) from None
+    opened = ShapeLibrary.open(source, seed=seed)
+    report = report or out.with_name(f"{out.name}.report.json")
+    make_room(out)
+    make_room(report)
+    try:
+        splits = None if everything else opened.source.splits
+    except LibraryError:
+        splits = None
+    ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
+    with progress_bars() as progress:
+        bar = progress.add_task("importing", total=len(ids), note="")
+
+        def advance(outcome: Outcome) -> None:
+            progress.update(bar, advance=1, note=outcome.id)
+
+        outcomes = import_library(
+            [opened.source.candidate(id) for id in ids],
+            out,
+            name or out.name,
+            version,
+            settings,
+            splits,
+            advance,
+        )
+    outcomes += [
+        Outcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
+        for id, problem in opened.missing.items()
+    ]
+    _write_json(report, {"source": source, "shapes": [asdict(outcome) for outcome in outcomes]})
+    console.print(_report_table(outcomes))
+    kept = sum(outcome.problem is None for outcome in outcomes)
+    console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused: {report}")
+    if not kept:
+        raise PackItError(f"{source}: none of its meshes can be a shape, so there is no {out}")
+    console.print(f"wrote {out}: {ShapeLibrary.open(out)}")
+
+
+def selection(
+    library: ShapeLibrary, categories: Sequence[str] | None, ids: Sequence[str] | None = None
+) -> tuple[str, ...]:
+    """The ids that are asked for by name, else those of some categories, else all.
+
+    Raises UnknownShapeError for an id or a category that the library doesn't hold.
+    """
+    for category in categories or ():
+        if category not in library.categories:
+            raise UnknownShapeError(
+                f"library {library.name!r} has no category {category!r}: "
+                f"choose from {', '.join(library.categories)}"
+            )
+    for id in ids or ():
+        library.info(id)
+    if ids:
+        return tuple(ids)
+    if not categories:
+        return library.ids
+    return tuple(id for name in categories for id in library.categories[name])
+
+
+def _opened(library: str, split: Split | None) -> ShapeLibrary:
+    """A library, or one of its splits."""
+    opened = ShapeLibrary.open(library)
+    return opened if split is None else opened.split(split)
+
+
+def _facts(library: ShapeLibrary, info: ShapeInfo) -> dict[str, str]:
+    """What `show` tells, by its name."""
+    facts = {name: str(value) for name, value in asdict(info).items() if value not in ("", None)}
+    if info.size_cm is not None:
+        facts["size_cm"] = " x ".join(f"{length:.4g}" for length in info.size_cm)
+    facts |= {"watertight": _yes(info.watertight), "solid": _yes(info.solid)}
+    facts["volume"] = f"{info.volume:.5f}"
+    if not library.source.is_catalogued:
+        return facts
+    same = [id for id in library if library.info(id).group == info.group and id != info.id]
+    facts["same object"] = ", ".join(same) or "none"
+    facts["split"] = next(split for split in SPLITS if info.id in library.split(split))
+    return facts
+
+
+def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, str]) -> list[str]:
+    """The cells of a row of `stats`."""
+    cells = [str(len(ids))]
+    if split_of:
+        counts = Counter(split_of.get(id) for id in ids)
+        cells += [str(counts[split]) for split in SPLITS]
+    if library.source.is_catalogued:
+        infos = [library.info(id) for id in ids]
+        cells += [
+            str(sum(info.watertight for info in infos)),
+            f"{statistics.median(info.triangles for info in infos):.0f}",
+            f"{statistics.median(info.volume for info in infos):.4f}",
+        ]
+    return cells
+
+
+def _report_table(outcomes: Sequence[Outcome]) -> Table:
+    """Refused meshes first, then repaired ones."""
+    columns = ("mesh", "triangles", "error", "watertight", "outcome")
+    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False)
+    notable = [outcome for outcome in outcomes if outcome.problem is not None]
+    notable += [outcome for outcome in outcomes if outcome.repairs]
+    notable += [o for o in outcomes if o.problem is None and not o.repairs]
+    for outcome in notable[:MOST_ROWS]:
+        info = outcome.info
+        if info is None:
+            table.add_row(escape(outcome.name), "", "", "", f"[red]{escape(outcome.problem or '')}")
+            continue
+        done = [] if outcome.id == outcome.name else [f"renamed {outcome.id}"]
+        counts = asdict(outcome.repairs) if outcome.repairs else {}
+        done += [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
+        table.add_row(
+            escape(outcome.name),
+            f"{outcome.triangles_read} to {info.triangles}",
+            f"{info.error_bound:.5f}",
+            _yes(info.watertight),
+            escape(", ".join(done) or "as it was"),
+        )
+    if len(notable) > MOST_ROWS:
+        table.caption = f"and {len(notable) - MOST_ROWS} more in the report"
+    return table
+
+
+def _write_json(path: Path, content: Any) -> None:
+    """Writes a file, whole or not at all."""
+    partial = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        partial.write_text(json.dumps(content, ensure_ascii=False, indent=1), encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"

@@ -1,0 +1,77 @@
+"""The command line of the viewer: `packit view`."""
+
+from __future__ import annotations
+
+import os
+import threading
+import webbrowser
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from packit_sim.cli.console import LibraryOption, SplitOption, console
+from packit_sim.datasets.packs import dataset_path
+from packit_sim.explorer.exhibits import Collection
+from packit_sim.explorer.explorer import Explorer
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.viewer.pages import LOOPBACK
+
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+"""Set where a browser can open a window."""
+
+
+def view_command(
+    packs: Annotated[
+        str,
+        typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
+    ],
+    split: SplitOption = None,
+    pack: Annotated[int, typer.Option("--pack", min=0, help="Which pack is shown first.")] = 0,
+    beside: Annotated[
+        int | None, typer.Option("--beside", min=0, help="Which one stands at its side.")
+    ] = None,
+    tasks: Annotated[
+        str | None,
+        typer.Option(help="The dataset that results were played on: shows what is left outside."),
+    ] = None,
+    library: LibraryOption = "everyday",
+    host: Annotated[
+        str, typer.Option(help="Address to listen at: 0.0.0.0 lets others look, too.")
+    ] = LOOPBACK,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="By default a free one.")
+    ] = None,
+    browser: Annotated[
+        bool, typer.Option(help="Open it in the browser, where there is a screen.")
+    ] = True,
+) -> None:
+    """Shows packs or results on a local web page, to be explored until Ctrl-C."""
+    folder = dataset_path(packs).is_dir()
+    collection = Collection.read(
+        packs,
+        ShapeLibrary.open(library),
+        split if folder or tasks is None else None,
+        tasks,
+        split,
+    )
+    with (
+        Explorer(collection, pack, beside, host=host, port=port) as explorer,
+        suppress(KeyboardInterrupt),
+    ):
+        console.print(f"{packs} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)
+        if host == LOOPBACK and not _has_screen():
+            number = explorer.address.rpartition(":")[2]
+            console.print(
+                "there is no screen here: open the address in a browser on this machine, or on "
+                f"yours after ssh -L {number}:{LOOPBACK}:{number} THIS_MACHINE",
+                soft_wrap=True,
+            )
+        elif browser and _has_screen():
+            webbrowser.open(explorer.address)
+        threading.Event().wait()
+    console.print("\nthe viewer is closed")
+
+
+def _has_screen() -> bool:
+    return any(os.environ.get(name) for name in _DISPLAYS)

@@ -1,0 +1,1 @@
+"""Shared by every other package: errors, files, caches, compilation, statistics, workers."""

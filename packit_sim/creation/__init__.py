@@ -1,1 +1,0 @@
-"""How packs come to be: chromosomes, evolution, whole datasets, and their description."""

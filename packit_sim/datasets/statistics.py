@@ -1,0 +1,222 @@
+"""What the packs of a dataset hold, counted split by split."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.confidence import Estimate
+from packit_sim.core.errors import PackFormatError
+from packit_sim.datasets.packs import Pack, dataset_file, dataset_path, read_packs
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELLS_PER_UNIT
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.splits import SPLITS
+
+MOST_FREQUENT = 5
+"""Categories that are named in `DatasetStatistics.rows`."""
+
+MOST_SCALES = 8
+"""Scales that are told one by one in `DatasetStatistics.rows`."""
+
+DIGITS = 6
+"""Significant digits to which scales must agree to count as one: rounding of products."""
+
+UPRIGHT = rotations.COUNT // 6
+"""The rotations below this leave the canonical shape's bottom down."""
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a number differs from pack to pack: mean with 95% interval, median, extremes."""
+
+    mean: Estimate
+    median: float
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, values: npt.NDArray[Any]) -> Summary:
+        """Of one value or more."""
+        return cls(
+            Estimate.of(values), float(np.median(values)), float(values.min()), float(values.max())
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetStatistics:
+    """The packs of one split, counted. Each counts for itself, also where one evolution kept more.
+
+    split: its name. items: (packs,) how many each holds; densities: (packs,). generations: in which
+    each was found, sizes: the linear size factor of each, both of the packs that tell it.
+    volumes: (items,) shares of the box. scales: items by their scale before the size factor.
+    shapes, categories: items by the id of their shape, and by its category; most frequent first.
+    rotations: (24,) items in each.
+    """
+
+    split: str
+    items: Ints
+    densities: Floats
+    generations: Ints
+    sizes: Floats
+    volumes: Floats
+    scales: Counter[float]
+    shapes: Counter[str]
+    categories: Counter[str]
+    rotations: Ints
+
+    @classmethod
+    def of(cls, split: str, packs: Sequence[Pack], library: ShapeLibrary) -> DatasetStatistics:
+        """Counts packs.
+
+        Raises PackFormatError where they are of another library or all of them are empty, and
+        UnknownShapeError for an id that the library doesn't hold.
+        """
+        volumes = [
+            placed.item.volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
+            for pack in packs
+            for placed in pack.placed(library)
+        ]
+        if not volumes:
+            raise PackFormatError(f"the packs of {split!r} hold no items: nothing can be counted")
+        items = [(pack, item) for pack in packs for item in pack.items]
+        turned = np.bincount([item.rotation for _, item in items], minlength=rotations.COUNT)
+        categories = library.source.categories
+        return cls(
+            split,
+            items=np.array([len(pack.items) for pack in packs]),
+            densities=np.array([pack.density for pack in packs]),
+            generations=np.array(_told(packs, "generation"), dtype=np.int64),
+            sizes=np.array(_told(packs, "size"), dtype=np.float64),
+            volumes=np.array(volumes),
+            scales=_ranked(_rounded(item.scale / _size(pack) ** 3) for pack, item in items),
+            shapes=_ranked(item.shape for _, item in items),
+            categories=_ranked(categories[item.shape] for _, item in items),
+            rotations=turned,
+        )
+
+    @property
+    def packs(self) -> int:
+        return len(self.items)
+
+    def spreads(self) -> dict[str, Summary]:
+        """What differs from pack to pack, by what it is; only what the packs tell."""
+        values = {
+            "items a pack": self.items,
+            "density": self.densities,
+            "generation": self.generations,
+            "size factor": self.sizes,
+        }
+        return {name: Summary.of(found) for name, found in values.items() if len(found)}
+
+    def volume_quantiles(self) -> dict[str, float]:
+        """Of the items' shares of the box: the extremes, the median, and where four fifths are."""
+        shares = {"least": 0.0, "10%": 0.1, "median": 0.5, "90%": 0.9, "most": 1.0}
+        return {name: float(np.quantile(self.volumes, q)) for name, q in shares.items()}
+
+    def rows(self) -> dict[str, str]:
+        """A column of the table of a dataset: text by the heading of its row."""
+        total = len(self.volumes)
+        rows = {"packs": f"{self.packs:,}", "items": f"{total:,}"}
+        for name, spread in self.spreads().items():
+            counted = name in ("items a pack", "generation")
+            mean, other = (".1f", "g") if counted else (".3f", ".3f")
+            rows[f"{name}: mean"] = format(spread.mean.mean, mean)
+            if spread.mean.low is not None and spread.mean.high is not None:
+                ends = f"{spread.mean.low:{mean}} to {spread.mean.high:{mean}}"
+                rows[f"{name}: 95% interval"] = ends
+            rows[f"{name}: median"] = format(spread.median, other)
+            rows[f"{name}: range"] = f"{spread.least:{other}} to {spread.most:{other}}"
+        shares = {name: _percent(share) for name, share in self.volume_quantiles().items()}
+        rows["item volume: median"] = shares["median"]
+        rows["item volume: 10% to 90%"] = f"{shares['10%']} to {shares['90%']}"
+        rows["item volume: range"] = f"{shares['least']} to {shares['most']}"
+        if len(self.scales) <= MOST_SCALES:
+            for scale in sorted(self.scales):
+                rows[f"items of scale {scale:g}"] = f"{self.scales[scale] / total:.0%}"
+        else:
+            ends = f"{min(self.scales):g} to {max(self.scales):g}"
+            rows["scales"] = f"{len(self.scales)}: {ends}"
+        rows["different shapes"] = str(len(self.shapes))
+        rows["categories"] = str(len(self.categories))
+        rows["most frequent"] = "\n".join(
+            f"{name} {count / total:.1%}"
+            for name, count in self.categories.most_common(MOST_FREQUENT)
+        )
+        rows["rotations in use"] = f"{np.count_nonzero(self.rotations)} of {rotations.COUNT}"
+        rows["items upright"] = f"{self.rotations[:UPRIGHT].sum() / total:.0%}"
+        return rows
+
+    def to_json(self) -> dict[str, Any]:
+        """All that `rows` tells, and the whole counts, in JSON's types."""
+        return {
+            "packs": self.packs,
+            "items": len(self.volumes),
+            **{name: asdict(spread) for name, spread in self.spreads().items()},
+            "item volume, share of the box": self.volume_quantiles(),
+            "items by scale": {f"{scale:g}": self.scales[scale] for scale in sorted(self.scales)},
+            "items by category": dict(self.categories),
+            "items by shape": dict(self.shapes),
+            "items by rotation": self.rotations.tolist(),
+        }
+
+
+def dataset_files(source: Path | str, split: str | None = None) -> tuple[Path, ...]:
+    """The files of a dataset, or that of one of its splits: train, test, validation, and others.
+
+    Raises PackFormatError where there is none.
+    """
+    path = dataset_path(source)
+    if split is not None or not path.is_dir():
+        return (dataset_file(source, split),)
+    known = {name: n for n, name in enumerate(SPLITS)}
+    files = path.glob("*.jsonl")
+    found = sorted(files, key=lambda file: (known.get(file.stem, len(known)), file.stem))
+    if not found:
+        raise PackFormatError(f"{path} is a folder without packs: it has no .jsonl file")
+    return tuple(found)
+
+
+def take(
+    source: Path | str, library: ShapeLibrary, split: str | None = None
+) -> tuple[DatasetStatistics, ...]:
+    """Count a dataset: each of its splits, or one. Raises what its parts raise."""
+    return tuple(
+        DatasetStatistics.of(file.stem, read_packs(file), library)
+        for file in dataset_files(source, split)
+    )
+
+
+def _told(packs: Sequence[Pack], name: str) -> list[Any]:
+    """The numbers by this name among how packs were made: it is free-form, others are let be."""
+    found = [pack.made.get(name) for pack in packs]
+    return [n for n in found if isinstance(n, int | float) and not isinstance(n, bool)]
+
+
+def _size(pack: Pack) -> float:
+    """The linear size factor on all of a pack's items."""
+    return next((size for size in _told([pack], "size") if size > 0), 1.0)
+
+
+def _rounded(scale: float) -> float:
+    return float(f"{scale:.{DIGITS}g}")
+
+
+def _ranked(things: Any) -> Counter[Any]:
+    """Counts, the most frequent first, ties by name."""
+    return Counter(dict(sorted(Counter(things).items(), key=lambda entry: (-entry[1], entry[0]))))
+
+
+def _percent(share: float) -> str:
+    """A share in percent, to two digits that mean something."""
+    return f"{100 * share:.0f}%" if share >= 0.1 else f"{100 * share:.2g}%"

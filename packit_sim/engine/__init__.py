@@ -1,0 +1,1 @@
+"""The exact placement engine: placed items, occupancy, collision, feasible locations, sweeps."""

@@ -1,0 +1,294 @@
+"""Feasible locations: where an item can stand in a box, exactly (DESIGN: Feasible).
+
+Cheap filters first: cell boxes, then the words of fine cells, and FCL for the few locations that
+the words leave open. `oracle` is the slow and obvious statement of the same; the two always agree.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.caches import bounded_cache
+from packit_sim.core.counters import count
+from packit_sim.core.errors import InfeasibleError
+from packit_sim.engine import nofit, screening
+from packit_sim.engine.collision import collides, collides_memo
+from packit_sim.engine.occupancy import Occupancy, PlacedItem
+from packit_sim.engine.screening import (
+    BLOCKED,
+    FREE,
+    OPEN,
+    Locations,
+    open_pairs,
+    screen,
+    screen_at,
+    screen_pair,
+    unblocked,
+)
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
+
+Mask = npt.NDArray[np.bool_]
+
+WALLS = ("right", "front", "top")
+"""The walls that an item on the grid can stick out of, by axis."""
+
+ORIGIN: Triple = (0, 0, 0)
+"""The first location in the order of bottom-left-back fill."""
+
+FINE_CELLS_BUDGET = 2**30
+"""Bytes in the process's cache of whole fine arrays, which only the oracle asks for."""
+
+
+class Contents(Protocol):
+    """A box as seen from here: its cells an axis, and what is placed in it, in order."""
+
+    @property
+    def cells(self) -> Triple: ...
+    @property
+    def placed(self) -> tuple[PlacedItem, ...]: ...
+
+
+def feasible(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
+    """The exact mask: bool over the grid's nodes, True where the item is feasible."""
+    mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
+    if not fits(occupancy.cells, item):
+        return mask
+    states, tables = _states(occupancy, item)
+    x, y, z = states.shape
+    mask[:x, :y, :z] = states == FREE
+    undecided = np.argwhere(states == OPEN)
+    mask[tuple(undecided.T)] = _decided(occupancy, item, tables, undecided)
+    count("masks", states.size, len(undecided))
+    return mask
+
+
+def feasible_in_any(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
+    """The exact union of the masks of all 24 rotations: PackIt-Easy's question (section 4.3).
+
+    Meshes are asked only about locations that cells show free in no rotation.
+    """
+    mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
+    left_open = []
+    for turned in map(item.turned, range(rotations.COUNT)):
+        if not fits(occupancy.cells, turned):
+            continue
+        states, tables = _states(occupancy, turned)
+        x, y, z = states.shape
+        mask[:x, :y, :z] |= states == FREE
+        left_open.append((turned, tables, states.size, np.argwhere(states == OPEN)))
+    for turned, tables, size, locations in left_open:
+        undecided = locations[~mask[tuple(locations.T)]]
+        mask[tuple(undecided.T)] = _decided(occupancy, turned, tables, undecided)
+        count("masks", size, len(undecided))
+    return mask
+
+
+def _states(
+    occupancy: Occupancy[PlacedItem], item: Item
+) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
+    """What is known of each location that is inside the box, and the tables that say the rest."""
+    tables = nofit.tables(occupancy.placed, item)
+    if tables is None:
+        return screen(occupancy, item), None
+    states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
+    for placed, table in zip(occupancy.placed, tables, strict=True):
+        table.merge_into(states, placed, item)
+    return states, tables
+
+
+def _decided(
+    occupancy: Occupancy[PlacedItem],
+    item: Item,
+    tables: Sequence[nofit.NoFit] | None,
+    undecided: Locations,
+) -> npt.NDArray[np.bool_]:
+    """Whether the item is feasible at each of the locations (n, 3) that cells leave open."""
+    if tables is None:
+        return ~crosses(occupancy, item, undecided)
+    candidates = [PlacedItem(item, (i, j, k)) for i, j, k in undecided.tolist()]
+    return np.array(
+        [
+            not any(
+                table.conflict(placed, candidate)
+                for placed, table in zip(occupancy.placed, tables, strict=True)
+            )
+            for candidate in candidates
+        ],
+        dtype=bool,
+    )
+
+
+def blbf(occupancy: Occupancy[PlacedItem], item: Item, start: Triple = ORIGIN) -> Triple | None:
+    """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None.
+
+    start: where to begin, in that order.
+    """
+    if not fits(occupancy.cells, item):
+        return None
+    placed = occupancy.placed
+    undecided = 0
+    for location, partners, looked_at in unblocked(occupancy, item, start):
+        undecided += len(partners) > 0
+        candidate = PlacedItem(item, location)
+        if not any(collides_memo(placed[n], candidate) for n in partners.tolist()):
+            count("searches", looked_at, undecided)
+            return location
+    count("searches", math.prod(screening.locations(occupancy.cells, item)), undecided)
+    return None
+
+
+def first(mask: Mask) -> Triple | None:
+    """The bottom-left-back-fill location of a mask, or None where it has none."""
+    z, x, y = mask.transpose(2, 0, 1).nonzero()
+    return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
+
+
+def is_feasible(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> bool:
+    """Whether one item is feasible at one location: the mask's value there."""
+    if not is_inside(occupancy.cells, candidate):
+        return False
+    state = screen_at(occupancy, candidate)
+    count("checks", 1, state == OPEN)
+    return state == FREE or (
+        state == OPEN and not crosses(occupancy, candidate.item, np.array([candidate.location]))[0]
+    )
+
+
+def crosses(
+    occupancy: Occupancy[PlacedItem], item: Item, locations: Locations
+) -> npt.NDArray[np.bool_]:
+    """Whether a placed item's mesh crosses the item's at each of some locations (n, 3), by FCL.
+
+    Asked only where the cells of the two leave it open; no location may be blocked by them.
+    """
+    crossing = np.zeros(len(locations), dtype=bool)
+    if len(locations) == 0:
+        return crossing
+    placed = occupancy.placed
+    for n, m in open_pairs(occupancy, item, locations).tolist():
+        if not crossing[n]:
+            i, j, k = locations[n].tolist()
+            crossing[n] = collides_memo(placed[m], PlacedItem(item, (i, j, k)))
+    return crossing
+
+
+@dataclass(frozen=True)
+class Blockers:
+    """What keeps an item from a location: false where nothing does.
+
+    walls: those that its cell box sticks out of, of "right", "front" and "top" (x, y and z).
+    items: numbers of the placed items that it is in conflict with, in the order of placing.
+    above: of those that bar its way down from the open top, where only that is wrong.
+    """
+
+    walls: tuple[str, ...]
+    items: tuple[int, ...]
+    above: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.walls or self.items or self.above)
+
+
+def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blockers:
+    """Why an item is not feasible at a location, exactly: each wall and each item by itself."""
+    walls = tuple(
+        wall
+        for wall, stop, size in zip(WALLS, candidate.stop, occupancy.cells, strict=True)
+        if stop > size
+    )
+    location = np.array([candidate.location])
+    items = tuple(
+        n
+        for n, placed in enumerate(occupancy.placed)
+        if (state := screen_pair(placed, candidate.item, location)[0]) == BLOCKED
+        or (state == OPEN and collides_memo(placed, candidate))
+    )
+    return Blockers(walls, items)
+
+
+def fits(cells: Triple, item: Item) -> bool:
+    """Whether the item's cell box is no larger than a box of so many cells."""
+    return all(own <= c for own, c in zip(item.cells, cells, strict=True))
+
+
+def is_inside(cells: Triple, candidate: PlacedItem) -> bool:
+    """Whether the candidate's cell box is inside a box of so many cells."""
+    return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
+
+
+def oracle(box: Contents, item: Item) -> Mask:
+    """The mask by the plain loop of DESIGN: slow, obvious, and always right."""
+    mask = np.zeros(grid_nodes(box.cells), dtype=bool)
+    for i, j, k in np.ndindex(mask.shape):
+        mask[i, j, k] = is_valid(box.cells, box.placed, PlacedItem(item, (i, j, k)))
+    return mask
+
+
+def is_valid(cells: Triple, placed: Iterable[PlacedItem], candidate: PlacedItem) -> bool:
+    """The oracle's answer for one location, among placed items in a box of so many cells."""
+    return is_inside(cells, candidate) and not any(conflicts(other, candidate) for other in placed)
+
+
+def conflicts(a: PlacedItem, b: PlacedItem) -> bool:
+    """Whether two items can't both stand where they are, by the oracle's definition.
+
+    One holds a fine cell inside it that is outer for the other, or their collision meshes cross.
+    What lies wholly within the fine cells that another's surface touches, so within 1/400 of that
+    surface, and does not cross it, is no conflict, on whichever side of it.
+    """
+    start = np.maximum(a.start, b.start)
+    stop = np.minimum(a.stop, b.stop)
+    if (start >= stop).any():
+        return False
+    window_a, window_b = (
+        tuple(
+            slice(*s)
+            for s in zip(*((np.array((start, stop)) - p.start) * FINE_PER_CELL), strict=True)
+        )
+        for p in (a, b)
+    )
+    outer_a, inner_a = whole_cells(a.item)
+    outer_b, inner_b = whole_cells(b.item)
+    return bool(
+        (inner_a[window_a] & outer_b[window_b]).any()
+        or (outer_a[window_a] & inner_b[window_b]).any()
+        or collides(a, b)
+    )
+
+
+def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
+    """A location as a triple of ints. Raises InfeasibleError where it is no node of the grid."""
+    nodes = grid_nodes(cells)
+    try:
+        i, j, k = (operator.index(n) for n in location)
+    except (TypeError, ValueError):
+        raise InfeasibleError(
+            f"location {location!r} is not possible: it must be three whole numbers"
+        ) from None
+    if not all(0 <= n < count for n, count in zip((i, j, k), nodes, strict=True)):
+        raise InfeasibleError(
+            f"location {(i, j, k)} is outside the grid: "
+            f"it reaches from (0, 0, 0) to {tuple(n - 1 for n in nodes)}"
+        )
+    return i, j, k
+
+
+@bounded_cache(
+    "whole fine arrays",
+    FINE_CELLS_BUDGET,
+    "bytes",
+    size=lambda fine: fine[0].nbytes + fine[1].nbytes,
+    key=operator.attrgetter("key"),
+)
+def whole_cells(item: Item) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """What oracles look at. Bool over the fine cells of the item's cell box: outer, and inner."""
+    return item.voxels.outer_fine, item.voxels.inner_fine

@@ -1,0 +1,1 @@
+"""Agents play tasks: results, scores, comparisons."""

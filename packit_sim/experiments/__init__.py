@@ -1,1 +1,0 @@
-"""Agents on many tasks: results, their means and intervals, and the paper's tables and figure."""

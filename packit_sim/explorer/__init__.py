@@ -1,0 +1,1 @@
+"""The interactive page on which datasets and results are explored."""

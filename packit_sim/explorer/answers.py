@@ -1,0 +1,88 @@
+"""The answer to "why not here?" in the scene: the item where it is asked for, and where it fits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.explorer.questions import Question
+from packit_sim.geometry.lattice import Triple
+from packit_sim.render.coloring import PALETTE, Color
+from packit_sim.render.layouts import Pose
+from packit_sim.viewer.boxes import rgb
+from packit_sim.viewer.surfaces import surface
+
+if TYPE_CHECKING:
+    import viser
+
+_FITS, _BLOCKED = PALETTE[0], PALETTE[5]
+"""Blue and vermilion, which all can tell apart."""
+
+_ELSEWHERE = (0.62, 0.78, 0.88)
+"""Of dots above and below the item: a pale blue, so that they don't hide it."""
+
+_POINT, _SMALL = 0.007, 0.003
+"""Sides of dots, in box units: at the item's height, and elsewhere."""
+
+
+class ShownAnswer:
+    """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits.
+
+    Dots at the item's own height are larger.
+    """
+
+    def __init__(self, server: viser.ViserServer, name: str) -> None:
+        self._server = server
+        self._name = name
+        self._question: Question | None = None
+        self._item: viser.MeshHandle | None = None
+
+    def show(self, question: Question, location: Triple) -> None:
+        """Shows the item of the question at a location."""
+        placed = PlacedItem(question.item, location)
+        color = _BLOCKED if question.blockers(location) else _FITS
+        if question is not self._question or self._item is None:
+            self.remove()
+            self._question = question
+            self._item = self._add(placed)
+        level = np.isclose(question.centers[:, 2], placed.center[2])
+        self._add_dots("level", question.centers[level], _FITS, _POINT)
+        self._item.position = placed.center
+        self._item.color = rgb(color)
+
+    def remove(self) -> None:
+        """Takes it out of the scene."""
+        if self._question is not None:
+            self._server.scene.remove_by_name(self._name)
+        self._question = self._item = None
+
+    def _add(self, placed: PlacedItem) -> viser.MeshHandle:
+        assert self._question is not None
+        self._server.scene.add_frame(self._name, show_axes=False)
+        self._add_dots("dots", self._question.centers, _ELSEWHERE, _SMALL)
+        mesh = surface(placed.item.shape)
+        return self._server.scene.add_mesh_simple(
+            f"{self._name}/item",
+            np.asarray(mesh.vertices),
+            np.asarray(mesh.faces),
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+            scale=float(np.cbrt(placed.item.scale)),
+            wxyz=Pose.of(placed.item, placed.center).turn,
+        )
+
+    def _add_dots(
+        self, name: str, points: npt.NDArray[np.float64], color: Color, size: float
+    ) -> None:
+        self._server.scene.add_point_cloud(
+            f"{self._name}/{name}",
+            points,
+            rgb(color),
+            point_size=size,
+            point_shape="circle",
+            precision="float32",
+        )

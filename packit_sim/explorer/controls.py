@@ -1,0 +1,194 @@
+"""The panel beside the boxes: what is to be shown, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from packit_sim.explorer.exhibits import Exhibit
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
+from packit_sim.geometry.shapes import UP_AXES
+from packit_sim.render.coloring import COLORINGS
+from packit_sim.render.looks import Cut
+
+if TYPE_CHECKING:
+    import viser
+
+NOTHING = "nothing"
+_WIDTH = 360
+_EXPLODE = 1.5
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the panel asks for.
+
+    pack, beside: numbers of exhibits. step: how many items. explode: 0 while "why not here?" is
+    asked, which is about places. chosen: number of an item. wanted: number of the item that "why
+    not here?" is about, with its rotation and location.
+    """
+
+    pack: int
+    beside: int | None
+    step: int
+    explode: float
+    cut: Cut | None
+    coloring: str
+    chosen: int | None
+    wanted: int | None
+    rotation: int
+    location: Triple
+
+
+class Controls:
+    """Sliders, lists and buttons; `changed` is called whenever one is set, by whomever."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        titles: Sequence[str],
+        pack: int,
+        beside: int | None,
+        changed: Callable[[], None],
+    ) -> None:
+        self._titles = titles
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_WIDTH)
+        self._pack = gui.add_dropdown("pack", titles, initial_value=titles[pack])
+        turn = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
+        turn.on_click(lambda event: self._turn(-1 if turn.value == "previous" else 1))
+        side = NOTHING if beside is None else titles[beside]
+        self._beside = gui.add_dropdown(
+            "beside", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
+        )
+        self._beside.visible = len(titles) > 1
+        self._step = gui.add_slider("step", 0, 1, 1, 1, hint="how many items are in the box")
+        self.play = gui.add_button("Play")
+        self._notice = gui.add_markdown("", visible=False)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Items"):
+            self._item = gui.add_dropdown("item", (NOTHING,), hint="or click it in the box")
+            self.items = gui.add_html("")
+        with tabs.add_tab("Look"):
+            self._explode = gui.add_slider("explode", 0.0, _EXPLODE, 0.05, 0.0)
+            self._axis = gui.add_dropdown("cut across", (NOTHING, *UP_AXES))
+            self._at = gui.add_slider("cut at", 0.0, 1.0, STEP * CELL / 4, 0.5, disabled=True)
+            self._color = gui.add_dropdown("colours", tuple(COLORINGS))
+            self.legend = gui.add_html("")
+        with tabs.add_tab("Why not here?"):
+            self._wanted = gui.add_dropdown("item outside", (NOTHING,))
+            self._rotation = gui.add_slider("rotation", 0, rotations.COUNT - 1, 1, 0)
+            self._location = tuple(gui.add_slider(axis, 0, 24, 1, 0) for axis in UP_AXES)
+            self.first = gui.add_button("To the first free place")
+            self.answer = gui.add_markdown("")
+        with tabs.add_tab("About"):
+            self.facts = gui.add_html("")
+        handles: list[viser.GuiInputHandle[Any]] = [
+            self._pack,
+            self._beside,
+            self._item,
+            self._axis,
+        ]
+        handles += [self._color, self._wanted, self._step, self._explode, self._at, self._rotation]
+        handles += self._location
+        for handle in handles:
+            _on_update(handle, changed)
+
+    @property
+    def asked(self) -> Asked:
+        """All that is set now."""
+        axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
+        x, y, z = (slider.value for slider in self._location)
+        wanted = _number(self._wanted.value)
+        return Asked(
+            self._titles.index(self._pack.value),
+            None if self._beside.value == NOTHING else self._titles.index(self._beside.value),
+            self._step.value,
+            self._explode.value if wanted is None else 0.0,
+            None if axis is None else Cut(axis, max(self._at.value, CELL)),
+            self._color.value,
+            _number(self._item.value),
+            wanted,
+            self._rotation.value,
+            (x, y, z),
+        )
+
+    def offer_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
+        """What may stand beside the pack, and what does."""
+        self._beside.options = (NOTHING, *(self._titles[n] for n in rivals))
+        _set(self._beside, NOTHING if beside is None else self._titles[beside])
+
+    def offer_steps(self, steps: int) -> None:
+        """So many, and all of them are shown."""
+        self._step.max = max(1, steps)
+        _set(self._step, steps)
+
+    def offer_pack(self, exhibit: Exhibit) -> None:
+        """The items and the extents of another pack; nothing is chosen."""
+        _set(self._item, NOTHING)
+        _set(self._wanted, NOTHING)
+        self._item.options = (NOTHING, *(label(exhibit, n) for n in range(len(exhibit.items))))
+        self._at.max = max(exhibit.cells) * CELL
+        for slider, nodes in zip(self._location, grid_nodes(exhibit.cells), strict=True):
+            _set(slider, 0)
+            slider.max = nodes - 1
+
+    def offer_outside(self, exhibit: Exhibit, step: int) -> None:
+        """The items that are outside after so many steps."""
+        first = min(step, len(exhibit.placed))
+        options = (NOTHING, *(label(exhibit, n) for n in range(first, len(exhibit.items))))
+        if options != self._wanted.options:
+            self._wanted.options = options
+
+    def enable(self, asked: Asked) -> None:
+        """What can be set: a cut's place once there is a cut, a location once there is an item."""
+        self._at.disabled = asked.cut is None
+        idle = asked.wanted is None
+        self._explode.disabled = not idle
+        for handle in (self._rotation, *self._location, self.first):
+            handle.disabled = idle
+
+    def tell(self, notice: str) -> None:
+        """A line above the lists, "" for none."""
+        self._notice.visible = bool(notice)
+        self._notice.content = notice
+
+    def set_step(self, step: int) -> None:
+        _set(self._step, step)
+
+    def choose(self, exhibit: Exhibit, number: int) -> None:
+        """Chooses an item; once more, none."""
+        text = label(exhibit, number)
+        _set(self._item, NOTHING if self._item.value == text else text)
+
+    def ask(self, rotation: int, location: Triple) -> None:
+        """Sets where "why not here?" looks."""
+        _set(self._rotation, rotation)
+        for slider, node in zip(self._location, location, strict=True):
+            _set(slider, node)
+
+    def _turn(self, by: int) -> None:
+        """To another pack, and from the last on to the first."""
+        number = self._titles.index(self._pack.value) + by
+        _set(self._pack, self._titles[number % len(self._titles)])
+
+
+def label(exhibit: Exhibit, number: int) -> str:
+    """An item's entry in a list."""
+    left = "" if number < len(exhibit.placed) else " (left outside)"
+    return f"{number} {exhibit.items[number].shape.id}{left}"
+
+
+def _number(text: str) -> int | None:
+    """Of the item with such an entry."""
+    return None if text == NOTHING else int(text.partition(" ")[0])
+
+
+def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
+    handle.value = value  # type: ignore[misc] # viser's setter stands apart from its property
+
+
+def _on_update(handle: viser.GuiInputHandle[Any], changed: Callable[[], None]) -> None:
+    handle.on_update(lambda event: changed())

@@ -1,0 +1,202 @@
+"""What there is to see on a page: the packs of a dataset, or what agents made of its tasks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from packit_sim.box import BoxState
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import PackItError
+from packit_sim.datasets.packs import Pack, Task, dataset_file, read_packs
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.evaluation.results import RESULTS_FORMAT, ResultsError, Rollout
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A packed box and what was left outside.
+
+    title: tells it from the others. name: what stands over the box. facts: names and values, as
+    text. placed: in the order of placing. outside: upright. total: volume of all the items that
+    rewards are shares of, in box units cubed. kinematic: whether items come straight from above.
+    """
+
+    title: str
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    cells: Triple
+    placed: tuple[PlacedItem, ...]
+    outside: tuple[Item, ...]
+    total: float
+    kinematic: bool = False
+
+    @cached_property
+    def items(self) -> tuple[Item, ...]:
+        """All of them: first those that are placed, in order, then those left outside."""
+        return tuple(placed.item for placed in self.placed) + self.outside
+
+    def reward(self, number: int) -> float:
+        """What an item brings: its share of the volume of all."""
+        return self.items[number].volume / self.total
+
+    def at(self, step: int) -> BoxState:
+        """The box when so many items were placed."""
+        return BoxState(self.cells, self.placed[:step])
+
+    def same(self, item: Item) -> frozenset[int]:
+        """Numbers of the placed items that have the shape and the scale of another's item."""
+        return frozenset(
+            n
+            for n, placed in enumerate(self.placed)
+            if (placed.item.shape, placed.item.scale) == (item.shape, item.scale)
+        )
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A pack, the number of the task that it is of, and whether that task was made of it."""
+
+    pack: Pack
+    task: int | None = None
+    is_truth: bool = False
+
+
+class Collection:
+    """Exhibits in a row, each made when it is asked for.
+
+    packs: of a dataset, or results. tasks: the packs that results were played on: they tell what
+    was left outside, and stand in the row behind the results.
+    """
+
+    def __init__(
+        self, packs: Sequence[Pack], library: ShapeLibrary, tasks: Sequence[Pack] = ()
+    ) -> None:
+        self._library = library
+        self._tasks = tasks
+        self._entries = [_Entry(pack, _task_of(pack)) for pack in packs]
+        played = dict.fromkeys(e.task for e in self._entries if e.task is not None)
+        for number in played if tasks else ():
+            if number >= len(tasks):
+                raise ResultsError(
+                    f"the results are of task {number}, and the tasks given are 0 to "
+                    f"{len(tasks) - 1}: choose the dataset that was played"
+                )
+            self._entries.append(_Entry(tasks[number], number, is_truth=True))
+        self.titles = tuple(f"{n}: {_title(entry)}" for n, entry in enumerate(self._entries))
+
+    @classmethod
+    def read(
+        cls,
+        source: Path | str,
+        library: ShapeLibrary,
+        split: str | None = None,
+        tasks: Path | str | None = None,
+        tasks_split: str | None = None,
+    ) -> Collection:
+        """A dataset or a file of results (see `dataset_file`), and the tasks that were played."""
+        packs = read_packs(dataset_file(source, split))
+        played = [] if tasks is None else read_packs(dataset_file(tasks, tasks_split))
+        return cls(packs, library, played)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __getitem__(self, number: int) -> Exhibit:
+        """Raises PackItError where the collection has no such exhibit, or the library no shape."""
+        if not 0 <= number < len(self):
+            raise PackItError(f"there is no pack {number}: choose 0 to {len(self) - 1}")
+        entry = self._entries[number]
+        pack = entry.pack
+        placed = pack.placed(self._library)
+        outside = tuple(Item(self._library[one.shape], one.scale) for one in pack.outside)
+        if self._tasks and entry.task is not None and not entry.is_truth:
+            outside = _left(self._task(entry), placed)
+        volume = sum(item.volume for item in (*(p.item for p in placed), *outside))
+        reached = pack.made.get("return")
+        if not outside and isinstance(reached, float) and reached > 0:
+            volume /= reached
+        return Exhibit(
+            self.titles[number],
+            _name(entry),
+            _facts(pack, len(placed) + len(outside)),
+            pack.cells,
+            placed,
+            outside,
+            volume or 1.0,
+            bool(pack.made.get("kinematic")),
+        )
+
+    def rivals(self, number: int) -> tuple[int, ...]:
+        """What may stand beside an exhibit: others of the same task, or of none as it is."""
+        task = self._entries[number].task
+        return tuple(
+            n for n, entry in enumerate(self._entries) if n != number and entry.task == task
+        )
+
+    def _task(self, entry: _Entry) -> Task:
+        assert entry.task is not None
+        task = self._tasks[entry.task].task(self._library)
+        told = Rollout.from_pack(entry.pack).task_digest
+        if task.digest != told:
+            raise ResultsError(
+                f"the results are of another task {entry.task} ({told}) than the dataset has "
+                f"({task.digest}): choose the dataset that was played"
+            )
+        return task
+
+
+def _task_of(pack: Pack) -> int | None:
+    """The number of the task that a result is of; None for a pack that is no result."""
+    if pack.made.get("results") != RESULTS_FORMAT:
+        return None
+    return Rollout.from_pack(pack).task
+
+
+def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
+    """The items of a task that are not placed."""
+    inside = Counter((p.item.shape, p.item.scale) for p in placed)
+    left = []
+    for item in task.items:
+        key = item.shape, item.scale
+        if inside[key] > 0:
+            inside[key] -= 1
+        else:
+            left.append(item)
+    return tuple(left)
+
+
+def _name(entry: _Entry) -> str:
+    made = entry.pack.made
+    if entry.is_truth:
+        return "the pack that the task was made of"
+    if entry.task is None:
+        return f"density {entry.pack.density:.3f}"
+    return f"{made['by']}: {made['return']:.3f}"
+
+
+def _title(entry: _Entry) -> str:
+    if entry.task is not None:
+        return f"task {entry.task}, {_name(entry)}"
+    return f"{len(entry.pack.items)} items, {_name(entry)}"
+
+
+def _facts(pack: Pack, items: int) -> tuple[tuple[str, str], ...]:
+    """What a pack says of itself."""
+    made = pack.made
+    rows = [
+        ("items", f"{len(pack.items)} of {items} in the box"),
+        ("density", f"{pack.density:.3f}"),
+        ("box", " x ".join(f"{c / 100:g}" for c in pack.cells)),
+    ]
+    names = {"return": "return", "end": "ended", "generation": "generation", "seed": "seed"}
+    for key, name in {"by": "by", **names}.items():
+        if key in made:
+            value = made[key]
+            rows.append((name, f"{value:.3f}" if isinstance(value, float) else str(value)))
+    return tuple(rows)

@@ -1,0 +1,82 @@
+"""Why an item can't stand somewhere: where it could, and what is in its way elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.box import Box
+from packit_sim.core.caches import cached_property
+from packit_sim.engine.feasibility import Blockers, Mask, first
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.geometry.lattice import CELL, STEP, Triple
+from packit_sim.geometry.shapes import Item
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An item in a rotation, and a box that it may have room in.
+
+    box: is not to change as long as the question is asked.
+    """
+
+    box: Box
+    item: Item
+
+    @cached_property
+    def mask(self) -> Mask:
+        """Bool over the grid's nodes: where the item can stand, exactly."""
+        return self.box.feasible(self.item)
+
+    @cached_property
+    def first(self) -> Triple | None:
+        """The bottom-left-back-fill location, or None where there is no room."""
+        return first(self.mask)
+
+    @property
+    def centers(self) -> npt.NDArray[np.float64]:
+        """(n, 3) where the item's middle is at each feasible location, in box units."""
+        return (np.argwhere(self.mask) * STEP + np.array(self.item.cells) / 2) * CELL
+
+    def blockers(self, location: Triple) -> Blockers:
+        """What keeps the item from a location; false where nothing does."""
+        return self.box.why_not(self.item, location)
+
+    def summary(self) -> str:
+        """A sentence about the whole box."""
+        count = int(np.count_nonzero(self.mask))
+        if count == 0:
+            return (
+                f"It fits nowhere in this rotation: none of {self.mask.size:,} locations is free."
+            )
+        return f"It fits at {count:,} of {self.mask.size:,} locations in this rotation."
+
+    def answer(self, location: Triple) -> str:
+        """A sentence about one location: the item fits, or what is in its way."""
+        found = self.blockers(location)
+        if not found:
+            return f"At {location} it fits."
+        reasons = []
+        if found.walls:
+            reasons.append(f"it sticks out at the {_listed(found.walls)}")
+        if found.items:
+            reasons.append(f"{_listed(self._names(found.items))} {_is(found.items)} in its way")
+        if found.above:
+            names = _listed(self._names(found.above))
+            reasons.append(f"{names} {_is(found.above)} above it, on its way down")
+        return f"At {location} it does not fit: {', and '.join(reasons)}."
+
+    def _names(self, numbers: tuple[int, ...]) -> list[str]:
+        placed: tuple[PlacedItem, ...] = self.box.placed
+        return [f"{n} ({placed[n].item.shape.id})" for n in numbers]
+
+
+def _listed(names: list[str] | tuple[str, ...]) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _is(numbers: tuple[int, ...]) -> str:
+    return "is" if len(numbers) == 1 else "are"

@@ -1,0 +1,1 @@
+"""The game: episodes and the agents that play them, without Gymnasium."""

@@ -1,0 +1,170 @@
+"""Evolution of dense packs (paper, section 3): repeatable, in parallel, and to be gone on with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from packit_sim.core.parallel import Workers
+from packit_sim.datasets.packs import LibraryRef, Pack
+from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.generation.pack_creator import PackCreator, Recipe
+from packit_sim.generation.strategies import search_of
+from packit_sim.libraries.library import ShapeLibrary
+
+BATCHES_PER_WORKER = 4
+"""Into so many parts a generation's children are cut for each worker, so that none waits long."""
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Where evolution stands.
+
+    number: 0 for the first. evaluated: chromosomes so far. best: the best density. pack: of it.
+    """
+
+    number: int
+    evaluated: int
+    best: float
+    pack: Pack
+
+
+class Evolution:
+    """The evolution of one pack, generation by generation.
+
+    The same library, seed and settings lead to the same packs, in however many parts, on however
+    many workers. best: the densest pack. kept: the best after generation 0 and every
+    `keep_every`, which made["after"] tells; made["generation"] is that in which it was found.
+    densities: the best one after each generation. evaluated: chromosomes so far.
+    """
+
+    def __init__(
+        self, library: ShapeLibrary, seed: int, settings: EvolutionSettings | None = None
+    ) -> None:
+        self.settings = settings or EvolutionSettings()
+        self.seed = seed
+        self._rng = np.random.default_rng(seed)
+        self._recipe = Recipe.drawn(library, self.settings, self._rng)
+        self._search = search_of(self.settings)
+        self._stale = 0
+        self.evaluated = 0
+        self.densities: list[float] = []
+        self.kept: list[Pack] = []
+
+    @property
+    def best(self) -> Pack:
+        """Raises ValueError before the first step."""
+        if not self.densities:
+            raise ValueError("nothing is packed yet: call step() first")
+        return self._best
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there were enough generations, or enough without improvement."""
+        return (
+            len(self.densities) > self.settings.generations or self._stale >= self.settings.patience
+        )
+
+    def step(self, workers: Workers | None = None) -> Generation:
+        """Goes on by a generation, in this process or on workers."""
+        chromosomes = self._search.ask(self._rng)
+        densities = self._evaluate(chromosomes, workers)
+        self._search.tell(chromosomes, densities)
+        self.evaluated += len(chromosomes)
+        number = len(self.densities)
+        champion = int(np.argmax(densities))
+        if not self.densities or densities[champion] > self.densities[-1]:
+            self._best = self._pack(chromosomes[champion], number)
+            self._stale = 0
+        else:
+            self._stale += 1
+        self.densities.append(self._best.density)
+        if number % self.settings.keep_every == 0:
+            made = {**self._best.made, "after": number}
+            self.kept.append(replace(self._best, made=made))
+        return Generation(number, self.evaluated, self._best.density, self._best)
+
+    def to_json(self) -> dict[str, Any]:
+        """Where it stands, for `restore`: JSON's types, and floats keep every bit."""
+        return {
+            "seed": self.seed,
+            "settings": self.settings.to_json(),
+            "random": self._rng.bit_generator.state,
+            "search": self._search.to_json(),
+            "stale": self._stale,
+            "evaluated": self.evaluated,
+            "densities": self.densities,
+            "kept": [pack.to_json() for pack in self.kept],
+            "best": self._best.to_json() if self.densities else None,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `to_json` gave for the same library, seed and settings.
+
+        Raises ValueError where it is of another seed or other settings.
+        """
+        for name, ours in (("seed", self.seed), ("settings", self.settings.to_json())):
+            if state[name] != ours:
+                raise ValueError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
+        self._rng.bit_generator.state = state["random"]
+        self._search.restore(state["search"])
+        self._stale, self.evaluated = state["stale"], state["evaluated"]
+        self.densities = list(state["densities"])
+        self.kept = [Pack.from_json(line) for line in state["kept"]]
+        if state["best"] is not None:
+            self._best = Pack.from_json(state["best"])
+
+    def _evaluate(self, chromosomes: Sequence[Chromosome], workers: Workers | None) -> list[float]:
+        threshold = self._search.threshold
+        if workers is None:
+            return densities(self._recipe, chromosomes, threshold)
+        count = min(len(chromosomes), BATCHES_PER_WORKER * workers.count)
+        batches = [(self._recipe, chromosomes[n::count], threshold) for n in range(count)]
+        found = [0.0] * len(chromosomes)
+        for n, batch in enumerate(workers.map(densities, batches)):
+            found[n::count] = batch
+        return found
+
+    def _pack(self, chromosome: Chromosome, number: int) -> Pack:
+        return Pack.of(
+            _creator(self._recipe).pack(chromosome),
+            LibraryRef.of(self._recipe.library),
+            by="evolution",
+            seed=self.seed,
+            generation=number,
+            size=self._recipe.size,
+            settings=self.settings.to_json(),
+        )
+
+
+def evolve(
+    library: ShapeLibrary,
+    seed: int,
+    settings: EvolutionSettings | None = None,
+    on_generation: Callable[[Generation], None] = lambda generation: None,
+    *,
+    workers: Workers | None = None,
+) -> Evolution:
+    """Evolves a pack to the end; on_generation is called after each generation."""
+    evolution = Evolution(library, seed, settings)
+    while not evolution.is_over:
+        on_generation(evolution.step(workers))
+    return evolution
+
+
+def densities(
+    recipe: Recipe, chromosomes: Sequence[Chromosome], threshold: float = 0.0
+) -> list[float]:
+    """The density of each chromosome's pack, 0 for those below the threshold."""
+    creator = _creator(recipe)
+    return [creator.density(chromosome, threshold) for chromosome in chromosomes]
+
+
+@lru_cache(maxsize=1)
+def _creator(recipe: Recipe) -> PackCreator:
+    """A process packs for one pool at a time."""
+    return recipe.creator()

@@ -1,0 +1,158 @@
+"""Which chromosomes to try next: the paper's generations, and two other ways to search.
+
+A search asks for the densities of chromosomes and is told them, batch by batch. It needs to know
+those below its `threshold` no better than that: they can never matter to it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings, crossover, mutate
+
+
+class Search(ABC):
+    """Looks for dense packs. population, densities: the chromosomes that it goes on from."""
+
+    def __init__(self, settings: EvolutionSettings) -> None:
+        self.settings = settings
+        self.population: list[Chromosome] = []
+        self.densities: list[float] = []
+
+    def ask(self, rng: np.random.Generator) -> list[Chromosome]:
+        """The chromosomes to pack next: first a random population, then children."""
+        if not self.population:
+            return [Chromosome.random(self.settings, rng) for _ in range(self.settings.population)]
+        return self._children(rng)
+
+    @abstractmethod
+    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
+        """Takes the densities of what was asked for; 0 for one below the threshold."""
+
+    @property
+    @abstractmethod
+    def threshold(self) -> float:
+        """A density that a child must have to be of any use."""
+
+    @abstractmethod
+    def _children(self, rng: np.random.Generator) -> list[Chromosome]: ...
+
+    def _child(self, parents: Sequence[Chromosome], rng: np.random.Generator) -> Chromosome:
+        """Of two parents by chance, who are one where there is only one."""
+        a, b = rng.choice(len(parents), size=2, replace=len(parents) < 2)
+        return mutate(crossover(parents[a], parents[b], rng), self.settings, rng)
+
+    def to_json(self) -> dict[str, Any]:
+        """Where the search stands."""
+        return {
+            "population": [chromosome.to_json() for chromosome in self.population],
+            "densities": self.densities,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `to_json` gave."""
+        self.population = [Chromosome.from_json(genes) for genes in state["population"]]
+        self.densities = list(state["densities"])
+
+
+class Generational(Search):
+    """The paper's: the best survive, and some others by chance; children fill the rest.
+
+    Those others are drawn whatever their densities are, so that a density below the best ones'
+    never matters.
+    """
+
+    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
+        self.population += chromosomes
+        self.densities += densities
+
+    @property
+    def threshold(self) -> float:
+        """The least density of the elite, which never falls."""
+        if not self.densities:
+            return 0.0
+        return sorted(self.densities, reverse=True)[self.settings.elite - 1]
+
+    def _children(self, rng: np.random.Generator) -> list[Chromosome]:
+        survivors = select(self.densities, self.settings, rng)
+        self.population = [self.population[n] for n in survivors]
+        self.densities = [self.densities[n] for n in survivors]
+        return [self._child(self.population, rng) for _ in range(self.settings.children)]
+
+
+class Elitist(Search):
+    """Parents and children compete: the best of all survive, no two of them equally dense.
+
+    A (mu + lambda) strategy with the same operators; what is equally dense is mostly the same pack.
+    """
+
+    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
+        everyone = dict(zip(self.densities, self.population, strict=True))
+        for density, chromosome in zip(densities, chromosomes, strict=True):
+            everyone.setdefault(density, chromosome)
+        ranked = sorted(everyone, reverse=True)[: self.settings.survivors]
+        self.densities, self.population = ranked, [everyone[density] for density in ranked]
+
+    @property
+    def threshold(self) -> float:
+        full = len(self.densities) >= self.settings.survivors
+        return self.densities[-1] if full else 0.0
+
+    def _children(self, rng: np.random.Generator) -> list[Chromosome]:
+        return [self._child(self.population, rng) for _ in range(self.settings.children)]
+
+
+class Climbing(Search):
+    """Local search: mutants of the best chromosome, which a denser or equal one replaces.
+
+    A mutant has one shape moved to another place of the order and one to three genes drawn anew.
+    """
+
+    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
+        best = int(np.argmax(densities))
+        if not self.densities or densities[best] >= self.densities[0]:
+            self.population, self.densities = [chromosomes[best]], [densities[best]]
+
+    @property
+    def threshold(self) -> float:
+        return self.densities[0] if self.densities else 0.0
+
+    def _children(self, rng: np.random.Generator) -> list[Chromosome]:
+        return [self._neighbour(self.population[0], rng) for _ in range(self.settings.children)]
+
+    def _neighbour(self, chromosome: Chromosome, rng: np.random.Generator) -> Chromosome:
+        order = chromosome.order
+        start, stop = rng.integers(len(order), size=2).tolist()
+        moved = np.insert(np.delete(order, start), stop, order[start])
+        genes = rng.random(2 * len(order)).argsort()[: rng.integers(1, 4)]
+        fresh = Chromosome.random(self.settings, rng)
+        drawn = np.isin(np.arange(2 * len(order)), genes).reshape(2, -1)
+        return Chromosome(
+            moved,
+            np.where(drawn[0], fresh.scales, chromosome.scales),
+            np.where(drawn[1], fresh.rotations, chromosome.rotations),
+        )
+
+
+def search_of(settings: EvolutionSettings) -> Search:
+    """A new search of the kind that the settings name."""
+    kinds: dict[str, Callable[[EvolutionSettings], Search]] = {
+        "generational": Generational,
+        "elitist": Elitist,
+        "climbing": Climbing,
+    }
+    return kinds[settings.search](settings)
+
+
+def select(
+    densities: Sequence[float], settings: EvolutionSettings, rng: np.random.Generator
+) -> list[int]:
+    """Who survives: the best `elite`, the best first, and `lucky` of the others by chance."""
+    elite = np.argsort(-np.asarray(densities), kind="stable")[: settings.elite]
+    others = np.setdiff1d(np.arange(len(densities)), elite)
+    lucky = rng.choice(others, size=settings.lucky, replace=False)
+    return [*elite.tolist(), *lucky.tolist()]

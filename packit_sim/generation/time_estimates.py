@@ -1,0 +1,94 @@
+"""How long the generation of a dataset still takes: about."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from packit_sim.datasets.packs import Pack
+from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.generation.jobs import Progress
+
+ENOUGH = 20
+"""Generations a worker from which a pace can be told: the first ones are the slowest."""
+
+MINUTE, HOUR, DAY = 60, 3600, 86400
+"""In seconds."""
+
+
+@dataclass
+class TimeEstimate:
+    """Tells from how many generations were done in so much time how long the rest will take.
+
+    An evolution is expected to be as long as those that ended later than where it stands, or as
+    long as its settings allow where there is none; so with early stopping it is rough.
+
+    settings: of the evolutions. packs: how many there are to be, done: those that there are, by
+    number. workers: how many evolve at a time. since: from when on it counts, in seconds of any
+    clock. before: where evolutions stood then.
+    """
+
+    settings: EvolutionSettings
+    packs: int
+    workers: int
+    since: float
+    before: Iterable[Progress] = ()
+    done: Mapping[int, Pack] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._lengths = {n: self._length(pack.made) for n, pack in self.done.items()}
+        self._before = {p.number: p.generation + 1 for p in self.before}
+        self._worked = self._finished = 0
+        self._crew = max(1, min(self.workers, self.packs - len(self._lengths)))
+
+    def is_over(self, number: int) -> bool:
+        """Whether this pack is finished."""
+        return number in self._lengths
+
+    def finish(self, number: int, pack: Pack) -> None:
+        """Counts a pack that was finished just now."""
+        length = self._length(pack.made)
+        self._lengths[number] = length
+        self._worked += max(0, length - self._before.get(number, 0))
+        self._finished += 1
+
+    def seconds_left(self, under_way: Iterable[Progress], now: float) -> float | None:
+        """From now until the last pack is there; None while there is too little to tell it from."""
+        at = {p.number: p.generation + 1 for p in under_way if not self.is_over(p.number)}
+        worked = self._worked + sum(done - self._before.get(n, 0) for n, done in at.items())
+        if not self._finished and worked < ENOUGH * self._crew:
+            return None
+        waiting = self.packs - len(self._lengths) - len(at)
+        left = [self._expected(done) - done for done in at.values()]
+        left += [self._expected(0)] * waiting
+        if not left:
+            return 0.0
+        seconds = (now - self.since) / max(1, worked)
+        return seconds * max(sum(left), self._crew * max(left))
+
+    def _expected(self, done: int) -> float:
+        """The length of an evolution of which so many generations are done."""
+        longer = [length for length in tuple(self._lengths.values()) if length > done]
+        return sum(longer) / len(longer) if longer else max(self.settings.generations + 1, done)
+
+    def _length(self, made: Mapping[str, Any]) -> int:
+        """How many generations it took, by that of the best pack: patience ran out, or all did."""
+        best, last = made.get("generation"), self.settings.generations
+        return (min(best + self.settings.patience, last) if isinstance(best, int) else last) + 1
+
+
+def told(seconds: float | None) -> str:
+    """A time as a forecast should tell it, no more exactly than it is known."""
+    if not seconds:
+        return ""
+    if seconds < MINUTE:
+        return "less than a minute left"
+    if seconds < HOUR:
+        return f"about {seconds / MINUTE:.0f} min left"
+    if seconds < 10 * HOUR:
+        hours, minutes = divmod(10 * round(seconds / (10 * MINUTE)), 60)
+        return f"about {hours} h {minutes} min left" if minutes else f"about {hours} h left"
+    if seconds < 2 * DAY:
+        return f"about {seconds / HOUR:.0f} h left"
+    return f"about {seconds / DAY:.1f} days left"

@@ -1,0 +1,168 @@
+"""Pictures of shapes: one by itself, or a whole library on a contact sheet."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+from PIL.ImageFont import FreeTypeFont
+
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.geometry.lattice import BOX_CELLS, Triple
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.render.cameras import Camera
+from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
+from packit_sim.render.looks import BACKGROUND, Look
+from packit_sim.render.rendering import MAX_SIDE, save_png
+from packit_sim.scene import Scene
+
+Picture = npt.NDArray[np.uint8]
+
+MIN_SIDE = 16
+"""The fewest pixels along a side of a shape's picture."""
+
+_LOOK = Look(Camera(azimuth=120.0, elevation=28.0, fov=20.0), box="none")
+_HALF_TURN = 2
+"""The rotation that turns a shape's front, which looks along -y, to the camera and the light."""
+
+_PLACE: Triple = tuple(np.rint(-250 * _LOOK.camera.toward).astype(int).tolist())
+"""Where shapes stand, in grid nodes: EGL draws highlights as they are seen from the origin, so that
+is put far away on the camera's side."""
+
+_INK = (44, 48, 56)
+_ALARM = (168, 44, 32)
+_TEXT_WIDTH = 0.94
+"""Share of a tile's width that text may fill."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Pictures of shapes in a grid, row by row, each with its label below.
+
+    image: (H, W, 3) uint8. renderer: "egl" or "tiny".
+    """
+
+    image: Picture
+    renderer: str
+
+    def save(self, path: str | os.PathLike[str]) -> str:
+        """Writes the image as PNG, whole or not at all; returns the renderer's name.
+
+        Raises RenderError where the path can't be written.
+        """
+        save_png(self.image, path, self.renderer)
+        return self.renderer
+
+
+@dataclass(frozen=True)
+class _Contents:
+    """A shape by itself, or nothing, for a scene to show."""
+
+    placed: tuple[PlacedItem, ...] = ()
+    cells: Triple = BOX_CELLS
+
+    @classmethod
+    def of(cls, shape: Shape) -> _Contents:
+        return cls((PlacedItem(Item(shape, rotation=_HALF_TURN), _PLACE),))
+
+
+def picture(shape: Shape, side: int = 256) -> Picture:
+    """A shape by itself, from the front and above, as large as fits: (side, side, 3) uint8.
+
+    Raises ValueError where the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
+    """
+    _check_side(side)
+    with Scene(_Contents.of(shape)) as scene:
+        return scene.snapshot(side, side, _LOOK).image
+
+
+def contact_sheet(
+    tiles: Iterable[tuple[str, Shape | str]],
+    columns: int | None = None,
+    side: int = 160,
+    drawn: Callable[[], object] | None = None,
+) -> Sheet:
+    """Pictures of many shapes with their labels, in the order in which they come.
+
+    tiles: each a label and a shape, or a message to show where there is none; they are taken one at
+    a time and not kept. columns: no more than tiles are used; by default rows and columns are as
+    many. side: pixels along each edge of a shape's picture. drawn: called after each tile. Raises
+    ValueError where the side is not `MIN_SIDE` to `MAX_SIDE`, where columns are less than 1, and
+    where there are no tiles.
+    """
+    _check_side(side)
+    if columns is not None and columns < 1:
+        raise ValueError(f"columns {columns!r} are not possible: at least 1")
+    pictures = []
+    with Scene(_Contents()) as scene:
+        for label, content in tiles:
+            if isinstance(content, Shape):
+                scene.update(_Contents.of(content))
+                image = scene.snapshot(side, side, _LOOK).image
+            else:
+                image = _message(content, side)
+            pictures.append(np.concatenate((image, _label(label, side))))
+            if drawn is not None:
+                drawn()
+        renderer = scene.renderer
+    if not pictures:
+        raise ValueError("a contact sheet of 0 tiles is not possible: at least 1")
+    columns = min(columns or math.ceil(math.sqrt(len(pictures))), len(pictures))
+    return Sheet(_grid(pictures, columns), renderer)
+
+
+def _check_side(side: int) -> None:
+    if not MIN_SIDE <= side <= MAX_SIDE:
+        raise ValueError(f"side {side!r} is not possible: {MIN_SIDE} to {MAX_SIDE} pixels")
+
+
+def _grid(pictures: list[Picture], columns: int) -> Picture:
+    """Pictures of one size, row by row, with a gap around each."""
+    height, width = pictures[0].shape[:2]
+    gap = max(2, width // 20)
+    rows = math.ceil(len(pictures) / columns)
+    grid = np.empty((rows * (height + gap) + gap, columns * (width + gap) + gap, 3), np.uint8)
+    grid[:] = BACKGROUND
+    for n, image in enumerate(pictures):
+        row, column = divmod(n, columns)
+        y, x = gap + row * (height + gap), gap + column * (width + gap)
+        grid[y : y + height, x : x + width] = image
+    return grid
+
+
+def _label(text: str, side: int) -> Picture:
+    """A line of text, shortened in the middle where it is too wide: (H, side, 3)."""
+    font = _font(side)
+    line = shortened(plain(text), font, side * _TEXT_WIDTH)
+    return _written([line], side, 3 * line_height(font) // 2, _INK)
+
+
+def _message(text: str, side: int) -> Picture:
+    """Text in as many lines as it takes and there is room for: (side, side, 3)."""
+    font = _font(side)
+    room = max(1, side // line_height(font) - 1)
+    *lines, last = itertools.islice(lines_of(plain(text), font, side * _TEXT_WIDTH), room + 1)
+    lines.append(last if len(lines) < room else lines.pop()[:-1] + ELLIPSIS)
+    return _written(lines, side, side, _ALARM)
+
+
+def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int, int]) -> Picture:
+    """Lines of text in the middle of a picture: (height, width, 3)."""
+    font = _font(width)
+    image = Image.new("RGB", (width, height), BACKGROUND)
+    draw = ImageDraw.Draw(image)
+    for n, line in enumerate(lines):
+        y = height / 2 + (n - (len(lines) - 1) / 2) * line_height(font)
+        draw.text((width / 2, y), line, fill=ink, font=font, anchor="mm")
+    return np.asarray(image)
+
+
+def _font(side: int) -> FreeTypeFont:
+    """The font of a picture with so many pixels an edge."""
+    return font_of(min(6 + side // 22, 32))

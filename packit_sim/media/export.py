@@ -1,0 +1,173 @@
+"""A packed box as a file of other tools: GLB, 3MF, STL, and JSON of meshes and poses."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from trimesh.exchange.ply import export_ply
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from packit_sim.core.errors import RenderError
+from packit_sim.engine.feasibility import Contents
+from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.shapes import Shape
+from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
+from packit_sim.render.lettering import plain
+from packit_sim.render.rendering import written
+
+UNIT_MM = 100.0
+"""Millimetres to a box unit, in the formats that are printed from, unless another is asked for."""
+
+BOX = "box"
+"""The name of what holds the items in a GLB: its frame is the box's."""
+
+_Y_UP = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)), dtype=float)
+"""From the box's axes to glTF's, whose y is up."""
+
+_GAMMA = 2.2
+"""Of screens: glTF wants colours in amounts of light."""
+
+
+def export(
+    box: Contents,
+    path: str | os.PathLike[str],
+    *,
+    coloring: Coloring = by_item,
+    unit_mm: float = UNIT_MM,
+) -> None:
+    """Writes a box, whole or not at all, in the format that the path's suffix names.
+
+    .glb: a node for each item, below one called "box", with its pose as its matrix and its colour;
+    a box unit is a metre. .3mf: an object for each shape and an item for each
+    placed one; .stl: all items as one mesh, binary; both in millimetres. .json: a packing as
+    `packit verify` reads it, with poses as (4, 4) matrices and a PLY file of each canonical mesh in
+    a folder beside it, NAME-meshes; lengths are in box units. Items are named by their number in
+    the order of placing and their shape, "03 mug-2". unit_mm: millimetres to a box unit. Raises
+    RenderError where the suffix is another, the box is empty or the path can't be written,
+    ValueError where the unit is not above 0.
+    """
+    path = Path(path)
+    require(path)
+    if not box.placed:
+        raise RenderError(f"an empty box can't be exported to {path}: it has no items")
+    if not 0 < unit_mm < np.inf:
+        raise ValueError(f"a unit of {unit_mm!r} mm is not possible: it must be above 0")
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        _write_packing(box, path)
+        return
+    data = _glb(box, coloring) if suffix == ".glb" else _PRINTED[suffix](box.placed, unit_mm)
+    with written(path) as file:
+        file.write(data)
+
+
+def require(path: Path | str) -> None:
+    """Raises RenderError where the path's suffix names no format: to ask before there is work."""
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise RenderError(
+            f"{path} is no export: choose a name that ends in {', '.join(SUFFIXES[:-1])} "
+            f"or {SUFFIXES[-1]}"
+        )
+
+
+def names(placed: Sequence[PlacedItem]) -> list[str]:
+    """A name for each item, unique, in plain ASCII."""
+    digits = max(2, len(str(len(placed) - 1)))
+    return [f"{n:0{digits}d} {plain(p.item.shape.id)}" for n, p in enumerate(placed)]
+
+
+def _glb(box: Contents, coloring: Coloring) -> bytes:
+    scene = trimesh.Scene()
+    scene.graph.update(frame_from=scene.graph.base_frame, frame_to=BOX, matrix=_Y_UP)
+    colors = coloring([placed.item for placed in box.placed]).of
+    for name, placed, color in zip(names(box.placed), box.placed, colors, strict=True):
+        shape = placed.item.shape
+        mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
+        mesh.visual = TextureVisuals(material=_material(color))
+        own = f"{_mesh_name(shape)} {hexadecimal(color)}"
+        if own in scene.geometry:
+            scene.graph.update(frame_from=BOX, frame_to=name, matrix=placed.pose, geometry=own)
+        else:
+            scene.add_geometry(mesh, name, own, parent_node_name=BOX, transform=placed.pose)
+    scene.metadata["cells"] = list(box.cells)
+    return bytes(scene.export(file_type="glb"))
+
+
+def _3mf(placed: Sequence[PlacedItem], unit_mm: float) -> bytes:
+    scene = trimesh.Scene()
+    for name, one, pose in zip(names(placed), placed, _poses_mm(placed, unit_mm), strict=True):
+        shape = one.item.shape
+        own = _mesh_name(shape)
+        if own in scene.geometry:
+            base = scene.graph.base_frame
+            scene.graph.update(frame_from=base, frame_to=name, matrix=pose, geometry=own)
+        else:
+            scene.add_geometry(shape.mesh, name, own, transform=pose)
+    return bytes(scene.export(file_type="3mf"))
+
+
+def _stl(placed: Sequence[PlacedItem], unit_mm: float) -> bytes:
+    scene = trimesh.Scene()
+    for one, pose in zip(placed, _poses_mm(placed, unit_mm), strict=True):
+        scene.add_geometry(one.item.shape.mesh, transform=pose)
+    return bytes(scene.to_mesh().export(file_type="stl"))
+
+
+def _write_packing(box: Contents, path: Path) -> None:
+    folder = path.with_name(f"{path.stem}-meshes")
+    files = {}
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"meshes can't be written to {folder}: {error.strerror}") from error
+    for placed in box.placed:
+        shape = placed.item.shape
+        file = folder / f"{shape.digest[:16]}.ply"
+        if shape.digest not in files:
+            with written(file) as made:
+                made.write(export_ply(shape.mesh, vertex_normal=False))
+        files[shape.digest] = f"{folder.name}/{file.name}"
+    items = [
+        {
+            "name": name,
+            "shape": placed.item.shape.id,
+            "mesh": files[placed.item.shape.digest],
+            "pose": placed.pose.tolist(),
+        }
+        for name, placed in zip(names(box.placed), box.placed, strict=True)
+    ]
+    extents = (np.array(box.cells) * CELL).tolist()
+    told = {"box": extents, "unit": "box", "items": items}
+    with written(path) as out:
+        out.write((json.dumps(told, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def _poses_mm(placed: Sequence[PlacedItem], unit_mm: float) -> Iterator[npt.NDArray[np.float64]]:
+    for one in placed:
+        yield np.diag((unit_mm, unit_mm, unit_mm, 1.0)) @ one.pose
+
+
+def _mesh_name(shape: Shape) -> str:
+    """Unique, whatever the shape's id."""
+    return f"{plain(shape.id)} {shape.digest[:8]}"
+
+
+def _material(color: Color) -> PBRMaterial:
+    light = [channel**_GAMMA for channel in color]
+    return PBRMaterial(
+        baseColorFactor=[*light, 1.0], metallicFactor=0.0, roughnessFactor=0.7, doubleSided=True
+    )
+
+
+_PRINTED: dict[str, Callable[[Sequence[PlacedItem], float], bytes]] = {".3mf": _3mf, ".stl": _stl}
+
+SUFFIXES = (".glb", *_PRINTED, ".json")
+"""The formats that a box can be written in."""

@@ -1,0 +1,135 @@
+"""Pictures one after the other in a file: MP4 by ffmpeg, and GIF."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from packit_sim.core.errors import PackItError, RenderError
+from packit_sim.render.rendering import written
+
+Picture = npt.NDArray[np.uint8]
+
+SUFFIXES = (".mp4", ".gif")
+
+CRF = 18
+"""How much H.264 may lose: 0 nothing, 51 most; at 18 nobody sees it."""
+
+_PALETTE_FRAMES = 12
+"""Of a GIF, of which its one palette is made."""
+
+
+class MissingFfmpegError(PackItError, ImportError):
+    """ffmpeg is not installed."""
+
+
+def require(path: Path | str) -> None:
+    """Raises RenderError where the path is no film's, and MissingFfmpegError where ffmpeg is not.
+
+    To ask before there is work.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RenderError(f"{path} is no film: choose a name that ends in {' or '.join(SUFFIXES)}")
+    if suffix == ".mp4":
+        try:
+            import imageio_ffmpeg  # noqa: F401
+        except ImportError as error:
+            raise MissingFfmpegError(
+                "MP4 needs imageio-ffmpeg, which is not installed: "
+                "pip install 'packit-sim[film]', or choose a name that ends in .gif"
+            ) from error
+
+
+def write(path: str | os.PathLike[str], pictures: Iterable[Picture], fps: int) -> int:
+    """Writes pictures (H, W, 3) of one size as a film, whole or not at all; returns how many.
+
+    A GIF tells times in hundredths of a second: its rate is the next that they allow. Raises what
+    `require` raises, and RenderError where there is no picture, where a side is odd, which MP4
+    does not allow, or where the path can't be written.
+    """
+    path = Path(path)
+    require(path)
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / f"film{path.suffix.lower()}"
+        count = (_gif if made.suffix == ".gif" else _mp4)(made, pictures, fps)
+        if not count:
+            raise RenderError(f"a film without pictures is not possible: {path}")
+        with made.open("rb") as source, written(path) as file:
+            shutil.copyfileobj(source, file)
+    return count
+
+
+def _mp4(path: Path, pictures: Iterable[Picture], fps: int) -> int:
+    import imageio_ffmpeg
+
+    count = 0
+    with contextlib.ExitStack() as stack:
+        for picture in pictures:
+            if not count:
+                height, width = picture.shape[:2]
+                if height % 2 or width % 2:
+                    raise RenderError(
+                        f"a film of {width} x {height} pixels is not possible as MP4: "
+                        "both must be even"
+                    )
+                writer = imageio_ffmpeg.write_frames(
+                    str(path),
+                    (width, height),
+                    fps=fps,
+                    quality=None,
+                    macro_block_size=2,
+                    ffmpeg_log_level="error",
+                    output_params=["-crf", str(CRF), "-movflags", "+faststart"],
+                )
+                stack.callback(writer.close)
+                writer.send(None)
+            writer.send(np.ascontiguousarray(picture))
+            count += 1
+    return count
+
+
+def _gif(path: Path, pictures: Iterable[Picture], fps: int) -> int:
+    kept = [_packed(picture) for picture in pictures]
+    if not kept:
+        return 0
+    palette = _palette(kept)
+    frames = (_unpacked(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in kept)
+    first = next(frames)
+    first.save(
+        path,
+        save_all=True,
+        append_images=frames,
+        duration=max(20, 10 * round(100 / fps)),
+        loop=0,
+        optimize=False,
+    )
+    return len(kept)
+
+
+def _palette(kept: Sequence[bytes]) -> Image.Image:
+    """The 255 colours that do best for all frames."""
+    chosen = np.unique(np.linspace(0, len(kept) - 1, _PALETTE_FRAMES).astype(int))
+    pixels = [np.asarray(_unpacked(kept[n])) for n in chosen.tolist()]
+    return Image.fromarray(np.concatenate(pixels)).quantize(255, method=Image.Quantize.MEDIANCUT)
+
+
+def _packed(picture: Picture) -> bytes:
+    """A picture as PNG: a film's fill the memory otherwise."""
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def _unpacked(packed: bytes) -> Image.Image:
+    with Image.open(io.BytesIO(packed)) as image:
+        return image.convert("RGB")

@@ -1,0 +1,136 @@
+"""How hard packs are by the generation that they are of (paper, figure 4).
+
+A dataset made with `packit generate --history` holds the packs that each evolution kept on its way.
+An agent plays them all. The score at a generation is over all evolutions, each by the best pack
+that it had kept until then: one that ended early, for lack of improvement, goes on counting by its
+last. So the same evolutions are behind each point; intervals are 95% bootstrap over them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.errors import PackItError
+from packit_sim.datasets.packs import Pack
+from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.render import plots
+
+LEVELS = (1.0, 0.7)
+"""The x of Success@x."""
+
+Evolutions = Mapping[int, Mapping[int, Pack]]
+"""The packs that each evolution kept: by its seed, then by the generation after which it was."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """All evolutions after a generation.
+
+    under_way: how many of them had not ended before. reward: Average Reward; success: Success@x in
+    percent by x; density: of the packs.
+    """
+
+    generation: int
+    under_way: int
+    reward: Estimate
+    success: dict[float, Estimate]
+    density: Estimate
+
+
+def kept(packs: Sequence[Pack], file: Path) -> Evolutions:
+    """Raises PackItError where the packs were made without --history."""
+    evolutions: dict[int, dict[int, Pack]] = defaultdict(dict)
+    for number, pack in enumerate(packs):
+        seed, after = pack.made.get("seed"), pack.made.get("after")
+        if not (isinstance(seed, int) and isinstance(after, int)):
+            raise PackItError(
+                f"{file}, pack {number} tells no generation (made.after): its dataset must be made "
+                "by packit generate --history"
+            )
+        evolutions[seed][after] = pack
+    return evolutions
+
+
+def different(evolutions: Evolutions) -> tuple[list[Pack], dict[tuple[int, int], int]]:
+    """The packs, each once, and which of them there was by evolution and generation."""
+    packs: list[Pack] = []
+    known: dict[tuple[object, ...], int] = {}
+    at: dict[tuple[int, int], int] = {}
+    for evolution, kept_ones in evolutions.items():
+        for after, pack in kept_ones.items():
+            key = evolution, pack.items
+            if key not in known:
+                known[key] = len(packs)
+                packs.append(pack)
+            at[evolution, after] = known[key]
+    return packs, at
+
+
+def curve(evolutions: Evolutions, totals: Mapping[tuple[int, int], float]) -> list[Point]:
+    """A point for each generation after which any evolution kept a pack."""
+    points = []
+    for generation in sorted({after for packs in evolutions.values() for after in packs}):
+        held = {
+            seed: max(after for after in packs if after <= generation)
+            for seed, packs in evolutions.items()
+        }
+        reached = np.array([totals[seed, after] for seed, after in held.items()])
+        points.append(
+            Point(
+                generation,
+                sum(generation in packs for packs in evolutions.values()),
+                Estimate.of(reached),
+                {x: Estimate.of(100.0 * (reached >= x - SLACK)) for x in LEVELS},
+                Estimate.of([evolutions[seed][after].density for seed, after in held.items()]),
+            )
+        )
+    return points
+
+
+def draw(points: Sequence[Point], title: str, file: Path) -> None:
+    """Reward, Success, density and how many evolutions are under way, against generations."""
+    at = [point.generation for point in points]
+    with plots.drawn(file, [["reward", "success"], ["density", "under way"]], 10, 7) as (
+        figure,
+        axes,
+    ):
+        figure.suptitle(title)
+        reward, density = [p.reward for p in points], [p.density for p in points]
+        plots.line(axes["reward"], at, reward, color=plots.COLORS[0], marker="o")
+        axes["reward"].set(title="Average Reward", ylabel="return")
+        for x, color, marker in zip(LEVELS, plots.COLORS[1:], "sD", strict=False):
+            scores = [point.success[x] for point in points]
+            label = f"Success@{x:g}"
+            plots.line(axes["success"], at, scores, color=color, marker=marker, label=label)
+        axes["success"].set(title="Success", ylabel="% of packs", ylim=(-3, 103))
+        axes["success"].legend()
+        plots.line(axes["density"], at, density, color=plots.COLORS[3], marker="^")
+        axes["density"].set(title="Density of the packs", ylabel="placed volume / box")
+        axes["under way"].plot(
+            at, [point.under_way for point in points], color=plots.INK, marker="v"
+        )
+        axes["under way"].set(title="Evolutions under way", ylabel="evolutions")
+        axes["under way"].set_ylim(bottom=0)
+        for name in axes:
+            axes[name].set_xlabel("generation")
+            axes[name].xaxis.get_major_locator().set_params(integer=True)
+
+
+def markdown(points: Sequence[Point]) -> str:
+    """A table, one point a row."""
+    headings = ("generation", "under way", "reward", *(f"S@{x:g}" for x in LEVELS), "density")
+    lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
+    for point in points:
+        estimates = (
+            told(point.reward, ".3f"),
+            *(told(point.success[x], ".1f") for x in LEVELS),
+            told(point.density, ".3f"),
+        )
+        lines.append(f"| {point.generation} | {point.under_way} | {' | '.join(estimates)} |")
+    return "\n".join(lines) + "\n"

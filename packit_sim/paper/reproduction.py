@@ -1,0 +1,348 @@
+"""The paper's tables anew, and one beyond it: what is played for each, and the paper's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from packit_sim.core.confidence import Comparison, Estimate, told
+from packit_sim.evaluation.evaluation import Score, compare
+from packit_sim.evaluation.results import Rollout
+from packit_sim.game.agents import policy_names
+from packit_sim.game.episode import Stage
+from packit_sim.render import plots
+from packit_sim.rules import PACKIT, Rules
+
+EASY = Rules(easy=True)
+
+HEURISTIC = "largest-first/aligned/blbf"
+LEARNING = "packnn/aligned/blbf"
+
+STRONGER = (
+    HEURISTIC,
+    "longest-first/aligned/blbf",
+    "largest-box-first/aligned/blbf",
+    "largest-first/aligned/dblf",
+    "largest-first/aligned/heightmap-minimisation",
+    "largest-first/aligned/least-empty",
+    "largest-first/aligned/maximal-contact",
+    "largest-first/first-fit/blbf",
+    "largest-first/lowest/blbf",
+    "largest-fitting-first/aligned/blbf",
+    "largest-first/lowest/maximal-contact",
+    "largest-fitting-first/lowest/maximal-contact",
+    f"{HEURISTIC}+mcts=50",
+    f"{HEURISTIC}+lns=50",
+    "largest-fitting-first/aligned/blbf+beam=4",
+)
+"""Agents that the paper does not have, beside its Heuristic."""
+
+Numbers = Mapping[str, float]
+"""Average Reward as "reward", Success@x in percent as "S@x"."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An agent, what the paper calls it, and what the paper tells of it."""
+
+    agent: str
+    label: str
+    paper: Numbers = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Agents to compare. metrics: the columns. against: the agent that others are compared with."""
+
+    title: str
+    rules: Rules
+    metrics: tuple[str, ...]
+    against: str
+    rows: tuple[Row, ...]
+
+    @property
+    def playable(self) -> tuple[Row, ...]:
+        """The rows whose shape policies are installed."""
+        known = policy_names(Stage.SHAPE)
+        return tuple(row for row in self.rows if row.agent.split("/")[0] in known)
+
+
+_ALL = ("reward", "S@0.5", "S@0.6", "S@0.7", "S@0.8", "S@0.9", "S@1")
+_FEW = ("reward", "S@0.7", "S@0.9")
+
+
+def _row(metrics: Sequence[str], agent: str, label: str, *numbers: float) -> Row:
+    return Row(agent, label, dict(zip(metrics, numbers, strict=True)) if numbers else {})
+
+
+def _searches(
+    name: str, values: Sequence[int], found: Mapping[str, Sequence[Sequence[float]]]
+) -> tuple[Row, ...]:
+    labels = {HEURISTIC: "Heuristic", LEARNING: "Learning"}
+    return tuple(
+        _row(
+            _FEW,
+            agent if value == values[0] else f"{agent}+{name}={value}",
+            f"{labels[agent]}, {value}",
+            *numbers,
+        )
+        for agent, all_numbers in found.items()
+        for value, numbers in zip(values, all_numbers, strict=True)
+    )
+
+
+TABLES: dict[str, Table] = {
+    "table1": Table(
+        "Agents (paper, table 1)",
+        PACKIT,
+        _ALL,
+        HEURISTIC,
+        (
+            _row(
+                _ALL,
+                "random/aligned/blbf",
+                "Random / Aligned / BLBF",
+                0.419,
+                33.39,
+                13.59,
+                3.11,
+                0.19,
+                0,
+                0,
+            ),
+            _row(
+                _ALL,
+                "largest-first/random/blbf",
+                "Largest-First / Random / BLBF",
+                0.473,
+                44.46,
+                20.0,
+                4.66,
+                0.58,
+                0,
+                0,
+            ),
+            _row(
+                _ALL,
+                "largest-first/aligned/random",
+                "Largest-First / Aligned / Random",
+                0.494,
+                50.10,
+                24.08,
+                8.16,
+                1.17,
+                0,
+                0,
+            ),
+            _row(
+                _ALL,
+                HEURISTIC,
+                "Largest-First / Aligned / BLBF (Heuristic)",
+                0.592,
+                75.15,
+                49.71,
+                22.33,
+                5.63,
+                0.58,
+                0,
+            ),
+            _row(
+                _ALL,
+                LEARNING,
+                "PackNN / Aligned / BLBF (Learning)",
+                0.649,
+                86.41,
+                70.01,
+                40.19,
+                8.15,
+                0,
+                0,
+            ),
+        ),
+    ),
+    "beam": Table(
+        "Beam search: beams",
+        PACKIT,
+        _FEW,
+        HEURISTIC,
+        _searches(
+            "beam",
+            (1, 2, 4),
+            {
+                HEURISTIC: ((0.592, 22.33, 0.58), (0.632, 31.65, 1.17), (0.686, 48.74, 1.75)),
+                LEARNING: ((0.649, 40.19, 0), (0.697, 54.37, 0.19), (0.720, 61.75, 0.39)),
+            },
+        ),
+    ),
+    "backtrack": Table(
+        "Backtracking: backtracks",
+        PACKIT,
+        _FEW,
+        HEURISTIC,
+        _searches(
+            "backtrack",
+            (0, 2, 4, 8),
+            {
+                HEURISTIC: (
+                    (0.592, 22.33, 0.58),
+                    (0.658, 36.89, 1.17),
+                    (0.693, 49.32, 1.55),
+                    (0.729, 63.30, 2.33),
+                ),
+                LEARNING: (
+                    (0.649, 40.19, 0),
+                    (0.680, 49.32, 0.19),
+                    (0.695, 54.56, 0.19),
+                    (0.715, 62.33, 0.78),
+                ),
+            },
+        ),
+    ),
+    "easy": Table(
+        "PackIt-Easy",
+        EASY,
+        _FEW,
+        HEURISTIC,
+        (
+            _row(_FEW, HEURISTIC, "Heuristic", 0.822, 81.74, 33.20),
+            _row(_FEW, LEARNING, "Learning", 0.804, 87.18, 14.56),
+            _row(
+                _FEW,
+                "packnn-easy/aligned/blbf",
+                "Learning* (trained on PackIt-Easy)",
+                0.830,
+                88.93,
+                25.04,
+            ),
+        ),
+    ),
+    "baselines": Table(
+        "Baselines beyond the paper",
+        PACKIT,
+        _ALL,
+        HEURISTIC,
+        tuple(Row(agent, agent) for agent in STRONGER),
+    ),
+}
+"""By name, as `packit reproduce` takes it."""
+
+
+@dataclass(frozen=True)
+class Reproduced:
+    """A row of a table as we found it. comparison: with the table's `against`, None for itself."""
+
+    row: Row
+    score: Score
+    comparison: Comparison | None
+
+    def metric(self, name: str) -> Estimate:
+        """Average Reward for "reward", Success@x in percent for "S@x"."""
+        return self.score.reward if name == "reward" else self.score.success[float(name[2:])]
+
+
+def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
+    """The rows of a table that were played."""
+    played: dict[str, list[Rollout]] = {}
+    for rollout in rollouts:
+        played.setdefault(rollout.agent, []).append(rollout)
+    against = played[table.against]
+    return tuple(
+        Reproduced(
+            row,
+            Score.of(row.agent, played[row.agent]),
+            None if row.agent == table.against else compare(played[row.agent], against),
+        )
+        for row in table.rows
+        if row.agent in played
+    )
+
+
+def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
+    """A table in JSON's types: estimates as mean, low, high; the paper's numbers beside them."""
+    return {
+        "title": table.title,
+        "against": table.against,
+        "rows": [
+            {
+                "agent": each.row.agent,
+                "label": each.row.label,
+                "tasks": each.score.tasks,
+                "ours": {name: asdict(each.metric(name)) for name in table.metrics},
+                "paper": dict(each.row.paper),
+                "density": asdict(each.score.density),
+                "seconds": each.score.seconds,
+                "comparison": asdict(each.comparison) if each.comparison else None,
+            }
+            for each in found
+        ],
+    }
+
+
+def markdown(table: Table, found: Sequence[Reproduced]) -> str:
+    """A table with the paper's numbers below ours, and what each agent is against the others."""
+    lines = [
+        f"## {table.title}",
+        "",
+        "| | | " + " | ".join(table.metrics) + " |",
+        "|---|---|" + "---|" * len(table.metrics),
+    ]
+    for each in found:
+        ours = (_cell(each.metric(name), name) for name in table.metrics)
+        lines.append(f"| {each.row.label} | ours | {' | '.join(ours)} |")
+        if each.row.paper:
+            paper = (f"{each.row.paper[name]:g}" for name in table.metrics)
+            lines.append(f"| | paper | {' | '.join(paper)} |")
+    lines += ["", f"Against `{table.against}` on the same tasks:", ""]
+    base = next(row.paper for row in table.rows if row.agent == table.against)
+    columns = ["", "difference", "ratio", "paper's ratio", "wins / ties / losses"]
+    if not base:
+        columns.remove("paper's ratio")
+    lines += [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    for each in found:
+        if each.comparison is None:
+            continue
+        difference, ratio = each.comparison.difference, each.comparison.ratio
+        counts = (each.comparison.wins, each.comparison.ties, each.comparison.losses)
+        cells = [each.row.label, told(difference, "+.3f"), told(ratio, ".3f")]
+        if base:
+            cells.append(f"{each.row.paper['reward'] / base['reward']:.3f}")
+        lines.append(f"| {' | '.join(cells)} | {' / '.join(map(str, counts))} |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(table: Table, found: Sequence[Reproduced], path: Path) -> None:
+    """Bars of Average Reward, ours with intervals, and the paper's where it tells them."""
+    paper = [each.row.paper["reward"] for each in found if each.row.paper]
+    height = 0.9 + (0.55 if paper else 0.3) * len(found)
+    with plots.drawn(path, [["reward"]], 8, height) as (figure, axes):
+        ax = axes["reward"]
+        places = np.arange(len(found))[::-1]
+        means = np.array([each.score.reward.mean for each in found])
+        ends = np.array([_ends(each.score.reward) for each in found])
+        errors = np.abs(ends.T - means)
+        half = 0.2 if paper else 0.0
+        bar = {"xerr": errors, "capsize": 3, "color": plots.COLORS[0], "label": "ours"}
+        ax.barh(places + half, means, 0.38 if paper else 0.6, **bar)
+        if paper:
+            ax.barh(places - half, paper, 0.38, color=plots.COLORS[4], label="paper (other shapes)")
+            figure.legend(loc="outside upper right", ncols=2)
+        ax.set_yticks(places, [each.row.label for each in found])
+        ax.set_xlim(0, 1)
+        ax.set_xlabel("Average Reward, and its 95% bootstrap interval")
+        ax.grid(axis="y", visible=False)
+        figure.suptitle(table.title, x=0.01, ha="left", weight="bold")
+
+
+def _cell(estimate: Estimate, metric: str) -> str:
+    return told(estimate, ".3f" if metric == "reward" else ".1f")
+
+
+def _ends(estimate: Estimate) -> tuple[float, float]:
+    """Of its interval; the mean where there is none."""
+    if estimate.low is None or estimate.high is None:
+        return estimate.mean, estimate.mean
+    return estimate.low, estimate.high

@@ -1,0 +1,1 @@
+"""Shapes as convex pieces, as a physics engine needs them."""

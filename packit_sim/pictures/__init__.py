@@ -1,1 +1,0 @@
-"""What people look at: PyBullet's camera, contact sheets, films, exports, plots."""

@@ -1,0 +1,134 @@
+"""Where items are shown: in their places, moved apart, or standing beside the box."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from trimesh import transformations
+
+from packit_sim.box import BoxState
+from packit_sim.engine.occupancy import ItemInBox, PlacedItem
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.rotations import MATRICES
+from packit_sim.geometry.shapes import Item
+
+Floats = npt.NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
+
+GAP = 0.06
+"""Box units between items that stand beside each other, and from them to the box."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where an item is shown. center: (3,) of its bounding box. turn: unit quaternion w, x, y, z,
+    from the canonical shape.
+    """
+
+    center: Floats
+    turn: Quaternion
+
+    @classmethod
+    def of(cls, item: Item, center: Floats) -> Pose:
+        """An item in its own rotation, with its centre anywhere."""
+        w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
+        return cls(center, (w, x, y, z))
+
+    @classmethod
+    def lying(cls, item: Item, pose: Floats) -> Pose:
+        """An item in any turn; pose: its (4, 4) shape-to-box matrix."""
+        turn = pose[:3, :3] / np.cbrt(item.scale)
+        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
+        return cls(pose[:3, 3], (w, x, y, z))
+
+    def between(self, other: Pose, share: float, center: Floats) -> Pose:
+        """A turn that is so far, 0 to 1, on the shortest way to another; with its centre there."""
+        w, x, y, z = transformations.quaternion_slerp(self.turn, other.turn, share).tolist()
+        return Pose(center, (w, x, y, z))
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the items of a box are shown.
+
+    poses: one for each item, in order, None for one that is not to be seen. points: (n, 3) what a
+    picture has to have in it besides the box.
+    """
+
+    poses: tuple[Pose | None, ...]
+    points: Floats
+
+    @classmethod
+    def packed(cls, placed: Sequence[ItemInBox], size: Floats, explode: float = 0.0) -> Layout:
+        """Each item in its place, or that much farther from the middle of the floor."""
+        middle = size * (0.5, 0.5, 0.0)
+        poses = [Pose.lying(p.item, p.pose) for p in placed]
+        moved = [replace(p, center=p.center + explode * (p.center - middle)) for p in poses]
+        return cls(tuple(moved), _corners([p.item for p in placed], moved))
+
+    @classmethod
+    def standing(cls, items: Sequence[Item], size: Floats | None = None) -> Layout:
+        """Items in canonical orientation on the floor, in rows, the tallest in the row behind.
+
+        size: (3,) of a box that they stand beside, on the left of its usual picture; by default
+        there is none.
+        """
+        upright = [item.turned(0) for item in items]
+        centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
+        poses = [Pose.of(i, center) for i, center in zip(upright, centers, strict=True)]
+        return cls(tuple(poses), _corners(upright, poses))
+
+    def all_round(self, size: Floats) -> Layout:
+        """The same with all that a camera sees on its way around a box of such extents (3,)."""
+        points = np.concatenate((self.points, np.indices((2, 2, 2)).reshape(3, 8).T * size))
+        middle = size[:2] / 2
+        radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).max())
+        angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+        ring = middle + radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+        heights = points[:, 2].min(), points[:, 2].max()
+        rings = [np.column_stack((ring, np.full(len(ring), height))) for height in heights]
+        return replace(self, points=np.concatenate(rings))
+
+
+def unplaced(items: Sequence[Item], cells: Triple) -> BoxState:
+    """Items as a box's contents, for a picture that shows them by a layout: places mean nothing."""
+    return BoxState(cells, tuple(PlacedItem(item, (n, 0, 0)) for n, item in enumerate(items)))
+
+
+def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
+    """(3,) centres of things of such extents (n, 3), in rows along x from the back to the front."""
+    x, middle = (0.0, 0.0) if size is None else (float(size[0]) + 2 * GAP, float(size[1]) / 2)
+    area = float(np.prod(extents[:, :2] + GAP, axis=1).sum())
+    length = max(1.3 * np.sqrt(area), extents[:, 0].max(initial=0.0))
+    rows: list[list[int]] = []
+    used = np.inf
+    for n in np.argsort(-extents[:, 2], kind="stable").tolist():
+        if used + extents[n, 0] > length:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(n)
+        used += extents[n, 0] + GAP
+    depths = [max(extents[n, 1] for n in row) for row in rows]
+    y = middle - (sum(depths) + GAP * (len(rows) - 1)) / 2
+    centers = [np.zeros(3)] * len(extents)
+    for row, deep in zip(rows, depths, strict=True):
+        at = x
+        for n in row:
+            centers[n] = np.array((at + extents[n, 0] / 2, y + deep / 2, extents[n, 2] / 2))
+            at += extents[n, 0] + GAP
+        y += deep + GAP
+    return centers
+
+
+def _corners(items: Sequence[Item], poses: Sequence[Pose]) -> Floats:
+    """(8n, 3) the corners of items' bounding boxes, turned with them."""
+    signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
+    boxes = [
+        signs * item.turned(0).extents @ transformations.quaternion_matrix(pose.turn)[:3, :3].T
+        + pose.center
+        for item, pose in zip(items, poses, strict=True)
+    ]
+    return np.concatenate([np.empty((0, 3)), *boxes])

@@ -1,0 +1,71 @@
+"""How a box is shown: one value that snapshots, films, environments and the command line share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from packit_sim.geometry.shapes import UP_AXES, Axis
+from packit_sim.render.cameras import ISO, Camera
+from packit_sim.render.coloring import Coloring, by_item
+
+RGB = tuple[int, int, int]
+"""Red, green and blue, of 255."""
+
+BACKGROUND: RGB = (246, 247, 249)
+"""Where a picture shows nothing."""
+
+BoxStyle = Literal["edges", "ghost", "none"]
+BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Where a box is cut open: what lies beyond `at`, in box units, along an axis is taken away.
+
+    What is cut through shows its section, as the fine cells of the engine have it: solid where a
+    mesh encloses it, closed or not.
+    """
+
+    axis: Axis
+    at: float
+
+    def __post_init__(self) -> None:
+        if self.axis not in UP_AXES:
+            raise ValueError(f"axis {self.axis!r} of a cut is not known: choose from x, y, z")
+        if not 0 < self.at < math.inf:
+            raise ValueError(f"a cut at {self.at!r} is not possible: it must be above 0")
+
+    @property
+    def dimension(self) -> int:
+        """The axis as an index."""
+        return UP_AXES.index(self.axis)
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a box is shown.
+
+    background: red, green and blue, of 255. box: "edges" shows its edges and floor, "ghost" panes
+    of glass around what it holds, "none" the items alone, as large as fits. explode: how far
+    items are moved apart, as a share of where they stand from the middle of the floor. cut: where
+    the box is cut open. coloring: the rule that gives each item its colour. Raises ValueError
+    where one is out of range.
+    """
+
+    camera: Camera = ISO
+    background: RGB = BACKGROUND
+    box: BoxStyle = "edges"
+    explode: float = 0.0
+    cut: Cut | None = None
+    coloring: Coloring = by_item
+
+    def __post_init__(self) -> None:
+        if self.box not in BOX_STYLES:
+            choices = ", ".join(BOX_STYLES)
+            raise ValueError(f"box {self.box!r} is not known: choose from {choices}")
+        if not 0 <= self.explode < math.inf:
+            raise ValueError(f"explode {self.explode!r} is not possible: 0 or more")
+        if len(self.background) != 3 or not all(0 <= c <= 255 for c in self.background):
+            raise ValueError(f"background {self.background!r} must be three numbers of 0 to 255")

@@ -1,0 +1,134 @@
+"""Plots in one style, by matplotlib, which comes with `pip install packit-sim[plot]`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from packit_sim.core.confidence import Estimate
+from packit_sim.core.errors import PackItError
+from packit_sim.render.rendering import save_png
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, which the colour-blind can tell apart; the first three differ most."""
+
+DPI = 150
+"""Pixels an inch of a figure."""
+
+INK = "#4a4f58"
+"""Of what is no data."""
+
+BAND = 0.18
+"""How opaque an interval is around its line."""
+
+_STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "font.size": 10,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+}
+
+
+class MissingMatplotlibError(PackItError, ImportError):
+    """matplotlib is not installed."""
+
+
+def require() -> None:
+    """Raises MissingMatplotlibError where there can be no plots: to ask before there is work."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingMatplotlibError(
+            "plots need matplotlib, which is not installed: pip install 'packit-sim[plot]'"
+        ) from error
+
+
+@contextmanager
+def drawn(
+    path: Path | str, mosaic: Sequence[Sequence[str]], width: float, height: float
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure to draw on, and its axes by the names that the mosaic lays out row by row.
+
+    When the block ends it is written as PNG, whole or not at all; where it raises, nothing is.
+    width, height: in inches of `DPI` pixels. Raises MissingMatplotlibError, and RenderError where
+    the path can't be written.
+    """
+    with _figure(mosaic, width, height, {}) as (figure, axes):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        yield figure, axes
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    save_png(np.ascontiguousarray(pixels), path, "matplotlib")
+
+
+@contextmanager
+def inlined(
+    out: TextIO, mosaic: Sequence[Sequence[str]], width: float, height: float
+) -> Iterator[tuple[Figure, Any]]:
+    """As `drawn`, but an SVG element for a page, of which out has the text when the block ends.
+
+    The page gives the fonts, and the colours: `var(--ink)` for all that is no data, `var(--data-0)`
+    and so on for those of `COLORS`. Nothing is behind it.
+    """
+    ink = dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK)
+    style = {
+        **ink,
+        "grid.color": INK,
+        "grid.alpha": 0.15,
+        "svg.fonttype": "none",
+        "svg.hashsalt": f"{mosaic}",
+    }
+    drawn = StringIO()
+    with _figure(mosaic, width, height, style) as (figure, axes):
+        yield figure, axes
+        figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
+    text = drawn.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r'<g id="[^"]*"', "<g", text)
+    named = {INK: "--ink", **{color: f"--data-{n}" for n, color in enumerate(COLORS)}}
+    for color, name in named.items():
+        text = text.replace(color.lower(), f"var({name})")
+    out.write(text)
+
+
+@contextmanager
+def _figure(
+    mosaic: Sequence[Sequence[str]], width: float, height: float, style: Mapping[str, Any]
+) -> Iterator[tuple[Figure, Any]]:
+    """A figure and its axes, in our style and what is changed of it."""
+    require()
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({**_STYLE, **style}):
+        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+        yield figure, figure.subplot_mosaic([list(row) for row in mosaic])
+
+
+def line(axes: Any, at: Sequence[float], estimates: Sequence[Estimate], **style: Any) -> None:
+    """Means as a line with their intervals as a band; where there is none, the line alone.
+
+    style: what matplotlib's `plot` takes; it must have a color.
+    """
+    means = [estimate.mean for estimate in estimates]
+    low = [e.mean if e.low is None else e.low for e in estimates]
+    high = [e.mean if e.high is None else e.high for e in estimates]
+    axes.plot(at, means, **style)
+    axes.fill_between(at, low, high, color=style["color"], alpha=BAND, linewidth=0)

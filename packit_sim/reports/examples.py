@@ -1,0 +1,127 @@
+"""The tasks that an agent did best and worst on, as boxes to be turned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from packit_sim.datasets.packs import Pack, Task
+from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.results import Rollout
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.reports.models import Models
+from packit_sim.reports.runs import EvaluationRun, ReportError, Runs
+
+SOLUTION = "ground truth"
+"""The name under which a task's own pack stands among the agents."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A box as one packed it.
+
+    model: its number among the page's models. total: the return. told: the rest in a few words.
+    """
+
+    by: str
+    model: int
+    total: float
+    told: str
+
+    @property
+    def shown(self) -> str:
+        """The return as text, which is 1.000 only where all was placed."""
+        return f"{self.total if self.total >= 1 - SLACK else min(self.total, 0.999):.3f}"
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A task. rank: such as "best"; views: of the gallery's agent first, then of all others."""
+
+    task: int
+    rank: str
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Exhibits of the tasks of one agent, its best first, and the models that they show."""
+
+    agent: str
+    exhibits: tuple[Exhibit, ...]
+    models: Models
+
+
+def chosen(runs: Runs, agent: str | None) -> EvaluationRun:
+    """The agent whose tasks are shown: by default that of the highest Average Reward.
+
+    Raises ReportError where the runs hold no such.
+    """
+    if agent is None:
+        return max(runs.played, key=lambda one: one.reward)
+    for one in runs.played:
+        if one.name == agent:
+            return one
+    names = ", ".join(one.name for one in runs.played) or "none"
+    raise ReportError(f"agent {agent!r} is not in these results: choose from {names}")
+
+
+def extremes(rollouts: Sequence[Rollout], each: int) -> list[tuple[str, Rollout]]:
+    """So many rollouts with the highest return, and so many with the lowest, none twice.
+
+    Of equal returns the first task counts as the higher one. Each comes with its rank.
+    """
+    ordered = sorted(rollouts, key=lambda rollout: (-rollout.total, rollout.task))
+    best = ordered[: min(each, (len(ordered) + 1) // 2)]
+    worst = ordered[max(len(best), len(ordered) - each) :]
+    return [("best", one) for one in best] + [("worst", one) for one in reversed(worst)]
+
+
+def gallery(
+    runs: Runs,
+    library: ShapeLibrary,
+    each: int,
+    agent: str | None = None,
+    tasks: Mapping[str, Task] = MappingProxyType({}),
+) -> Gallery:
+    """So many best and so many worst tasks of an agent (see `chosen`).
+
+    tasks: those that were played, by digest, whose packs are then shown as well. Raises
+    PackFormatError where results are of another library.
+    """
+    shown = chosen(runs, agent)
+    others = [one for one in runs.played if one is not shown]
+    models = Models()
+    exhibits = []
+    for rank, rollout in extremes(shown.rollouts, each):
+        task = tasks.get(rollout.task_digest)
+        views = []
+        for one in (shown, *others):
+            found = [r for r in one.rollouts if r.task_digest == rollout.task_digest]
+            views += [_view(one.name, r, task, library, models) for r in found]
+        if task is not None:
+            views.append(_solution(task, library, models))
+        exhibits.append(Exhibit(rollout.task, rank, tuple(views)))
+    return Gallery(shown.name, tuple(exhibits), models)
+
+
+def _view(
+    name: str, rollout: Rollout, task: Task | None, library: ShapeLibrary, models: Models
+) -> View:
+    pack = rollout.pack
+    count = f"{len(pack.items)}" if task is None else f"{len(pack.items)} of {len(task.items)}"
+    told = f"{count} items, density {pack.density:.3f}; ended: {rollout.end}"
+    return View(name, _model(pack, rollout.total, library, models), rollout.total, told)
+
+
+def _solution(task: Task, library: ShapeLibrary, models: Models) -> View:
+    told = f"{len(task.pack.items)} items, density {task.pack.density:.3f}"
+    return View(SOLUTION, _model(task.pack, 1.0, library, models), 1.0, told)
+
+
+def _model(pack: Pack, total: float, library: ShapeLibrary, models: Models) -> int:
+    """total: the return, which is the share of the task's volume that the pack holds."""
+    placed = pack.placed(library)
+    volume = sum(one.item.volume for one in placed)
+    return models.add(pack.cells, placed, volume / total if total > 0 else 1.0)
