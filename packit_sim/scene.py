@@ -31,7 +31,7 @@ from packit_sim.physics.settling import Settled, settle
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import Color, color_of
 from packit_sim.render.layouts import Layout, Pose
-from packit_sim.render.looks import Look
+from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.render.obj_text import convex_pieces, drawn, objects
 from packit_sim.render.rendering import (
     RENDERER_VARIABLE,
@@ -50,9 +50,6 @@ with quiet():
 Quaternion = tuple[float, float, float, float]
 
 __all__ = ["Camera", "Look", "Scene", "Snapshot"]
-
-DEFAULT_LOOK = Look()
-"""The look of pictures that are asked for no other."""
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -115,7 +112,7 @@ class Scene:
         self,
         width: int = 512,
         height: int = 512,
-        look: Look = DEFAULT_LOOK,
+        look: Look | None = None,
         layout: Layout | None = None,
     ) -> Snapshot:
         """A picture of so many pixels. Raises ValueError where a side is not 1 to 2048.
@@ -124,6 +121,7 @@ class Scene:
         or as far apart as the look says.
         """
         self._check()
+        look = look or DEFAULT_LOOK
         size = np.array(self._cells) * CELL
         placed = tuple(self._bodies)
         if self._sections > _MAX_SECTIONS:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -32,10 +32,11 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.physics.settling_box import SettlingBox
-from packit_sim.render.layouts import Layout, unplaced
-from packit_sim.scene import DEFAULT_LOOK, Look, Scene
-from packit_sim.viewer.viewer import Viewer
+
+if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
+    from packit_sim.render.layouts import Layout
+    from packit_sim.scene import Look, Scene
+    from packit_sim.viewer.viewer import Viewer
 
 FRESH = "fresh"
 """The name of tasks that are made on the fly."""
@@ -107,7 +108,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         observation: str = "voxels",
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
-        look: Look = DEFAULT_LOOK,
+        look: Look | None = None,
     ) -> None:
         _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
         _one_of("order", order, ("random", "cycle"))
@@ -230,6 +231,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             return None
         box, layout = _shown(self.episode.box)
         if self._scene is None:
+            from packit_sim.scene import Scene
+
             self._scene = Scene(box)
         self._scene.update(box)
         return self._scene.snapshot(look=self.look, layout=layout).image
@@ -244,7 +247,11 @@ class PackItEnv(gym.Env[Observation, np.int64]):
 
     def _begun(self, task: Task) -> Episode:
         cells = self._cells or task.cells
-        box = SettlingBox(cells, self.physics) if self.physics else None
+        box = None
+        if self.physics:
+            from packit_sim.physics.settling_box import SettlingBox
+
+            box = SettlingBox(cells, self.physics)
         return Episode(task, easy=self.easy, kinematic=self.kinematic, cells=cells, box=box)
 
     def _show(self) -> None:
@@ -252,6 +259,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self.render_mode != "human":
             return
         if self._viewer is None:
+            from packit_sim.viewer.viewer import Viewer
+
             self._viewer = Viewer(self.episode.box)
             _log.warning("the box is shown at %s", self._viewer.address)
         self._viewer.update(self.episode.box)
@@ -308,10 +317,12 @@ class PackItEnv(gym.Env[Observation, np.int64]):
 
 def _shown(box: BaseBox) -> tuple[Contents, Layout | None]:
     """A box for a picture, and where its items are shown, if not in their places."""
-    if isinstance(box, SettlingBox):
-        return unplaced([lying.item for lying in box.placed], box.cells), box.layout
-    assert isinstance(box, Box)
-    return box, None
+    if isinstance(box, Box):
+        return box, None
+    from packit_sim.render.layouts import Layout, unplaced
+
+    items = [posed.item for posed in box.placed]
+    return unplaced(items, box.cells), Layout.packed(box.placed, box.size)
 
 
 def _source(

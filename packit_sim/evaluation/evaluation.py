@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.confidence import Comparison, Estimate
-from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.evaluation.results import ResultsError, Rollout, check_same, opened
@@ -23,6 +22,7 @@ from packit_sim.game.episode import Episode
 from packit_sim.rules import PACKIT, Rules
 
 if TYPE_CHECKING:
+    from packit_sim.core.parallel import Workers
     from packit_sim.envs.env import PackItEnv
     from packit_sim.envs.vector import PackItVectorEnv
 

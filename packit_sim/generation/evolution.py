@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.generation.pack_creator import PackCreator, Recipe
 from packit_sim.generation.strategies import search_of
 from packit_sim.libraries.library import ShapeLibrary
+
+if TYPE_CHECKING:
+    from packit_sim.core.parallel import Workers
 
 BATCHES_PER_WORKER = 4
 """Into so many parts a generation's children are cut for each worker, so that none waits long."""

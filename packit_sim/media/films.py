@@ -16,8 +16,8 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.media.video import Picture
 from packit_sim.render.cameras import turntable
 from packit_sim.render.layouts import GAP, Floats, Layout, Pose
-from packit_sim.render.looks import Look
-from packit_sim.scene import DEFAULT_LOOK, Scene
+from packit_sim.render.looks import DEFAULT_LOOK, Look
+from packit_sim.scene import Scene
 
 Frame = tuple[Look, Layout | None]
 """How a box is shown at a moment of a film."""

@@ -69,3 +69,7 @@ class Look:
             raise ValueError(f"explode {self.explode!r} is not possible: 0 or more")
         if len(self.background) != 3 or not all(0 <= c <= 255 for c in self.background):
             raise ValueError(f"background {self.background!r} must be three numbers of 0 to 255")
+
+
+DEFAULT_LOOK = Look()
+"""How a box is shown where no look is given."""

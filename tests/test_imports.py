@@ -1,0 +1,39 @@
+"""Importing the package and playing without pictures load no more than they need."""
+
+import json
+import subprocess
+import sys
+
+PLAY = """
+import json, sys
+import gymnasium, packit_sim
+env = gymnasium.make("PackIt-v0")
+_, info = env.reset(seed=1)
+for _ in range(3):
+    _, _, _, _, info = env.step(int(info["action_mask"].argmax()))
+env.close()
+print(json.dumps(sorted(sys.modules)))
+"""
+
+ABSENT = {
+    *("coacd", "jinja2", "joblib", "matplotlib", "minari", "pybullet", "ray", "scipy.stats"),
+    *("torch", "typer", "viser"),
+    *("packit_sim.cli", "packit_sim.explorer", "packit_sim.media", "packit_sim.paper"),
+    *("packit_sim.render", "packit_sim.reports", "packit_sim.scene", "packit_sim.viewer"),
+}
+
+SETTINGS = {"packit_sim.physics", "packit_sim.physics.settings"}
+"""The only modules of physics that rules refer to; they hold plain values."""
+
+
+def modules_after(code: str) -> set[str]:
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, timeout=120)
+    return set(json.loads(run.stdout.splitlines()[-1]))
+
+
+def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -> None:
+    loaded = modules_after(PLAY)
+    assert "packit_sim.envs.env" in loaded
+    assert loaded & ABSENT == set()
+    physics = {name for name in loaded if name.startswith("packit_sim.physics")}
+    assert physics <= SETTINGS
