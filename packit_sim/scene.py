@@ -16,21 +16,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
-from trimesh import transformations
 
 from packit_sim.box import BoxState
 from packit_sim.core.errors import RenderError
 from packit_sim.engine.feasibility import Contents
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import Color, color_of
-from packit_sim.render.layouts import Layout, Pose
+from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.render.obj_text import convex_pieces, drawn, objects
 from packit_sim.render.rendering import (
@@ -47,11 +46,8 @@ from packit_sim.render.staging import BodyStager, corners
 with quiet():
     import pybullet
 
-Quaternion = tuple[float, float, float, float]
-
 __all__ = ["Camera", "Look", "Scene", "Snapshot"]
 
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 _MARGIN = 0.001
 """Metres by which PyBullet grows every convex piece that it loads; meshes it leaves alone."""
@@ -244,7 +240,7 @@ class Scene:
 
     def _add(self, placed: PlacedItem) -> int:
         drawn = self._shapes_of(placed.item).drawn
-        return self._body(drawn, placed.center, _quaternion(placed.item))
+        return self._body(drawn, _upright(placed))
 
     def _shapes_of(self, item: Item) -> _Shapes:
         """What PyBullet holds of an item, made where it is new; the rotation is the body's."""
@@ -281,8 +277,8 @@ class Scene:
             collisionShapeB=mesh,
             collisionShapePositionA=(0, 0, 0),
             collisionShapePositionB=((other.center - one.center) * UNIT).tolist(),
-            collisionShapeOrientationA=_quaternion(one.item),
-            collisionShapeOrientationB=_quaternion(other.item),
+            collisionShapeOrientationA=_upright(one).xyzw,
+            collisionShapeOrientationB=_upright(other).xyzw,
             physicsClientId=self._client,
         )
         distances = (point[8] + _MARGIN for point in points or ())
@@ -291,7 +287,7 @@ class Scene:
     def _wall(self, mesh: trimesh.Trimesh, color: Color) -> int:
         """A body that only pictures have."""
         self._sections += len(mesh.faces)
-        return self._body(self._draw(mesh, 1.0, color), np.zeros(3), _UPRIGHT)
+        return self._body(self._draw(mesh, 1.0, color), Pose(np.zeros(3)))
 
     def _draw(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
         self._triangles += len(mesh.faces)
@@ -321,12 +317,12 @@ class Scene:
         path.write_text(text)
         return str(path)
 
-    def _body(self, visual: int, center: npt.NDArray[np.float64], quaternion: Quaternion) -> int:
+    def _body(self, visual: int, pose: Pose) -> int:
         return pybullet.createMultiBody(
             baseMass=0,
             baseVisualShapeIndex=visual,
-            basePosition=(center * UNIT).tolist(),
-            baseOrientation=quaternion,
+            basePosition=(pose.position * UNIT).tolist(),
+            baseOrientation=pose.xyzw,
             physicsClientId=self._client,
         )
 
@@ -357,8 +353,7 @@ def _vertices(placed: Sequence[PlacedItem], layout: Layout) -> Points:
     meshes = [np.empty((0, 3))]
     for one, pose in zip(placed, layout.poses, strict=True):
         if pose is not None:
-            turn = transformations.quaternion_matrix(pose.turn)[:3, :3] * np.cbrt(one.item.scale)
-            meshes.append(one.item.shape.mesh.vertices @ turn.T + pose.center)
+            meshes.append(pose.apply(one.item.shape.mesh.vertices * np.cbrt(one.item.scale)))
     return np.concatenate(meshes)
 
 
@@ -373,7 +368,6 @@ def _key(item: Item) -> tuple[str, float]:
     return item.shape.digest, item.scale
 
 
-def _quaternion(item: Item) -> Quaternion:
-    """The item's rotation as PyBullet's (x, y, z, w)."""
-    w, x, y, z = Pose.of(item, np.zeros(3)).turn
-    return x, y, z, w
+def _upright(placed: PlacedItem) -> Pose:
+    """Compute the pose of an item on the grid."""
+    return Pose.from_rotation(placed.center, placed.item.rotation)

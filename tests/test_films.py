@@ -66,9 +66,9 @@ def test_every_item_goes_from_its_stand_to_its_place() -> None:
     inside = Layout.packed(box.placed, np.ones(3))
     for layout, poses in ((layouts[0], outside.poses), (layouts[-1], inside.poses)):
         for pose, wanted in zip(layout.poses, poses, strict=True):
-            assert np.array_equal(pose.center, wanted.center) and pose.turn == wanted.turn
+            assert np.array_equal(pose.position, wanted.position) and pose.wxyz == wanted.wxyz
     for n in range(3):
-        centers = np.array([layout.poses[n].center for layout in layouts])
+        centers = np.array([layout.poses[n].position for layout in layouts])
         moving = np.flatnonzero((np.diff(centers, axis=0) != 0).any(axis=1))
         start = (PACE.rest + n * PACE.gap) * PACE.fps
         assert start - 1 <= moving[0] <= start + 1
@@ -79,11 +79,11 @@ def test_every_item_goes_from_its_stand_to_its_place() -> None:
 def test_nothing_jumps_and_it_starts_and_ends_gently() -> None:
     layouts = [layout for _, layout in packing(packed(), pace=Pace(50, 2.0, 1.0, 0.5))]
     for n in range(3):
-        centers = np.array([layout.poses[n].center for layout in layouts])
+        centers = np.array([layout.poses[n].position for layout in layouts])
         steps = np.linalg.norm(np.diff(centers, axis=0), axis=1)
         assert steps.max() < 2.5 * steps.sum() / 100
         assert np.abs(np.diff(steps)).max() < steps.max() / 8
-        turns = np.array([layout.poses[n].turn for layout in layouts])
+        turns = np.array([layout.poses[n].wxyz for layout in layouts])
         angles = 1 - np.abs((turns[1:] * turns[:-1]).sum(axis=1))
         assert angles.max() < 0.01
 
@@ -92,14 +92,14 @@ def test_an_item_comes_from_outside_and_is_turned_before_it_is_in() -> None:
     box = packed()
     layouts = [layout for _, layout in packing(box, pace=Pace(50, 2.0, 1.0, 0.5))]
     for n, (placed, (axis, side)) in enumerate(zip(box.placed, sides(box), strict=True)):
-        final = np.array(layouts[-1].poses[n].turn)
+        final = np.array(layouts[-1].poses[n].wxyz)
         for layout in layouts:
             pose = layout.poses[n]
-            if ((pose.center > 0) & (pose.center < 1)).all():
-                assert abs(abs(np.array(pose.turn) @ final) - 1) < 1e-6
+            if ((pose.position > 0) & (pose.position < 1)).all():
+                assert abs(abs(np.array(pose.wxyz) @ final) - 1) < 1e-6
                 others = [a for a in range(3) if a != axis]
-                assert np.allclose(pose.center[others], placed.center[others], atol=1e-6)
-                assert side * (pose.center[axis] - placed.center[axis]) > -1e-9
+                assert np.allclose(pose.position[others], placed.center[others], atol=1e-6)
+                assert side * (pose.position[axis] - placed.center[axis]) > -1e-9
 
 
 def test_every_frame_has_the_same_view_and_all_stays_in_it() -> None:

@@ -119,11 +119,11 @@ def test_exploded_items_keep_their_directions(factor: float, seed: int) -> None:
     size = np.ones(3)
     packed, apart = (Layout.packed(placed, size, f) for f in (0.0, factor))
     for one, two in ((0, 1), (1, 2), (0, 2)):
-        before = packed.poses[one].center - packed.poses[two].center
-        after = apart.poses[one].center - apart.poses[two].center
+        before = packed.poses[one].position - packed.poses[two].position
+        after = apart.poses[one].position - apart.poses[two].position
         assert np.allclose(after, (1 + factor) * before)
     assert all(
-        pose.center[2] >= p.item.extents[2] / 2 - 1e-9
+        pose.position[2] >= p.item.extents[2] / 2 - 1e-9
         for pose, p in zip(apart.poses, placed, strict=True)
     )
 
@@ -147,7 +147,7 @@ def test_items_stand_apart_on_the_floor_beside_the_box(count, seed, size) -> Non
     items = [Item(ZOO[rng.integers(len(ZOO))], rng.uniform(0.01, 0.5)) for _ in range(count)]
     layout = Layout.standing(items, size)
     extents = np.array([item.extents for item in items]).reshape(-1, 3)
-    centers = np.array([pose.center for pose in layout.poses]).reshape(-1, 3)
+    centers = np.array([pose.position for pose in layout.poses]).reshape(-1, 3)
     assert np.allclose(centers[:, 2], extents[:, 2] / 2)
     if size is not None:
         assert (centers[:, 0] - extents[:, 0] / 2 >= size[0] + GAP).all()
@@ -253,7 +253,9 @@ def test_panes_of_glass_are_before_and_behind_and_change_no_measure() -> None:
 def test_what_stands_before_the_glass_is_not_behind_it() -> None:
     items = [cube_of(30)]
     standing = Layout.standing(items)
-    near = dataclasses.replace(standing.poses[0], center=CENTRE + 1.2 * np.array((0.47, 0.88, 0.0)))
+    near = dataclasses.replace(
+        standing.poses[0], position=CENTRE + 1.2 * np.array((0.47, 0.88, 0.0))
+    )
     layout = Layout((near,), standing.points)
     shots = []
     with Scene(unplaced(items, (100, 100, 100))) as scene:
@@ -311,7 +313,7 @@ def test_a_layout_puts_items_anywhere_or_nowhere() -> None:
     assert set(np.unique(whole.segmentation)) == {-1, 0, 1, 2}
     assert set(np.unique(less.segmentation)) == {-1, 0, 2}
     middles = [np.argwhere(whole.segmentation == n).mean(axis=0) for n in range(3)]
-    at = seen(whole.projection, np.array([pose.center for pose in layout.poses]))
+    at = seen(whole.projection, np.array([pose.position for pose in layout.poses]))
     assert np.allclose(np.array(middles)[:, ::-1], at, atol=3)
 
 

@@ -115,7 +115,7 @@ def test_a_ball_in_a_bowl_comes_to_rest_at_the_bottom() -> None:
     bowl_now, ball_now = found.items
     assert found.at_rest and bowl_now.inside
     assert ball_now.items == (0,) and not ball_now.walls
-    middle, end = (item.pose.center for item in (bowl_now, ball_now))
+    middle, end = (item.pose.position for item in (bowl_now, ball_now))
     assert np.linalg.norm(end[:2] - middle[:2]) < 0.05 < np.linalg.norm(start[:2] - middle[:2])
     assert end[2] < start[2]
     depth = bowl_now.vertices[:, 2].min()

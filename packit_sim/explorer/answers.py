@@ -10,8 +10,8 @@ import numpy.typing as npt
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.explorer.questions import Question
 from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.poses import Pose
 from packit_sim.render.coloring import PALETTE, Color
-from packit_sim.render.layouts import Pose
 from packit_sim.viewer.boxes import rgb
 from packit_sim.viewer.surfaces import surface
 
@@ -72,7 +72,7 @@ class ShownAnswer:
             cast_shadow=False,
             receive_shadow=False,
             scale=float(np.cbrt(placed.item.scale)),
-            wxyz=Pose.of(placed.item, placed.center).turn,
+            wxyz=Pose.from_rotation(placed.center, placed.item.rotation).wxyz,
         )
 
     def _add_dots(

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from packit_sim.engine.feasibility import Contents
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.poses import Pose
 from packit_sim.media.video import Picture
 from packit_sim.render.cameras import turntable
-from packit_sim.render.layouts import GAP, Floats, Layout, Pose
+from packit_sim.render.layouts import GAP, Floats, Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.scene import Scene
 
@@ -174,13 +175,13 @@ class _Flight:
         """Up, over the box unless it comes in where it stands, and straight in from its side."""
         axis, sign = side
         half = placed.item.extents / 2
-        turn = end.center.copy()
+        turn = end.position.copy()
         turn[axis] = (size[axis] if sign > 0 else 0.0) + sign * (half[axis] + GAP + _BEND)
-        over = max(size[2] + half[2] + GAP, turn[2], start.center[2] + _RISE)
+        over = max(size[2] + half[2] + GAP, turn[2], start.position[2] + _RISE)
         if axis == 0 and sign > 0:
-            over = max(turn[2], start.center[2] + _RISE)
-        ways = [np.array((*way[:2], over)) for way in (start.center, turn)]
-        points, corner = _rounded([start.center, *ways, turn, end.center])
+            over = max(turn[2], start.position[2] + _RISE)
+        ways = [np.array((*way[:2], over)) for way in (start.position, turn)]
+        points, corner = _rounded([start.position, *ways, turn, end.position])
         way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
         even = np.linspace(0, way[-1], _POINTS)
         path = np.stack([np.interp(even, way, channel) for channel in points.T], axis=1)
@@ -195,7 +196,9 @@ class _Flight:
             return self.end
         places = np.linspace(0, 1, len(self.path))
         center = np.array([np.interp(share, places, channel) for channel in self.path.T])
-        return self.start.between(self.end, _eased(share / self.entry), center)
+        return replace(
+            self.start.interpolate(self.end, _eased(share / self.entry)), position=center
+        )
 
 
 def _rounded(ways: Sequence[Floats]) -> tuple[Floats, int]:

@@ -19,12 +19,13 @@ from packit_sim.engine.feasibility import Contents
 from packit_sim.evaluation.results import Rollout
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, STEP
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
 from packit_sim.render.cameras import FRONT, TOP, Camera
 from packit_sim.render.coloring import COLORINGS, UNKNOWN, Color, Colors
-from packit_sim.render.layouts import Layout, Pose, unplaced
+from packit_sim.render.layouts import Layout, unplaced
 from packit_sim.render.looks import Cut, Look
 from packit_sim.render.rendering import Snapshot
 from packit_sim.scene import Scene
@@ -201,10 +202,14 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
     pitch = 1.25 * float(item.extents.max())
     rows = rotations.COUNT // _TURNS_A_ROW
     poses = tuple(
-        Pose.of(one, pitch * np.array((-(n % _TURNS_A_ROW), 0.0, rows - n // _TURNS_A_ROW)))
+        Pose.from_rotation(
+            pitch * np.array((-(n % _TURNS_A_ROW), 0.0, rows - n // _TURNS_A_ROW)), one.rotation
+        )
         for n, one in enumerate(turned)
     )
-    points = np.array([p.center + np.array((s, 0, s)) * pitch / 2 for p in poses for s in (-1, 1)])
+    points = np.array(
+        [p.position + np.array((s, 0, s)) * pitch / 2 for p in poses for s in (-1, 1)]
+    )
     camera = Camera(azimuth=90, elevation=14, fov=12)
     look = replace(_WHITE, camera=camera, box="none", coloring=Highlight(chosen))
     return _shot(unplaced(turned, BOX_CELLS), look, Layout(poses, points), _PANEL)

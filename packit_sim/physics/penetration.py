@@ -6,14 +6,13 @@ import math
 from itertools import combinations, product
 
 import numpy as np
-from trimesh import transformations
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.physics.convex.pieces import Floats
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
-from packit_sim.render.layouts import Pose
+from packit_sim.render.layouts import pose_of
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths, in box units, that are told apart."""
@@ -87,21 +86,18 @@ class _WayBack:
 
     def __init__(self, one: SettledItem, other: SettledItem) -> None:
         self._item, self._here = one.placed.item, one.pose
-        self._start = Pose.lying(self._item, other.move @ one.placed.pose)
-        cosine = min(abs(float(np.dot(self._here.turn, self._start.turn))), 1.0)
+        self._start = pose_of(self._item, other.move @ one.placed.pose)
+        cosine = min(abs(float(np.dot(self._here.wxyz, self._start.wxyz))), 1.0)
         radius = float(np.linalg.norm(self._item.extents)) / 2
-        shift = float(np.linalg.norm(self._start.center - self._here.center))
+        shift = float(np.linalg.norm(self._start.position - self._here.position))
         self._length = shift + 2 * math.acos(cosine) * radius
 
     def after(self, length: float) -> Floats | None:
         """(n, 3) of its mesh, so far on that no point has moved by more; None where it is over."""
         if self._length <= length:
             return None
-        share = length / self._length
-        center = (1 - share) * self._here.center + share * self._start.center
-        between = self._here.between(self._start, share, center)
-        turn = transformations.quaternion_matrix(between.turn)[:3, :3]
-        return self._item.turned(0).mesh.vertices @ turn.T + between.center
+        between = self._here.interpolate(self._start, length / self._length)
+        return between.apply(self._item.turned(0).mesh.vertices)
 
 
 def _is_in(one: _Body, other: _Body) -> bool:

@@ -11,12 +11,13 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.occupancy import ItemInBox, Load
 from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Floats, Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.world import WALLS, World
-from packit_sim.render.layouts import Layout, Pose
+from packit_sim.render.layouts import Layout, pose_of
 
 INSIDE = 0.005
 """Box units by which an item may reach out of the box and still be inside: a contact gives way a
@@ -53,7 +54,7 @@ class SettledItem:
     @property
     def pose(self) -> Pose:
         """Where a picture shows it."""
-        return Pose.lying(self.placed.item, self.move @ self.placed.pose)
+        return pose_of(self.placed.item, self.move @ self.placed.pose)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from trimesh import transformations
 
 from packit_sim.core.errors import PhysicsError
+from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.render.obj_text import objects
@@ -26,13 +26,8 @@ with quiet():
 WALLS = ("left", "right", "back", "front", "floor")
 """What a box is made of: low and high x, low and high y, and the ground that it stands on."""
 
-Quaternion = tuple[float, float, float, float]
-"""As PyBullet has it: x, y, z, w."""
-
 _THICKNESS = 0.25
 """Of the walls, in box units."""
-
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 _ITERATIONS = 120
 """Of the solver of contacts, in each step."""
@@ -100,7 +95,7 @@ class World:
             shape = pybullet.createCollisionShape(
                 pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
             )
-        number = self._body(shape, bulk.center, mass, _quaternion(bulk.axes))
+        number = self._body(shape, mass, Pose.from_axes(bulk.center, bulk.axes))
         if mass:
             pybullet.changeDynamics(
                 number,
@@ -136,10 +131,10 @@ class World:
         """How each item has moved since it was put in: (4, 4) matrices, in box units."""
         found = []
         for body in self._bodies:
-            center, turn = self._pose(body)
+            pose = self._pose(body)
             move = np.eye(4)
-            move[:3, :3] = turn @ body.bulk.axes.T
-            move[:3, 3] = center - move[:3, :3] @ body.bulk.center
+            move[:3, :3] = pose.axes @ body.bulk.axes.T
+            move[:3, 3] = pose.position - move[:3, :3] @ body.bulk.center
             found.append(move)
         return found
 
@@ -163,10 +158,10 @@ class World:
         """J of all that can move: of its motion, and of its height above the ground."""
         total = 0.0
         for body in self._bodies:
-            center, turn = self._pose(body)
+            pose = self._pose(body)
             linear, angular = (np.array(v) for v in self._velocity(body))
-            spin = body.bulk.moments * UNIT**2 @ (turn.T @ angular) ** 2
-            height = center[2] * self._settings.side
+            spin = body.bulk.moments * UNIT**2 @ (pose.axes.T @ angular) ** 2
+            height = pose.position[2] * self._settings.side
             total += body.mass * (
                 (linear @ linear + spin) / self._scale**2 / 2 + self._settings.gravity * height
             )
@@ -200,16 +195,16 @@ class World:
                     halfExtents=(half * UNIT).tolist(),
                     physicsClientId=self._client,
                 )
-                walls.append(self._body(shape, center, 0.0))
+                walls.append(self._body(shape, 0.0, Pose(center)))
         ground = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
-        return [*walls, self._body(ground, np.zeros(3), 0.0)]
+        return [*walls, self._body(ground, 0.0, Pose(np.zeros(3)))]
 
-    def _body(self, shape: int, center: Floats, mass: float, turn: Quaternion = _UPRIGHT) -> int:
+    def _body(self, shape: int, mass: float, pose: Pose) -> int:
         number: int = pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
-            basePosition=(center * UNIT).tolist(),
-            baseOrientation=turn,
+            basePosition=(pose.position * UNIT).tolist(),
+            baseOrientation=pose.xyzw,
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
@@ -231,14 +226,12 @@ class World:
         )
         return number
 
-    def _pose(self, body: _Body) -> tuple[Floats, Floats]:
-        """(3,) the centre of mass in box units, and (3, 3) the principal axes as columns."""
-        center, turn = pybullet.getBasePositionAndOrientation(
+    def _pose(self, body: _Body) -> Pose:
+        """Look up the pose of the centre of mass and the principal axes, in box units."""
+        position, xyzw = pybullet.getBasePositionAndOrientation(
             body.number, physicsClientId=self._client
         )
-        x, y, z, w = turn
-        matrix = transformations.quaternion_matrix((w, x, y, z))[:3, :3]
-        return np.array(center) / UNIT, matrix
+        return Pose.from_xyzw(np.array(position) / UNIT, xyzw)
 
     def _velocity(self, body: _Body) -> tuple[Sequence[float], Sequence[float]]:
         """PyBullet's, linear and in radians."""
@@ -251,8 +244,3 @@ class World:
 def _disconnect(client: int) -> None:
     with quiet():
         pybullet.disconnect(physicsClientId=client)
-
-
-def _quaternion(turn: Floats) -> Quaternion:
-    w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
-    return x, y, z, w

@@ -7,47 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from trimesh import transformations
 
 from packit_sim.box import BoxState
 from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
-from packit_sim.geometry.rotations import MATRICES
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 
 Floats = npt.NDArray[np.float64]
-Quaternion = tuple[float, float, float, float]
 
 GAP = 0.06
 """Box units between items that stand beside each other, and from them to the box."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """Where an item is shown. center: (3,) of its bounding box. turn: unit quaternion w, x, y, z,
-    from the canonical shape.
-    """
-
-    center: Floats
-    turn: Quaternion
-
-    @classmethod
-    def of(cls, item: Item, center: Floats) -> Pose:
-        """An item in its own rotation, with its centre anywhere."""
-        w, x, y, z = transformations.quaternion_from_matrix(MATRICES[item.rotation]).tolist()
-        return cls(center, (w, x, y, z))
-
-    @classmethod
-    def lying(cls, item: Item, pose: Floats) -> Pose:
-        """An item in any turn; pose: its (4, 4) shape-to-box matrix."""
-        turn = pose[:3, :3] / np.cbrt(item.scale)
-        w, x, y, z = transformations.quaternion_from_matrix(turn).tolist()
-        return cls(pose[:3, 3], (w, x, y, z))
-
-    def between(self, other: Pose, share: float, center: Floats) -> Pose:
-        """A turn that is so far, 0 to 1, on the shortest way to another; with its centre there."""
-        w, x, y, z = transformations.quaternion_slerp(self.turn, other.turn, share).tolist()
-        return Pose(center, (w, x, y, z))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +35,8 @@ class Layout:
     def packed(cls, placed: Sequence[ItemInBox], size: Floats, explode: float = 0.0) -> Layout:
         """Each item in its place, or that much farther from the middle of the floor."""
         middle = size * (0.5, 0.5, 0.0)
-        poses = [Pose.lying(p.item, p.pose) for p in placed]
-        moved = [replace(p, center=p.center + explode * (p.center - middle)) for p in poses]
+        poses = [pose_of(p.item, p.pose) for p in placed]
+        moved = [replace(p, position=p.position + explode * (p.position - middle)) for p in poses]
         return cls(tuple(moved), _corners([p.item for p in placed], moved))
 
     @classmethod
@@ -78,7 +48,7 @@ class Layout:
         """
         upright = [item.turned(0) for item in items]
         centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
-        poses = [Pose.of(i, center) for i, center in zip(upright, centers, strict=True)]
+        poses = [Pose(center) for center in centers]
         return cls(tuple(poses), _corners(upright, poses))
 
     def all_round(self, size: Floats) -> Layout:
@@ -91,6 +61,11 @@ class Layout:
         heights = points[:, 2].min(), points[:, 2].max()
         rings = [np.column_stack((ring, np.full(len(ring), height))) for height in heights]
         return replace(self, points=np.concatenate(rings))
+
+
+def pose_of(item: Item, matrix: Floats) -> Pose:
+    """Compute an item's pose from its (4, 4) shape-to-box matrix, which also scales."""
+    return Pose.from_matrix(matrix, np.cbrt(item.scale))
 
 
 def unplaced(items: Sequence[Item], cells: Triple) -> BoxState:
@@ -127,8 +102,6 @@ def _corners(items: Sequence[Item], poses: Sequence[Pose]) -> Floats:
     """(8n, 3) the corners of items' bounding boxes, turned with them."""
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
     boxes = [
-        signs * item.turned(0).extents @ transformations.quaternion_matrix(pose.turn)[:3, :3].T
-        + pose.center
-        for item, pose in zip(items, poses, strict=True)
+        pose.apply(signs * item.turned(0).extents) for item, pose in zip(items, poses, strict=True)
     ]
     return np.concatenate([np.empty((0, 3)), *boxes])

@@ -9,9 +9,10 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.geometry.poses import Pose
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
-from packit_sim.render.layouts import Layout, Pose
+from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import RGB, Cut, Look
 from packit_sim.render.rendering import UNIT, quiet
 from packit_sim.render.sections import is_beyond, section
@@ -25,7 +26,6 @@ Maker = Callable[[trimesh.Trimesh, Color], int]
 _EDGE_RADIUS = 0.004
 """Of the box's edges, as a share of its longest side."""
 
-_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _AWAY = np.array((0.0, 0.0, -1e4))
 """Where bodies are that are not to be seen."""
 
@@ -74,7 +74,7 @@ class BodyStager:
             self._paint(body, color)
             indices[body] = n
             for part, light in zip(parts or (), (1.0, _CAP), strict=False):
-                self._put(part, pose and Pose(pose.center, _UPRIGHT))
+                self._put(part, pose and Pose(pose.position))
                 self._paint(part, _lit(color, light))
                 indices[part] = n
         return indices
@@ -84,7 +84,7 @@ class BodyStager:
             self._remove(body for body in (self._edges, self._floor) if body >= 0)
             self._edges, self._floor = (make(mesh, (1.0, 1.0, 1.0)) for mesh in _box(size))
             self._size = size
-        there = Pose(np.zeros(3), _UPRIGHT) if look.box == "edges" else None
+        there = Pose(np.zeros(3)) if look.box == "edges" else None
         self._put(self._edges, there)
         self._put(self._floor, there)
         edges, floor = _box_colors(look.background)
@@ -108,14 +108,13 @@ class BodyStager:
 
     def _put(self, body: int, pose: Pose | None) -> None:
         """Moves a body, or out of sight."""
-        pose = pose or Pose(_AWAY, _UPRIGHT)
+        pose = pose or Pose(_AWAY)
         known = self._poses.get(body)
-        same = known is not None and known.turn == pose.turn
-        if same and known is not None and np.array_equal(known.center, pose.center):
+        same = known is not None and known.wxyz == pose.wxyz
+        if same and known is not None and np.array_equal(known.position, pose.position):
             return
-        w, x, y, z = pose.turn
         pybullet.resetBasePositionAndOrientation(
-            body, (pose.center * UNIT).tolist(), (x, y, z, w), physicsClientId=self._client
+            body, (pose.position * UNIT).tolist(), pose.xyzw, physicsClientId=self._client
         )
         self._poses[body] = pose
 

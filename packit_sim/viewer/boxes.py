@@ -12,8 +12,9 @@ import trimesh
 
 from packit_sim.engine.occupancy import ItemInBox, Load, PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.poses import UPRIGHT, Pose
 from packit_sim.render.coloring import Color, by_item
-from packit_sim.render.layouts import Layout, Pose
+from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.viewer.surfaces import surface
@@ -27,8 +28,6 @@ EDGE_COLOR = (0.30, 0.32, 0.36)
 _FLOOR_COLOR = (0.90, 0.91, 0.93)
 _EDGE = 0.004
 """Thickness of the box's edges and of its floor, as a share of its longest side."""
-
-_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 _CAP = 0.8
 """What a section keeps of its item's brightness."""
@@ -164,7 +163,7 @@ class ShownBox:
         glass = display.focus is not None and number not in display.focus
         opacity = _GLASS if glass else display.solid
         for handle in (self._items[key], *self._parts.get(key, ())):
-            handle.position = pose.center
+            handle.position = pose.position
             handle.opacity = None if opacity >= 1 else opacity
             handle.cast_shadow = not glass
         for handle in self._parts.get(key, ()):
@@ -210,8 +209,8 @@ class ShownBox:
             side="double",
             receive_shadow=False,
             scale=scale,
-            wxyz=_UPRIGHT if pose is None else pose.turn,
-            position=np.zeros(3) if pose is None else pose.center,
+            wxyz=UPRIGHT if pose is None else pose.wxyz,
+            position=np.zeros(3) if pose is None else pose.position,
         )
         if self._on_click is not None:
             clicked = self._on_click
