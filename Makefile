@@ -4,7 +4,7 @@ PYTHON ?= python3
 EXTRAS ?= dev
 PYTEST_ARGS ?=
 MASKS ?= 100
-SEED ?= 0
+SEED := $(or $(SEED),$(shell od -An -N3 -tu4 /dev/urandom | tr -d ' '))
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -35,9 +35,11 @@ demo: $(STAMP) ## evolve a pack, take it apart, pack it again, draw it
 test: $(STAMP) ## the quick tests
 	@$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-test-all: ## the slow tests too; MASKS=2000 SEED=1: so many full masks against the oracle
+test-all: ## the slow tests too, with new seeds; MASKS=2000: so many masks; SEED=1: repeat a run
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,cluster
-	@$(PYTEST) --masks $(MASKS) --seed $(SEED) $(PYTEST_ARGS)
+	@echo "to repeat this run: make test-all MASKS=$(MASKS) SEED=$(SEED)"
+	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-all} $(PYTEST) --masks $(MASKS) --seed $(SEED) \
+		--hypothesis-seed $(SEED) $(PYTEST_ARGS)
 
 bench: ## the benchmarks that take minutes, one after the other
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench,cluster

@@ -1,6 +1,8 @@
-"""How far tests look: `--masks` and `--seed` for the slow masks, profiles for hypothesis.
+"""Options and fixtures of all tests: how many examples are drawn, and from which seeds.
 
-Its profile `ci` is the same on every run; HYPOTHESIS_PROFILE=thorough looks further.
+`--masks` and `--seed` are those of the slow test of full masks. Hypothesis has three profiles,
+chosen by HYPOTHESIS_PROFILE: `quick` draws the same few examples on every run, `all` (of
+`make test-all`) more from new seeds, and `thorough` ten times as many again.
 """
 
 import os
@@ -13,9 +15,10 @@ from hypothesis import settings
 
 from packit_sim.render import rendering
 
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+settings.register_profile("quick", deadline=None, max_examples=25, derandomize=True)
+settings.register_profile("all", deadline=None, max_examples=100, print_blob=True)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -32,9 +32,10 @@ def tasks() -> tuple[Task, ...]:
         ("PackItEasy-v0", {"observation": "none", "location": "blbf"}),
     ],
 )
-def test_gymnasiums_checker_is_content(env_id, settings) -> None:
-    """Warnings are errors."""
-    env = gym.make(env_id, max_shapes=40, **settings)
+def test_gymnasiums_checker_finds_nothing_wrong(tasks, env_id, settings) -> None:
+    """Warnings are errors. The task is of six items: the checker compares all voxels many times."""
+    task = dataclasses.replace(tasks[0], items=tasks[0].items[:6], solution=())
+    env = gym.make(env_id, tasks=[task], max_shapes=8, **settings)
     check_env(env.unwrapped, skip_render_check="render_mode" not in settings)
     env.close()
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -139,14 +140,21 @@ def _parts(policies: str) -> list[str]:
     return [policies, *found]
 
 
+@cache
+def _installed(group: str) -> dict[str, EntryPoint]:
+    """Read the entry points of a group, sorted by name, once per process: it takes about 10 ms."""
+    found = entry_points(group=group)
+    return {name: found[name] for name in sorted(found.names)}
+
+
 def policy_names(stage: Stage) -> tuple[str, ...]:
     """The installed policies for a sub-task."""
-    return tuple(sorted(entry_points(group=_group(stage)).names))
+    return tuple(_installed(_group(stage)))
 
 
 def search_names() -> tuple[str, ...]:
     """The installed searches."""
-    return tuple(sorted(entry_points(group=_SEARCHES).names))
+    return tuple(_installed(_SEARCHES))
 
 
 _SEARCHES = "packit_sim.searches"
@@ -163,7 +171,7 @@ def load_policy(stage: Stage, name: str) -> Policy:
     """
     what = f"{stage.name.lower()} policy"
     kind, at, value = name.partition("@")
-    found = _load(_group(stage), what, kind, policy_names(stage))
+    found = _load(_group(stage), what, kind)
     parse = getattr(found, "parse", None)
     if (parse is not None) != bool(at):
         form = f"{kind}@VALUE" if parse else kind
@@ -178,7 +186,7 @@ def load_search(name: str) -> Search:
     Raises UnknownPolicyError that lists the names, or says which values there are.
     """
     kind, _, value = name.partition("=")
-    found = _load(_SEARCHES, "search", kind, search_names())
+    found = _load(_SEARCHES, "search", kind)
     try:
         search: Search = found.parse(value)
     except ValueError as error:
@@ -186,12 +194,12 @@ def load_search(name: str) -> Search:
     return search
 
 
-def _load(group: str, kind: str, name: str, names: tuple[str, ...]) -> Any:
-    found = entry_points(group=group, name=name)
-    if not found:
-        raise UnknownPolicyError(f"there is no {kind} {name!r}: choose from {', '.join(names)}")
+def _load(group: str, kind: str, name: str) -> Any:
+    installed = _installed(group)
+    if name not in installed:
+        raise UnknownPolicyError(f"there is no {kind} {name!r}: choose from {', '.join(installed)}")
     try:
-        return next(iter(found)).load()
+        return installed[name].load()
     except ImportError as error:
         raise UnknownPolicyError(
             f"{kind} {name!r} needs {error.name}, which is not installed"
