@@ -159,10 +159,10 @@ def moves(settled: Settled) -> list[bytes]:
 def pictures(box: BoxState, settings: PhysicsSettings, folder: Path) -> None:
     """Before and after, by one camera that sees both whole."""
     with Scene(box) as scene:
-        settled = scene.settle(settings)
-        packed = Layout.packed(box.placed, settled.size)
-        points = np.concatenate((packed.points, settled.layout.points))
-        for name, layout in (("packed", packed), ("settled", settled.layout)):
+        settled = settle(box, settings)
+        packed, after = Layout.packed(box.placed, settled.size), Layout.settled(settled.items)
+        points = np.concatenate((packed.points, after.points))
+        for name, layout in (("packed", packed), ("settled", after)):
             image = scene.snapshot(800, 800, layout=replace(layout, points=points))
             image.save(folder / f"{name}.png")
 

@@ -39,7 +39,7 @@ from packit_sim.game.episode import Episode
 from packit_sim.physics.convex.decomposition import decompose_all
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
-from packit_sim.render.layouts import unplaced
+from packit_sim.render.layouts import Layout, unplaced
 from packit_sim.scene import Scene
 
 AGENTS = (
@@ -137,7 +137,7 @@ def picture(task: Task, physics: PhysicsSettings, file: Path) -> None:
     box = played(task, Agent.from_name(AGENTS[0]), 0, physics).box
     assert isinstance(box, SettlingBox)
     with Scene(unplaced([one.item for one in box.placed], box.cells)) as scene:
-        scene.snapshot(800, 800, layout=box.layout).save(file)
+        scene.snapshot(800, 800, layout=Layout.packed(box.placed, box.size)).save(file)
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS, summaries
 from packit_sim import Box, Item, ShapeLibrary
-from packit_sim.render import rendering
+from packit_sim.render import renderers
 from packit_sim.render.looks import Cut, Look
 from packit_sim.scene import Scene
 
@@ -66,7 +66,7 @@ def resident() -> float:
 
 def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
     """All of one renderer, in a process of its own."""
-    os.environ[rendering.RENDERER_VARIABLE] = renderer
+    os.environ[renderers.RENDERER_VARIABLE] = renderer
     box = filled(ShapeLibrary.open("everyday"))
     wall: Times = {}
     processor: Times = {}

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from packit_sim.render import rendering
+from packit_sim.render import renderers
 
 settings.register_profile("quick", deadline=None, max_examples=25, derandomize=True)
 settings.register_profile("all", deadline=None, max_examples=100, print_blob=True)
@@ -36,16 +36,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """TinyRenderer unless a test asks for more: it starts at once."""
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "tiny")
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "tiny")
 
 
 @pytest.fixture(params=["tiny", "egl"])
 def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Each renderer that starts here, set for the test."""
     name = str(request.param)
-    if name == "egl" and rendering._egl_problem() is not None:
+    if name == "egl" and renderers.egl_problem() is not None:
         pytest.skip("EGL does not start here")
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, name)
     return name
 
 

@@ -193,7 +193,7 @@ def test_many_shapes_need_more_than_one_world(
 ) -> None:
     tiles = [(shape.id, shape) for shape in ZOO[:5]]
     in_one = contact_sheet(tiles, side=SIDE)
-    monkeypatch.setattr(scene, "_MAX_MADE", 1)
+    monkeypatch.setattr(scene, "_MAX_SHAPES", 1)
     in_three = contact_sheet(tiles, side=SIDE)
     assert np.array_equal(in_one.image, in_three.image)
 

@@ -37,3 +37,11 @@ def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -
     assert loaded & ABSENT == set()
     physics = {name for name in loaded if name.startswith("packit_sim.physics")}
     assert physics <= SETTINGS
+
+
+def test_the_scene_loads_pybullet_when_it_first_needs_it() -> None:
+    code = (
+        "import json, sys, packit_sim.scene, packit_sim.physics.settling_box;"
+        "print(json.dumps(sorted(sys.modules)))"
+    )
+    assert "pybullet" not in modules_after(code)

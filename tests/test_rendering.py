@@ -20,7 +20,7 @@ from packit_sim.core.errors import RenderError
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.geometry.shapes import Item
-from packit_sim.render import rendering
+from packit_sim.render import renderers, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
 from packit_sim.render.layouts import GAP, Layout, unplaced
@@ -209,7 +209,7 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) ->
         whole = scene.snapshot(SIDE, SIDE, look)
         opened = scene.snapshot(SIDE, SIDE, dataclasses.replace(look, cut=Cut("y", 0.15)))
         again = scene.snapshot(SIDE, SIDE, look)
-        bodies = pybullet.getNumBodies(physicsClientId=scene._client)
+        bodies = pybullet.getNumBodies(physicsClientId=scene._client.number)
     assert set(np.unique(opened.segmentation)) == {-1, 0, 2}
     assert opened.depth[opened.segmentation == 0].min() == pytest.approx(
         whole.depth[whole.segmentation == 0].min() + 0.15, abs=0.012
@@ -229,8 +229,8 @@ def test_a_world_is_given_up_before_it_holds_too_many_sections(
         for at in (0.3, 0.31, 0.32, 0.33, 0.34):
             shot = scene.snapshot(SIDE, SIDE, Look(FRONT, cut=Cut("y", at)))
             assert set(np.unique(shot.segmentation)) == {-1, 0}
-            folders.add(scene._folder)
-            assert scene._sections < 12000
+            folders.add(scene._client.folder)
+            assert scene._stager.triangles < 12000
     assert len(folders) > 1
 
 
@@ -379,7 +379,7 @@ def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: P
         text=True,
         timeout=120,
     )
-    expected = "tiny" if missing or rendering._egl_problem() is not None else "egl"
+    expected = "tiny" if missing or renderers.egl_problem() is not None else "egl"
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, f"{expected}\n", "")
 
 
@@ -389,6 +389,6 @@ def test_what_a_picture_is_of_does_not_grow_with_pictures() -> None:
         counts = []
         for look in looks * 2:
             scene.snapshot(24, 24, look)
-            counts.append(pybullet.getNumBodies(physicsClientId=scene._client))
+            counts.append(pybullet.getNumBodies(physicsClientId=scene._client.number))
     assert counts[:4] == counts[4:] and max(counts) <= 5 + 2 * 3
     assert CELL == 4 * FINE

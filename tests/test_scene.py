@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pybullet
 import pytest
 import trimesh
 from PIL import Image
@@ -21,7 +22,7 @@ from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.render import rendering
+from packit_sim.render import renderers
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
@@ -33,10 +34,10 @@ pytestmark = pytest.mark.usefixtures("tiny")
 @pytest.fixture
 def broken_probe(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     """EGL that does not start: the probe ends with status 1."""
-    monkeypatch.setattr(rendering, "_PROBE", "raise SystemExit(1)")
-    rendering._egl_problem.cache_clear()
+    monkeypatch.setattr(renderers, "_PROBE", "raise SystemExit(1)")
+    renderers.egl_problem.cache_clear()
     yield monkeypatch
-    rendering._egl_problem.cache_clear()
+    renderers.egl_problem.cache_clear()
 
 
 def three_items() -> Box:
@@ -97,11 +98,11 @@ def test_snapshot_shows_every_item(renderer: str) -> None:
 
 
 def test_renderers_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    if rendering._egl_problem() is not None:
+    if renderers.egl_problem() is not None:
         pytest.skip("EGL does not start here")
     shots = []
     for name in ("egl", "tiny"):
-        monkeypatch.setenv(rendering.RENDERER_VARIABLE, name)
+        monkeypatch.setenv(renderers.RENDERER_VARIABLE, name)
         with Scene(three_items()) as scene:
             shots.append(scene.snapshot(200, 200))
     egl, tiny = shots
@@ -164,8 +165,8 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with Scene(three_items()) as scene:
-        folder = scene._folder
-        monkeypatch.setattr("packit_sim.scene._MAX_MADE", 2)
+        folder = scene._client.folder
+        monkeypatch.setattr("packit_sim.scene._MAX_SHAPES", 2)
         box = Box((60, 80, 100))
         box.place(cube_of(20), (5, 5, 0))
         scene.update(box)
@@ -182,20 +183,20 @@ def test_a_world_is_given_up_before_it_holds_too_many_triangles(
             box = Box()
             box.place(Item(BALL, scale), (5, 5, 0))
             scene.update(box)
-            assert len(scene._shapes) <= 2 and scene._triangles <= 6000
+            assert len(scene._shapes) <= 2 and scene._client.triangles <= 6000
             assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0}
-            assert len(list(scene._folder.iterdir())) == len(scene._shapes) + 2
+            assert len(list(scene._client.folder.iterdir())) == len(scene._shapes) + 2
 
 
 def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("packit_sim.scene._EGL_TRIANGLES", 3000)
+    monkeypatch.setattr("packit_sim.render.bullet._EGL_TRIANGLES", 3000)
     box = Box()
     for n, scale in enumerate((0.01, 0.011, 0.012)):
         box.place(Item(BALL, scale), (8 * n, 8 * n, 0))
     with Scene(box) as scene:
         assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
-    if rendering._egl_problem() is None:
-        monkeypatch.setenv(rendering.RENDERER_VARIABLE, "egl")
+    if renderers.egl_problem() is None:
+        monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
         with pytest.raises(RenderError, match=r"more than the 3,000 triangles.*=tiny"):
             Scene(box)
 
@@ -257,32 +258,32 @@ def test_impossible_pictures(side: int) -> None:
 
 @pytest.mark.parametrize("probe", ["raise SystemExit(1)", "import time; time.sleep(60)"])
 def test_a_broken_egl_falls_back(broken_probe: pytest.MonkeyPatch, probe: str) -> None:
-    broken_probe.setattr(rendering, "_PROBE", probe)
-    broken_probe.setattr(rendering, "PROBE_TIMEOUT", 0.5)
-    broken_probe.setenv(rendering.RENDERER_VARIABLE, "auto")
+    broken_probe.setattr(renderers, "_PROBE", probe)
+    broken_probe.setattr(renderers, "PROBE_TIMEOUT", 0.5)
+    broken_probe.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as scene:
         assert scene.renderer == "tiny"
         assert scene.snapshot(64, 64).renderer == "tiny"
 
 
 def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) -> None:
-    broken_probe.setenv(rendering.RENDERER_VARIABLE, "egl")
+    broken_probe.setenv(renderers.RENDERER_VARIABLE, "egl")
     with pytest.raises(RenderError, match=r"status 1.*libegl1 libgl1-mesa-dri"):
         Scene(Box())
-    broken_probe.setenv(rendering.RENDERER_VARIABLE, "opengl")
+    broken_probe.setenv(renderers.RENDERER_VARIABLE, "opengl")
     with pytest.raises(RenderError, match=r"'opengl'.*auto, egl or tiny"):
         Scene(Box())
 
 
 def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch) -> None:
-    if rendering._egl_problem() is not None:
+    if renderers.egl_problem() is not None:
         pytest.skip("EGL does not start here")
-    monkeypatch.setenv(rendering.RENDERER_VARIABLE, "auto")
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as first, Scene(three_items()) as second:
         assert (first.renderer, second.renderer) == ("egl", "tiny")
         second.snapshot(64, 64)
         assert set(np.unique(first.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
-        monkeypatch.setenv(rendering.RENDERER_VARIABLE, "egl")
+        monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
         with pytest.raises(RenderError, match="another scene"):
             Scene(Box())
     with Scene(Box()) as third:
@@ -291,11 +292,11 @@ def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch
 
 def test_close_ends_everything_and_twice_is_fine() -> None:
     scene = Scene(three_items())
-    folder, client = scene._folder, scene._client
-    assert folder.exists() and rendering.pybullet.isConnected(client)
+    folder, client = scene._client.folder, scene._client.number
+    assert folder.exists() and pybullet.isConnected(client)
     scene.close()
     scene.close()
-    assert not folder.exists() and not rendering.pybullet.isConnected(client)
+    assert not folder.exists() and not pybullet.isConnected(client)
     for use in (scene.snapshot, scene.penetrations, lambda: scene.update(Box())):
         with pytest.raises(RenderError, match="closed"):
             use()
@@ -303,10 +304,10 @@ def test_close_ends_everything_and_twice_is_fine() -> None:
 
 def test_a_forgotten_scene_is_closed() -> None:
     scene = Scene(three_items())
-    folder, client = scene._folder, scene._client
+    folder, client = scene._client.folder, scene._client.number
     del scene
     gc.collect()
-    assert not folder.exists() and not rendering.pybullet.isConnected(client)
+    assert not folder.exists() and not pybullet.isConnected(client)
 
 
 def test_another_thread_is_refused() -> None:
@@ -345,7 +346,7 @@ def test_nothing_on_the_terminal(tmp_path: Path) -> None:
         "print('before'); scene = Scene(Box()); scene.snapshot(32, 32); scene.penetrations()\n"
         "scene.close(); Scene(Box()); kept = Scene(Box()); print('after')"
     )
-    environment = os.environ | {rendering.RENDERER_VARIABLE: "auto"}
+    environment = os.environ | {renderers.RENDERER_VARIABLE: "auto"}
     ran = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
     )
@@ -364,7 +365,7 @@ def test_thirty_scenes_leave_nothing_open(renderer: str) -> None:
     for _ in range(30 if renderer == "tiny" else 5):
         open_and_close()
     assert len(os.listdir("/proc/self/fd")) <= before + 1
-    assert not any(rendering.pybullet.isConnected(client) for client in range(64))
+    assert not any(pybullet.isConnected(client) for client in range(64))
 
 
 def l_prism() -> Shape:

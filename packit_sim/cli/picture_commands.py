@@ -32,10 +32,10 @@ from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import DISTANCE
 from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
+from packit_sim.render.image_files import MAX_SIDE, save_png
 from packit_sim.render.layouts import Layout, unplaced
 from packit_sim.render.legends import beside
 from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
-from packit_sim.render.rendering import MAX_SIDE, save_png
 from packit_sim.scene import Scene
 
 USUAL_BACKGROUND = f"#{bytes(BACKGROUND).hex()}"

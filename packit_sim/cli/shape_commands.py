@@ -27,7 +27,7 @@ from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.media.contact_sheets import contact_sheet
-from packit_sim.render.rendering import MAX_SIDE
+from packit_sim.render.image_files import MAX_SIDE
 
 MOST_ROWS = 40
 """Of the table that an import prints; its report has them all."""

@@ -17,9 +17,9 @@ from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.render.cameras import Camera
+from packit_sim.render.image_files import MAX_SIDE, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
 from packit_sim.render.looks import BACKGROUND, Look
-from packit_sim.render.rendering import MAX_SIDE, save_png
 from packit_sim.scene import Scene
 
 Picture = npt.NDArray[np.uint8]

@@ -20,8 +20,8 @@ from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
+from packit_sim.render.image_files import written
 from packit_sim.render.lettering import plain
-from packit_sim.render.rendering import written
 
 UNIT_MM = 100.0
 """Millimetres to a box unit, in the formats that are printed from, unless another is asked for."""

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from packit_sim.core.errors import PackItError, RenderError
-from packit_sim.render.rendering import written
+from packit_sim.render.image_files import written
 
 Picture = npt.NDArray[np.uint8]
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import Floats
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
-from packit_sim.render.layouts import pose_of
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths, in box units, that are told apart."""
@@ -86,7 +86,7 @@ class _WayBack:
 
     def __init__(self, one: SettledItem, other: SettledItem) -> None:
         self._item, self._here = one.placed.item, one.pose
-        self._start = pose_of(self._item, other.move @ one.placed.pose)
+        self._start = Pose.from_matrix(other.move @ one.placed.pose, np.cbrt(self._item.scale))
         cosine = min(abs(float(np.dot(self._here.wxyz, self._start.wxyz))), 1.0)
         radius = float(np.linalg.norm(self._item.extents)) / 2
         shift = float(np.linalg.norm(self._start.position - self._here.position))

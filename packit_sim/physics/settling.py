@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_sim.core.caches import cached_property
 from packit_sim.engine.occupancy import ItemInBox, Load
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
@@ -17,7 +16,6 @@ from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Floats, Piece
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.world import WALLS, World
-from packit_sim.render.layouts import Layout, pose_of
 
 INSIDE = 0.005
 """Box units by which an item may reach out of the box and still be inside: a contact gives way a
@@ -54,7 +52,7 @@ class SettledItem:
     @property
     def pose(self) -> Pose:
         """Where a picture shows it."""
-        return pose_of(self.placed.item, self.move @ self.placed.pose)
+        return Pose.from_matrix(self.move @ self.placed.pose, np.cbrt(self.placed.item.scale))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +70,6 @@ class Settled:
     at_rest: bool
     energy: tuple[float, float]
     cut: float
-
-    @cached_property
-    def layout(self) -> Layout:
-        """How a picture shows it: `scene.snapshot(layout=settled.layout)`."""
-        points = [np.empty((0, 3)), *(item.vertices for item in self.items)]
-        return Layout(tuple(item.pose for item in self.items), np.concatenate(points))
 
 
 def settle(box: Load, settings: PhysicsSettings | None = None) -> Settled:

@@ -25,7 +25,6 @@ from packit_sim.physics.convex.pieces import Floats
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, SettledItem, settle
 from packit_sim.physics.stability import DISTANCE
-from packit_sim.render.layouts import Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +90,6 @@ class SettlingBox(BaseBox):
     def density(self) -> float:
         """Volume of what is inside and stable over the box's."""
         return self.counted / float(self.size.prod())
-
-    @property
-    def layout(self) -> Layout:
-        """How a picture shows what `placed` is."""
-        return Layout.packed(self._placed, self.size)
 
     def feasible(self, item: Item) -> Mask:
         return bodies.feasible(self._occupancy, item)

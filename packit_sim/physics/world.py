@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import shutil
 import tempfile
@@ -10,18 +11,16 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from packit_sim.core.errors import PhysicsError
+from packit_sim.core.output import quiet
+from packit_sim.geometry.obj_text import UNIT, objects
 from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.render.obj_text import objects
-from packit_sim.render.rendering import UNIT, quiet
-
-with quiet():
-    import pybullet
 
 WALLS = ("left", "right", "back", "front", "floor")
 """What a box is made of: low and high x, low and high y, and the ground that it stands on."""
@@ -61,13 +60,14 @@ class World:
     """
 
     def __init__(self, size: Floats, settings: PhysicsSettings) -> None:
+        self._pybullet = _pybullet()
         self._settings = settings
         self._scale = UNIT / settings.side
         with contextlib.ExitStack() as undo:
             self._folder = Path(tempfile.mkdtemp(prefix="packit-world-"))
             undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
             with quiet():
-                self._client = pybullet.connect(pybullet.DIRECT)
+                self._client = self._pybullet.connect(self._pybullet.DIRECT)
             if self._client < 0:
                 raise PhysicsError("PyBullet has no room for another world: close other ones")
             undo.callback(_disconnect, self._client)
@@ -92,12 +92,12 @@ class World:
         path = self._folder / f"{len(self._bodies)}.obj"
         path.write_text(objects(own, 1.0))
         with quiet():
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
+            shape = self._pybullet.createCollisionShape(
+                self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
             )
         number = self._body(shape, mass, Pose.from_axes(bulk.center, bulk.axes))
         if mass:
-            pybullet.changeDynamics(
+            self._pybullet.changeDynamics(
                 number,
                 -1,
                 mass=mass,  # else it becomes 0
@@ -111,11 +111,11 @@ class World:
     def ignore(self, one: int, other: int) -> None:
         """Lets two items pass through each other."""
         numbers = (self._bodies[n].number for n in (one, other))
-        pybullet.setCollisionFilterPair(*numbers, -1, -1, 0, physicsClientId=self._client)
+        self._pybullet.setCollisionFilterPair(*numbers, -1, -1, 0, physicsClientId=self._client)
 
     def step(self) -> None:
         """Goes on by one step of time."""
-        pybullet.stepSimulation(physicsClientId=self._client)
+        self._pybullet.stepSimulation(physicsClientId=self._client)
 
     @property
     def speeds(self) -> Floats:
@@ -143,7 +143,7 @@ class World:
         """Items that press on each other, the lower number first, and on which of `WALLS`."""
         names: dict[int, int | str] = {body.number: n for n, body in enumerate(self._bodies)}
         names |= dict(zip(self._walls, WALLS, strict=True))
-        points = pybullet.getContactPoints(physicsClientId=self._client)
+        points = self._pybullet.getContactPoints(physicsClientId=self._client)
         found = set()
         for point in points:
             one, other = names[point[1]], names[point[2]]
@@ -169,8 +169,10 @@ class World:
 
     def _set_up(self) -> None:
         settings = self._settings
-        pybullet.setGravity(0, 0, -settings.gravity * self._scale, physicsClientId=self._client)
-        pybullet.setPhysicsEngineParameter(
+        self._pybullet.setGravity(
+            0, 0, -settings.gravity * self._scale, physicsClientId=self._client
+        )
+        self._pybullet.setPhysicsEngineParameter(
             fixedTimeStep=settings.step,
             numSolverIterations=_ITERATIONS,
             useSplitImpulse=0,  # with it light items below heavy ones creep for seconds
@@ -190,17 +192,19 @@ class World:
             for side in (-half[axis], size[axis] + half[axis]):
                 center = size / 2
                 center[axis] = side
-                shape = pybullet.createCollisionShape(
-                    pybullet.GEOM_BOX,
+                shape = self._pybullet.createCollisionShape(
+                    self._pybullet.GEOM_BOX,
                     halfExtents=(half * UNIT).tolist(),
                     physicsClientId=self._client,
                 )
                 walls.append(self._body(shape, 0.0, Pose(center)))
-        ground = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
+        ground = self._pybullet.createCollisionShape(
+            self._pybullet.GEOM_PLANE, physicsClientId=self._client
+        )
         return [*walls, self._body(ground, 0.0, Pose(np.zeros(3)))]
 
     def _body(self, shape: int, mass: float, pose: Pose) -> int:
-        number: int = pybullet.createMultiBody(
+        number: int = self._pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
             basePosition=(pose.position * UNIT).tolist(),
@@ -212,7 +216,7 @@ class World:
         friction = math.sqrt(settings.friction)  # PyBullet multiplies those of the two bodies,
         arm = settings.rolling * self._scale  # and adds up one's arm times the other's friction
         resistance = arm / friction / 2 if friction else 0.0
-        pybullet.changeDynamics(
+        self._pybullet.changeDynamics(
             number,
             -1,
             lateralFriction=friction,
@@ -221,26 +225,34 @@ class World:
             restitution=math.sqrt(settings.restitution),
             linearDamping=settings.damping,
             angularDamping=settings.damping,
-            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+            activationState=self._pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=self._client,
         )
         return number
 
     def _pose(self, body: _Body) -> Pose:
         """Look up the pose of the centre of mass and the principal axes, in box units."""
-        position, xyzw = pybullet.getBasePositionAndOrientation(
+        position, xyzw = self._pybullet.getBasePositionAndOrientation(
             body.number, physicsClientId=self._client
         )
         return Pose.from_xyzw(np.array(position) / UNIT, xyzw)
 
     def _velocity(self, body: _Body) -> tuple[Sequence[float], Sequence[float]]:
         """PyBullet's, linear and in radians."""
-        found: tuple[Sequence[float], Sequence[float]] = pybullet.getBaseVelocity(
+        found: tuple[Sequence[float], Sequence[float]] = self._pybullet.getBaseVelocity(
             body.number, physicsClientId=self._client
         )
         return found
 
 
+@functools.cache
+def _pybullet() -> Any:
+    """Import PyBullet, which takes a tenth of a second and prints its build time."""
+    with quiet():
+        import pybullet
+    return pybullet
+
+
 def _disconnect(client: int) -> None:
     with quiet():
-        pybullet.disconnect(physicsClientId=client)
+        _pybullet().disconnect(physicsClientId=client)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
+
+if TYPE_CHECKING:
+    from packit_sim.physics.settling import SettledItem
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,8 +28,12 @@ GAP = 0.06
 class Layout:
     """Where the items of a box are shown.
 
-    poses: one for each item, in order, None for one that is not to be seen. points: (n, 3) what a
-    picture has to have in it besides the box.
+    Attributes
+    ----------
+    poses : tuple[Pose or None, ...]
+        One for each item, in order of placing; None hides the item.
+    points : ndarray of float64, shape (n, 3)
+        What a picture contains in addition to the box, in box units.
     """
 
     poses: tuple[Pose | None, ...]
@@ -33,18 +41,39 @@ class Layout:
 
     @classmethod
     def packed(cls, placed: Sequence[ItemInBox], size: Floats, explode: float = 0.0) -> Layout:
-        """Each item in its place, or that much farther from the middle of the floor."""
+        """Show each item in its place, or farther from the middle of the floor.
+
+        Parameters
+        ----------
+        placed : Sequence[ItemInBox]
+            The items.
+        size : ndarray of float64, shape (3,)
+            Extents of the box in box units.
+        explode : float
+            How much farther, as a share of the distance.
+        """
         middle = size * (0.5, 0.5, 0.0)
-        poses = [pose_of(p.item, p.pose) for p in placed]
+        poses = [Pose.from_matrix(p.pose, np.cbrt(p.item.scale)) for p in placed]
         moved = [replace(p, position=p.position + explode * (p.position - middle)) for p in poses]
         return cls(tuple(moved), _corners([p.item for p in placed], moved))
 
     @classmethod
-    def standing(cls, items: Sequence[Item], size: Floats | None = None) -> Layout:
-        """Items in canonical orientation on the floor, in rows, the tallest in the row behind.
+    def settled(cls, items: Sequence[SettledItem]) -> Layout:
+        """Show items where they came to rest."""
+        points = [np.empty((0, 3)), *(item.vertices for item in items)]
+        return cls(tuple(item.pose for item in items), np.concatenate(points))
 
-        size: (3,) of a box that they stand beside, on the left of its usual picture; by default
-        there is none.
+    @classmethod
+    def standing(cls, items: Sequence[Item], size: Floats | None = None) -> Layout:
+        """Show items in canonical orientation on the floor, in rows, the tallest at the back.
+
+        Parameters
+        ----------
+        items : Sequence[Item]
+            The items.
+        size : ndarray of float64, shape (3,), or None
+            Extents of a box next to which they stand, on the left of its usual picture; by default
+            there is none.
         """
         upright = [item.turned(0) for item in items]
         centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
@@ -52,7 +81,7 @@ class Layout:
         return cls(tuple(poses), _corners(upright, poses))
 
     def all_round(self, size: Floats) -> Layout:
-        """The same with all that a camera sees on its way around a box of such extents (3,)."""
+        """Extend `points` so that a camera that circles a box of extents (3,) keeps all in view."""
         points = np.concatenate((self.points, np.indices((2, 2, 2)).reshape(3, 8).T * size))
         middle = size[:2] / 2
         radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).max())
@@ -61,11 +90,6 @@ class Layout:
         heights = points[:, 2].min(), points[:, 2].max()
         rings = [np.column_stack((ring, np.full(len(ring), height))) for height in heights]
         return replace(self, points=np.concatenate(rings))
-
-
-def pose_of(item: Item, matrix: Floats) -> Pose:
-    """Compute an item's pose from its (4, 4) shape-to-box matrix, which also scales."""
-    return Pose.from_matrix(matrix, np.cbrt(item.scale))
 
 
 def unplaced(items: Sequence[Item], cells: Triple) -> BoxState:

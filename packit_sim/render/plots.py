@@ -13,7 +13,7 @@ import numpy as np
 
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError
-from packit_sim.render.rendering import save_png
+from packit_sim.render.image_files import save_png
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import trimesh
@@ -10,34 +10,43 @@ from trimesh import creation
 
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.poses import Pose
+from packit_sim.render.bullet import BulletClient
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import RGB, Cut, Look
-from packit_sim.render.rendering import UNIT, quiet
 from packit_sim.render.sections import is_beyond, section
-
-with quiet():
-    import pybullet
-
-Maker = Callable[[trimesh.Trimesh, Color], int]
-"""Makes a body of a mesh in box units, upright, its origin in the world's."""
 
 _EDGE_RADIUS = 0.004
 """Of the box's edges, as a share of its longest side."""
 
+_WHITE = (1.0, 1.0, 1.0)
 _AWAY = np.array((0.0, 0.0, -1e4))
-"""Where bodies are that are not to be seen."""
+"""Position of bodies that are hidden."""
 
 _CAP = 0.8
 """What a section keeps of its item's brightness."""
 
 
 class BodyStager:
-    """The bodies of a world as the last picture showed them, and those that only pictures have."""
+    """Moves, paints and cuts open the bodies of a world for each picture.
 
-    def __init__(self, client: int) -> None:
+    Bodies stay as the last picture showed them until the next one needs them otherwise.
+
+    Parameters
+    ----------
+    client : BulletClient
+        The world.
+
+    Attributes
+    ----------
+    triangles : int
+        Triangles of all bodies created for pictures only: the box and items that are cut open.
+    """
+
+    def __init__(self, client: BulletClient) -> None:
         self._client = client
+        self.triangles = 0
         self._poses: dict[int, Pose] = {}
         self._colors: dict[int, Color] = {}
         self._size: Points | None = None
@@ -45,9 +54,10 @@ class BodyStager:
         self._cut: Cut | None = None
         self._parts: dict[PlacedItem, tuple[int, ...]] = {}
 
-    def forget(self, bodies: Iterable[int]) -> None:
-        """Bodies that are no more; their numbers may be given again."""
-        for body in bodies:
+    def remove(self, bodies: Iterable[int]) -> None:
+        """Remove bodies; PyBullet may use their numbers again."""
+        for body in list(bodies):
+            self._client.remove(body)
             self._poses.pop(body, None)
             self._colors.pop(body, None)
 
@@ -57,14 +67,27 @@ class BodyStager:
         look: Look,
         layout: Layout,
         size: Points,
-        make: Maker,
     ) -> dict[int, int]:
-        """Shows the bodies of placed items as a look says; returns the item's index by the body.
+        """Arrange the bodies for a picture.
 
-        size: (3,) of the box.
+        Parameters
+        ----------
+        bodies : Mapping[PlacedItem, int]
+            The body's number of each placed item.
+        look : Look
+            How the box is shown.
+        layout : Layout
+            Where the items are shown.
+        size : ndarray of float64, shape (3,)
+            Extents of the box in box units.
+
+        Returns
+        -------
+        dict[int, int]
+            The item's index for each number of a body that shows it.
         """
-        self._show_box(look, size, make)
-        self._cut_open(bodies, look.cut, make)
+        self._show_box(look, size)
+        self._cut_open(bodies, look.cut)
         indices = {}
         colors = look.coloring([placed.item for placed in bodies]).of
         rows = zip(bodies.items(), layout.poses, colors, strict=True)
@@ -79,10 +102,10 @@ class BodyStager:
                 indices[part] = n
         return indices
 
-    def _show_box(self, look: Look, size: Points, make: Maker) -> None:
+    def _show_box(self, look: Look, size: Points) -> None:
         if self._size is None or not np.array_equal(size, self._size):
-            self._remove(body for body in (self._edges, self._floor) if body >= 0)
-            self._edges, self._floor = (make(mesh, (1.0, 1.0, 1.0)) for mesh in _box(size))
+            self.remove(body for body in (self._edges, self._floor) if body >= 0)
+            self._edges, self._floor = map(self._add, _box(size))
             self._size = size
         there = Pose(np.zeros(3)) if look.box == "edges" else None
         self._put(self._edges, there)
@@ -91,11 +114,11 @@ class BodyStager:
         self._paint(self._edges, edges)
         self._paint(self._floor, floor)
 
-    def _cut_open(self, bodies: Mapping[PlacedItem, int], cut: Cut | None, make: Maker) -> None:
-        """Makes what is left of items that are cut; nothing is of those that are taken away."""
+    def _cut_open(self, bodies: Mapping[PlacedItem, int], cut: Cut | None) -> None:
+        """Create bodies of what remains of items that are cut, none of those that are hidden."""
         gone = [placed for placed in self._parts if placed not in bodies or cut != self._cut]
         for placed in gone:
-            self._remove(self._parts.pop(placed))
+            self.remove(self._parts.pop(placed))
         self._cut = cut
         if cut is None:
             return
@@ -103,32 +126,27 @@ class BodyStager:
             if is_beyond(placed, cut):
                 self._parts[placed] = ()
             elif (left := section(placed, cut)) is not None:
-                white = (1.0, 1.0, 1.0)
-                self._parts[placed] = make(left.rest, white), make(left.cap, white)
+                self._parts[placed] = self._add(left.rest), self._add(left.cap)
+
+    def _add(self, mesh: trimesh.Trimesh) -> int:
+        """Create a body of a mesh in box units, with its origin in the world's."""
+        self.triangles += len(mesh.faces)
+        return self._client.add_body(self._client.add_visual(mesh, 1.0, _WHITE), Pose(np.zeros(3)))
 
     def _put(self, body: int, pose: Pose | None) -> None:
-        """Moves a body, or out of sight."""
+        """Move a body, out of sight where the pose is None."""
         pose = pose or Pose(_AWAY)
         known = self._poses.get(body)
         same = known is not None and known.wxyz == pose.wxyz
         if same and known is not None and np.array_equal(known.position, pose.position):
             return
-        pybullet.resetBasePositionAndOrientation(
-            body, (pose.position * UNIT).tolist(), pose.xyzw, physicsClientId=self._client
-        )
+        self._client.move(body, pose)
         self._poses[body] = pose
 
     def _paint(self, body: int, color: Color) -> None:
         if self._colors.get(body) != color:
-            pybullet.changeVisualShape(
-                body, -1, rgbaColor=(*color, 1.0), physicsClientId=self._client
-            )
+            self._client.paint(body, color)
             self._colors[body] = color
-
-    def _remove(self, bodies: Iterable[int]) -> None:
-        for body in list(bodies):
-            pybullet.removeBody(body, physicsClientId=self._client)
-            self.forget([body])
 
 
 def corners(size: Points) -> Points:

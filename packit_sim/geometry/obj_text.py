@@ -10,9 +10,10 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from packit_sim.render.rendering import UNIT
-
 Rows = npt.NDArray[Any]
+
+UNIT = 100.0
+"""Metres of PyBullet's worlds to a box unit: its tolerances are absolute, and small in this way."""
 
 _CREASE = np.radians(35)
 """Edges sharper than this are drawn as edges."""
