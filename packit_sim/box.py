@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from packit_sim.core.errors import InfeasibleError
+from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.feasibility import ORIGIN, Blockers, Mask
@@ -108,7 +108,7 @@ class Box(BaseBox):
 
     def restore(self, snapshot: BoxState) -> None:
         if snapshot.cells != self.cells:
-            raise ValueError(
+            raise ArgumentError(
                 f"a snapshot of a box of {snapshot.cells} cells can't be restored "
                 f"in one of {self.cells}"
             )

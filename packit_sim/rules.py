@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -36,7 +37,7 @@ class Rules:
 
     def __post_init__(self) -> None:
         if self.kinematic and self.physics is not None:
-            raise ValueError("a box is either kinematic or has physics, not both")
+            raise ArgumentError("a box is either kinematic or has physics, not both")
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
 

@@ -26,8 +26,9 @@ from packit_agents.learning.learned_policies import FIELDS, LearnedShape, log_pr
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
 from packit_agents.learning.training import Training, TrainingError
-from packit_agents.learning.training_settings import SettingsError, TrainingSettings, read_settings
+from packit_agents.learning.training_settings import TrainingSettings, read_settings
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
 from packit_sim.engine import feasibility
@@ -418,10 +419,10 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         ("network.network=mlp", "'mlp' is not known: choose from packnn"),
         ("packs=fresh", "validation_packs = None is not possible"),
     ):
-        with pytest.raises(SettingsError, match=message):
+        with pytest.raises(ArgumentError, match=message):
             read_settings(None, [change])
     file.write_text("steps = \n")
-    with pytest.raises(SettingsError, match=r"can't be read from .*run\.toml"):
+    with pytest.raises(ArgumentError, match=r"can't be read from .*run\.toml"):
         read_settings(file, [])
 
 
@@ -661,7 +662,7 @@ def test_mixed_tasks_are_of_two(library) -> None:
 
 
 def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
-    with pytest.raises(SettingsError, match="training setting augmented = True is not possible"):
+    with pytest.raises(ArgumentError, match="training setting augmented = True is not possible"):
         read_settings(None, ["augmented=true", "network.policies=all"])
 
 
@@ -716,7 +717,7 @@ def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:
 @pytest.mark.parametrize("change", ["network.policies=all", "teacher=none imitation=0"])
 def test_regrets_are_of_shapes_and_of_a_teacher(change) -> None:
     taught = "teacher=largest-first/aligned/blbf imitation=64 regrets=true"
-    with pytest.raises(SettingsError, match="training setting regrets = True is not possible"):
+    with pytest.raises(ArgumentError, match="training setting regrets = True is not possible"):
         read_settings(None, f"{taught} {change}".split())
 
 
@@ -724,7 +725,7 @@ def test_regrets_are_of_shapes_and_of_a_teacher(change) -> None:
     "wrong", ["teacher=largest-first", "imitation=64", "teacher=largest-first imitation=999999"]
 )
 def test_a_teacher_and_how_long_it_teaches_belong_together(wrong) -> None:
-    with pytest.raises(SettingsError, match=r"training setting (teacher|imitation) = .* is not"):
+    with pytest.raises(ArgumentError, match=r"training setting (teacher|imitation) = .* is not"):
         read_settings(None, wrong.split())
 
 

@@ -14,6 +14,8 @@ from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
 
 from cachetools import LRUCache
 
+from packit_sim.core.errors import ArgumentError
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -152,5 +154,5 @@ def clear(*names: str) -> None:
 
 def _named(name: str) -> BoundedCache[..., Any]:
     if name not in _caches:
-        raise ValueError(f"no cache is called {name!r}: choose one of {', '.join(_caches)}")
+        raise ArgumentError(f"no cache is called {name!r}: choose one of {', '.join(_caches)}")
     return _caches[name]

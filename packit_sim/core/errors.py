@@ -32,6 +32,14 @@ class PackFormatError(PackItError, ValueError):
     """A pack or a dataset that can't be read: the message names file, line and field."""
 
 
+class ArgumentError(PackItError, ValueError):
+    """An argument or a setting whose value is not possible."""
+
+
+class StateError(PackItError, RuntimeError):
+    """A call that the state does not allow, such as a step after the end of an episode."""
+
+
 class BusyError(PackItError, RuntimeError):
     """A file or folder that another process is at work on."""
 

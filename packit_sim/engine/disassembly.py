@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Contents, Mask
 from packit_sim.engine.occupancy import Occupancy, PlacedItem
@@ -83,7 +84,7 @@ def insertion_routes(box: Contents, moves: int = MOVES) -> tuple[Route | None, .
     Raises ValueError unless moves is at least 1.
     """
     if moves < 1:
-        raise ValueError(f"moves {moves!r} is not possible: it must be at least 1")
+        raise ArgumentError(f"moves {moves!r} is not possible: it must be at least 1")
     placed = box.placed
     return tuple(find_route(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
 

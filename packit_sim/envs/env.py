@@ -20,6 +20,7 @@ from gymnasium import spaces
 
 from packit_sim.box import Box
 from packit_sim.core.counters import statistics
+from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.feasibility import Contents
@@ -114,7 +115,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         _one_of("order", order, ("random", "cycle"))
         _one_of("observation", observation, tuple(OBSERVERS))
         if kinematic and physics:
-            raise ValueError("a box is either kinematic or has physics, not both")
+            raise ArgumentError("a box is either kinematic or has physics, not both")
         self._cells = None if cells is None else box_cells(cells)
         self.tasks, self.maker = _source(tasks, library, split, self._cells)
         self.cells = self._cells or _common_cells(self.tasks)
@@ -131,7 +132,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
         free = [stage for stage in Stage if not self._fixed[stage]]
         if not free:
-            raise ValueError("shape, rotation and location all have policies: no step is left")
+            raise ArgumentError("shape, rotation and location all have policies: no step is left")
         for task in self.tasks:
             self._check(task)
         self._order = order
@@ -154,7 +155,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def episode(self) -> Episode:
         """The episode being played. Raises RuntimeError before the first reset."""
         if self._episode is None:
-            raise RuntimeError("there is no episode yet: call reset() first")
+            raise StateError("there is no episode yet: call reset() first")
         return self._episode
 
     def reset(
@@ -175,7 +176,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._number = self._next() if wanted is None else wanted
             if self._number not in range(len(self.tasks)):
                 choices = f"choose 0 to {len(self.tasks) - 1}" if self.tasks else "all are made"
-                raise ValueError(f"there is no task {self._number!r}: {choices}")
+                raise ArgumentError(f"there is no task {self._number!r}: {choices}")
             self._number = int(self._number)
             task = self.tasks[self._number]
         self._check(task)
@@ -193,7 +194,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         was told already.
         """
         if self.episode.end is not None and self._over:
-            raise RuntimeError(f"the episode is over: {self.episode.end}: call reset()")
+            raise StateError(f"the episode is over: {self.episode.end}: call reset()")
         reward = 0.0
         if self.episode.end is None:
             reward = self.episode.step(int(action)) + self._play_fixed()
@@ -300,16 +301,16 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def _check(self, task: Task) -> None:
         """Raises ValueError where a task does not go with this environment."""
         if self._cells is None and task.cells != self.cells:
-            raise ValueError(
+            raise ArgumentError(
                 f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
             )
         if len(task.items) > self._max_shapes:
-            raise ValueError(
+            raise ArgumentError(
                 f"a task has {len(task.items)} items: max_shapes is only {self._max_shapes}"
             )
         for item in task.items:
             if max(item.cells) > max(self.cells):
-                raise ValueError(
+                raise ArgumentError(
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
                     f"it goes into no box of {self.cells}"
                 )
@@ -339,11 +340,11 @@ def _source(
         shapes = opened.split(split) if split else opened
         return (), TaskSampler(shapes, EvolutionSettings(cells=cells or BOX_CELLS))
     if split is not None:
-        raise ValueError(f"split {split!r} is of a dataset or a library: tasks have none")
+        raise ArgumentError(f"split {split!r} is of a dataset or a library: tasks have none")
     if callable(tasks):
         return (), tasks
     if not tasks:
-        raise ValueError("an environment needs a task, or a function that makes them")
+        raise ArgumentError("an environment needs a task, or a function that makes them")
     return tuple(tasks), None
 
 
@@ -354,7 +355,7 @@ def _common_cells(tasks: Sequence[Task]) -> Triple:
     """
     boxes = {task.cells for task in tasks} or {BOX_CELLS}
     if len(boxes) != 1:
-        raise ValueError(
+        raise ArgumentError(
             f"the tasks of an environment must share one box, not {sorted(boxes)}: "
             "give `cells` to say which"
         )
@@ -364,4 +365,4 @@ def _common_cells(tasks: Sequence[Task]) -> Triple:
 def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
     if value not in valid:
         choices = ", ".join(map(repr, valid))
-        raise ValueError(f"{setting} {value!r} is not known: choose from {choices}")
+        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")

@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import PackItError, StateError
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
@@ -147,7 +147,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         if self._played is None:
-            raise RuntimeError("no episode is being played: call reset()")
+            raise StateError("no episode is being played: call reset()")
         observation, reward, terminated, truncated, info = self.env.step(action)
         played = self._played
         played.observations.append(observation)

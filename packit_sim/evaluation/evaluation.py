@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.evaluation.results import ResultsError, Rollout, check_same, opened
@@ -71,7 +72,7 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
     ours, theirs = ({rollout.task_digest: rollout.total for rollout in r} for r in (first, second))
     shared = [digest for digest in ours if digest in theirs]
     if not shared:
-        raise ValueError("there is no task that both have played")
+        raise ArgumentError("there is no task that both have played")
     return Comparison.of([ours[d] for d in shared], [theirs[d] for d in shared], SLACK)
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import InfeasibleError
+from packit_sim.core.errors import InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
 from packit_sim.engine import feasibility
 from packit_sim.engine.base_box import BaseBox
@@ -155,7 +155,7 @@ class Episode:
         episode is over already.
         """
         if self.end is not None:
-            raise RuntimeError(f"the episode is over: {self.end}")
+            raise StateError(f"the episode is over: {self.end}")
         choose = (self._choose_shape, self._choose_rotation, self._choose_location)[self.stage]
         if not choose(int(action)):
             self.end = End.INVALID_ACTION

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
 
@@ -72,7 +73,7 @@ class EvolutionSettings:
         }
         for name, holds in checks.items():
             if not holds:
-                raise ValueError(
+                raise ArgumentError(
                     f"evolution setting {name} = {getattr(self, name)!r} is not possible"
                 )
         box_cells(self.cells)

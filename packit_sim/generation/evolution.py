@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
 from packit_sim.generation.pack_creator import PackCreator, Recipe
@@ -59,9 +60,9 @@ class Evolution:
 
     @property
     def best(self) -> Pack:
-        """Raises ValueError before the first step."""
+        """Raises StateError before the first step."""
         if not self.densities:
-            raise ValueError("nothing is packed yet: call step() first")
+            raise StateError("nothing is packed yet: call step() first")
         return self._best
 
     @property
@@ -111,7 +112,7 @@ class Evolution:
         """
         for name, ours in (("seed", self.seed), ("settings", self.settings.to_json())):
             if state[name] != ours:
-                raise ValueError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
+                raise ArgumentError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
         self._rng.bit_generator.state = state["random"]
         self._search.restore(state["search"])
         self._stale, self.evaluated = state["stale"], state["evaluated"]

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
+
 CELLS_PER_UNIT = 100
 """Cells along a box unit."""
 
@@ -61,9 +63,9 @@ def box_cells(cells: Sequence[int]) -> Triple:
     try:
         x, y, z = (operator.index(c) for c in cells)
     except (TypeError, ValueError):
-        raise ValueError(f"a box needs three whole numbers of cells, not {cells!r}") from None
+        raise ArgumentError(f"a box needs three whole numbers of cells, not {cells!r}") from None
     if not all(0 < c <= MAX_CELLS and c % STEP == 0 for c in (x, y, z)):
-        raise ValueError(
+        raise ArgumentError(
             f"a box of {x} x {y} x {z} cells is not possible: "
             f"each must be a multiple of {STEP} from {STEP} to {MAX_CELLS}"
         )

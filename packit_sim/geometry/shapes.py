@@ -17,7 +17,7 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.caches import bounded_cache, cached_property
-from packit_sim.core.errors import MeshError
+from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple, cell_box
 from packit_sim.geometry.repair import Repairs, clean_mesh, repair_mesh
@@ -135,13 +135,15 @@ class Item:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale > 0):
-            raise ValueError(f"scale {self.scale!r} is not possible: it must be more than 0")
+            raise ArgumentError(f"scale {self.scale!r} is not possible: it must be more than 0")
         try:
             rotation = operator.index(self.rotation)
         except TypeError:
             rotation = -1
         if not 0 <= rotation < rotations.COUNT:
-            raise ValueError(f"rotation {self.rotation!r} is not one of 0 to {rotations.COUNT - 1}")
+            raise ArgumentError(
+                f"rotation {self.rotation!r} is not one of 0 to {rotations.COUNT - 1}"
+            )
         object.__setattr__(self, "scale", float(self.scale))
         object.__setattr__(self, "rotation", rotation)
 
@@ -199,7 +201,7 @@ class Item:
 def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh, Repairs]:
     """A mesh cleaned and in its canonical frame, and what was cleaned away."""
     if up not in UP_AXES:
-        raise ValueError(f"up axis {up!r} is not known: choose from {', '.join(UP_AXES)}")
+        raise ArgumentError(f"up axis {up!r} is not known: choose from {', '.join(UP_AXES)}")
     if not isinstance(mesh, trimesh.Trimesh):
         raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
     vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)

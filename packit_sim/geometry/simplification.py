@@ -9,7 +9,7 @@ import meshoptimizer
 import numpy as np
 import trimesh
 
-from packit_sim.core.errors import MeshError
+from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
@@ -38,9 +38,9 @@ class Simplification:
 
     def __post_init__(self) -> None:
         if self.max_triangles is not None and self.max_triangles < 4:
-            raise ValueError(f"max_triangles {self.max_triangles!r} is not possible: at least 4")
+            raise ArgumentError(f"max_triangles {self.max_triangles!r} is not possible: at least 4")
         if not 0 < self.max_error <= 1:
-            raise ValueError(f"max_error {self.max_error!r} must be more than 0, and at most 1")
+            raise ArgumentError(f"max_error {self.max_error!r} must be more than 0, and at most 1")
 
     def __call__(self, shape: Shape) -> tuple[QuantizedMesh, float]:
         """The mesh to store of a shape, and a bound of its deviation (see `deviation.deviation`).

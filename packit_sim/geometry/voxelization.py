@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.compilation import kernel
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.bits import HIGH, LOW, STRIDES, Words
 from packit_sim.geometry.lattice import (
     CELL,
@@ -37,7 +38,7 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
     than `MAX_CELLS` along an axis.
     """
     if max(cells) > MAX_CELLS:
-        raise ValueError(
+        raise ArgumentError(
             f"a mesh of {' x '.join(map(str, cells))} cells is too large to voxelise: "
             f"at most {MAX_CELLS} an axis"
         )

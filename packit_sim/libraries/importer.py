@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
-from packit_sim.core.errors import MeshError, PackItError
+from packit_sim.core.errors import ArgumentError, MeshError, PackItError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import UP_AXES, Shape
@@ -51,15 +51,17 @@ class ImportSettings:
 
     def __post_init__(self) -> None:
         if self.up is not None and self.up not in UP_AXES:
-            raise ValueError(f"up axis {self.up!r} is not known: choose from {', '.join(UP_AXES)}")
+            raise ArgumentError(
+                f"up axis {self.up!r} is not known: choose from {', '.join(UP_AXES)}"
+            )
         if not 0 <= self.min_thickness < 1:
-            raise ValueError(
+            raise ArgumentError(
                 f"min_thickness {self.min_thickness!r} must be at least 0, and below 1"
             )
         for name in ("unit_cm", "memory", "timeout", "workers"):
             value = getattr(self, name)
             if value is not None and not value > 0:
-                raise ValueError(f"{name} {value!r} is not possible: it must be more than 0")
+                raise ArgumentError(f"{name} {value!r} is not possible: it must be more than 0")
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from packit_sim.core.errors import ArgumentError
+
 Split = Literal["train", "test", "validation"]
 
 SPLITS: tuple[str, ...] = get_args(Split)
@@ -29,7 +31,7 @@ def divide(
     `most` is less than 1.
     """
     if most < 1:
-        raise ValueError(
+        raise ArgumentError(
             f"most {most!r} is not possible: at least 1 shape of a category in a split"
         )
     members = defaultdict(list)

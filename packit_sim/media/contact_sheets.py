@@ -13,6 +13,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from PIL.ImageFont import FreeTypeFont
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
@@ -98,7 +99,7 @@ def contact_sheet(
     """
     _check_side(side)
     if columns is not None and columns < 1:
-        raise ValueError(f"columns {columns!r} are not possible: at least 1")
+        raise ArgumentError(f"columns {columns!r} are not possible: at least 1")
     pictures = []
     with Scene(_Contents()) as scene:
         for label, content in tiles:
@@ -112,14 +113,14 @@ def contact_sheet(
                 drawn()
         renderer = scene.renderer
     if not pictures:
-        raise ValueError("a contact sheet of 0 tiles is not possible: at least 1")
+        raise ArgumentError("a contact sheet of 0 tiles is not possible: at least 1")
     columns = min(columns or math.ceil(math.sqrt(len(pictures))), len(pictures))
     return Sheet(_grid(pictures, columns), renderer)
 
 
 def _check_side(side: int) -> None:
     if not MIN_SIDE <= side <= MAX_SIDE:
-        raise ValueError(f"side {side!r} is not possible: {MIN_SIDE} to {MAX_SIDE} pixels")
+        raise ArgumentError(f"side {side!r} is not possible: {MIN_SIDE} to {MAX_SIDE} pixels")
 
 
 def _grid(pictures: list[Picture], columns: int) -> Picture:

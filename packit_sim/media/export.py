@@ -14,7 +14,7 @@ from trimesh.exchange.ply import export_ply
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from packit_sim.core.errors import RenderError
+from packit_sim.core.errors import ArgumentError, RenderError
 from packit_sim.engine.feasibility import Contents
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
@@ -59,7 +59,7 @@ def export(
     if not box.placed:
         raise RenderError(f"an empty box can't be exported to {path}: it has no items")
     if not 0 < unit_mm < np.inf:
-        raise ValueError(f"a unit of {unit_mm!r} mm is not possible: it must be above 0")
+        raise ArgumentError(f"a unit of {unit_mm!r} mm is not possible: it must be above 0")
     suffix = path.suffix.lower()
     if suffix == ".json":
         _write_packing(box, path)

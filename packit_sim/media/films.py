@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.feasibility import Contents
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
@@ -52,11 +53,11 @@ class Pace:
 
     def __post_init__(self) -> None:
         if not 1 <= self.fps <= 100:
-            raise ValueError(f"fps {self.fps!r} are not possible: 1 to 100")
+            raise ArgumentError(f"fps {self.fps!r} are not possible: 1 to 100")
         for name in ("flight", "gap", "rest"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
-                raise ValueError(f"{name} {value!r} is not possible: it must be above 0 seconds")
+                raise ArgumentError(f"{name} {value!r} is not possible: it must be above 0 seconds")
 
     @classmethod
     def lasting(cls, seconds: float, items: int, fps: int = 25) -> Pace:
@@ -78,7 +79,9 @@ def packing(box: Contents, look: Look = DEFAULT_LOOK, pace: Pace | None = None) 
     the look cuts the box open or moves its items apart, which `turning` shows.
     """
     if look.cut is not None or look.explode:
-        raise ValueError("a box that is cut open or moved apart can't be packed: film a turn of it")
+        raise ArgumentError(
+            "a box that is cut open or moved apart can't be packed: film a turn of it"
+        )
     return _packing(box, look, pace or Pace())
 
 

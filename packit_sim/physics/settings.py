@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from packit_sim.core.errors import ArgumentError
+
 Method = Literal["coacd", "bisection"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -36,7 +38,7 @@ class DecompositionSettings:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             choices = ", ".join(METHODS)
-            raise ValueError(f"method {self.method!r} is not known: choose from {choices}")
+            raise ArgumentError(f"method {self.method!r} is not known: choose from {choices}")
         for name, low, high in (
             ("threshold", 0.01, 1.0),
             ("preprocess_resolution", 20, 100),
@@ -49,7 +51,7 @@ class DecompositionSettings:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ValueError(f"{name} {value!r} is not possible: {low} to {high}")
+                raise ArgumentError(f"{name} {value!r} is not possible: {low} to {high}")
 
 
 @dataclass(frozen=True)
@@ -101,4 +103,4 @@ class PhysicsSettings:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ValueError(f"{name} {value!r} is not possible: {low:g} to {high:g}")
+                raise ArgumentError(f"{name} {value!r} is not possible: {low:g} to {high:g}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import InfeasibleError
+from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.engine import bodies
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.bodies import Bodies, PosedItem
@@ -129,7 +129,7 @@ class SettlingBox(BaseBox):
 
     def restore(self, snapshot: SettlingBoxState) -> None:
         if snapshot.cells != self.cells:
-            raise ValueError(
+            raise ArgumentError(
                 f"a snapshot of a box of {snapshot.cells} cells can't be restored "
                 f"in one of {self.cells}"
             )

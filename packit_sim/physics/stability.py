@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.feasibility import Contents
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
@@ -42,7 +43,7 @@ def stability(
 ) -> Stability:
     """Lets go of a pack, whole and item by item. Raises ValueError unless distance is above 0."""
     if not distance > 0:
-        raise ValueError(f"distance {distance!r} is not possible: it must be above 0")
+        raise ArgumentError(f"distance {distance!r} is not possible: it must be above 0")
     return Stability(settle(box, settings), settle_each(box, settings), distance)
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
+
 Points = npt.NDArray[np.float64]
 
 
@@ -34,7 +36,7 @@ class Camera:
         ):
             value = getattr(self, name)
             if not low < value < high:
-                raise ValueError(f"camera {name} {value!r} must be between {low} and {high}")
+                raise ArgumentError(f"camera {name} {value!r} must be between {low} and {high}")
 
     @property
     def toward(self) -> Points:

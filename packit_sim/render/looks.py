@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.shapes import UP_AXES, Axis
 from packit_sim.render.cameras import ISO, Camera
 from packit_sim.render.coloring import Coloring, by_item
@@ -33,9 +34,9 @@ class Cut:
 
     def __post_init__(self) -> None:
         if self.axis not in UP_AXES:
-            raise ValueError(f"axis {self.axis!r} of a cut is not known: choose from x, y, z")
+            raise ArgumentError(f"axis {self.axis!r} of a cut is not known: choose from x, y, z")
         if not 0 < self.at < math.inf:
-            raise ValueError(f"a cut at {self.at!r} is not possible: it must be above 0")
+            raise ArgumentError(f"a cut at {self.at!r} is not possible: it must be above 0")
 
     @property
     def dimension(self) -> int:
@@ -64,11 +65,11 @@ class Look:
     def __post_init__(self) -> None:
         if self.box not in BOX_STYLES:
             choices = ", ".join(BOX_STYLES)
-            raise ValueError(f"box {self.box!r} is not known: choose from {choices}")
+            raise ArgumentError(f"box {self.box!r} is not known: choose from {choices}")
         if not 0 <= self.explode < math.inf:
-            raise ValueError(f"explode {self.explode!r} is not possible: 0 or more")
+            raise ArgumentError(f"explode {self.explode!r} is not possible: 0 or more")
         if len(self.background) != 3 or not all(0 <= c <= 255 for c in self.background):
-            raise ValueError(f"background {self.background!r} must be three numbers of 0 to 255")
+            raise ArgumentError(f"background {self.background!r} must be three numbers of 0 to 255")
 
 
 DEFAULT_LOOK = Look()

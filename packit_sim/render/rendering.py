@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.render.bullet import BulletClient, View
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Legend
@@ -108,7 +109,7 @@ def take(
     width, height = size
     for name, side in (("width", width), ("height", height)):
         if not 1 <= side <= MAX_SIDE:
-            raise ValueError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
+            raise ArgumentError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
     camera, samples = look.camera, _SUPERSAMPLING[client.renderer]
     eye = camera.eye(points, width / height, center)
     low, high = points.min(axis=0), points.max(axis=0)

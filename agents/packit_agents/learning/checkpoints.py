@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replacing
 
 FORMAT = 1
@@ -35,7 +35,7 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Raises ValueError for options: what they ask for could not be told again."""
         if options:
-            raise ValueError(f"options {options!r} can't be replayed")
+            raise ArgumentError(f"options {options!r} can't be replayed")
         self._seed = seed
         self._random = None if seed is not None else self._generator().state
         self._actions = []

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from packit_agents.learning.blocks import blocks
 from packit_agents.learning.heads import LocationHead, RotationHead
+from packit_sim.core.errors import ArgumentError
 from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
 from packit_sim.game.episode import Stage
 from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
@@ -58,7 +59,7 @@ class NetworkSettings:
         }
         for name, holds in checks.items():
             if not holds:
-                raise ValueError(
+                raise ArgumentError(
                     f"network setting {name} = {getattr(self, name)!r} is not possible"
                 )
 

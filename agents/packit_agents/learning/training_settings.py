@@ -10,11 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from packit_agents.learning.networks import NetworkSettings
-from packit_sim.core.errors import PackItError
-
-
-class SettingsError(PackItError, ValueError):
-    """Settings that are not possible, or not known."""
+from packit_sim.core.errors import ArgumentError
 
 
 @dataclass(frozen=True)
@@ -103,7 +99,7 @@ class TrainingSettings:
         }
         for name, holds in checks.items():
             if not holds:
-                raise ValueError(
+                raise ArgumentError(
                     f"training setting {name} = {getattr(self, name)!r} is not possible"
                 )
 
@@ -126,7 +122,7 @@ class TrainingSettings:
 def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettings:
     """Settings from a TOML file, and from NAME=VALUE, which win; names as of the fields.
 
-    Those of the network are `network.width` and so on, in TOML a table. Raises SettingsError that
+    Those of the network are `network.width` and so on, in TOML a table. Raises ArgumentError that
     names the setting and the valid choices.
     """
     told: dict[str, Any] = {}
@@ -134,26 +130,23 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
         try:
             told = _flat(tomllib.loads(config.read_text()))
         except (OSError, ValueError) as error:
-            raise SettingsError(f"settings can't be read from {config}: {error}") from None
+            raise ArgumentError(f"settings can't be read from {config}: {error}") from None
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
-            raise SettingsError(f"{change!r} is no setting: give NAME=VALUE, such as steps=100000")
+            raise ArgumentError(f"{change!r} is no setting: give NAME=VALUE, such as steps=100000")
         told[name] = _value(value)
     defaults = _flat(asdict(TrainingSettings()))
     for name in told:
         if name not in defaults:
-            raise SettingsError(f"there is no setting {name!r}: choose from {', '.join(defaults)}")
+            raise ArgumentError(f"there is no setting {name!r}: choose from {', '.join(defaults)}")
     kinds = get_type_hints(TrainingSettings), get_type_hints(NetworkSettings)
     parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
     for name, value in told.items():
         of_network = name.startswith("network.")
         short = name.removeprefix("network.")
         parts[of_network][short] = _checked(name, value, kinds[of_network][short])
-    try:
-        return TrainingSettings(**parts[0], network=NetworkSettings(**parts[1]))
-    except ValueError as error:
-        raise SettingsError(str(error)) from None
+    return TrainingSettings(**parts[0], network=NetworkSettings(**parts[1]))
 
 
 def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
@@ -161,7 +154,7 @@ def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
     network = told.get("network", {})
     rest = {name: value for name, value in told.items() if name != "network"}
     if not isinstance(network, Mapping):
-        raise ValueError("network is a table, with the settings of the network")
+        raise ArgumentError("network is a table, with the settings of the network")
     return {**rest, **{f"network.{name}": value for name, value in network.items()}}
 
 
@@ -179,11 +172,11 @@ def _value(text: str) -> Any:
 
 
 def _checked(name: str, value: Any, kind: Any) -> Any:
-    """A value as what the setting is. Raises SettingsError where it is something else."""
+    """A value as what the setting is. Raises ArgumentError where it is something else."""
     choices = get_args(kind) or (kind,)
     if get_origin(kind) is Literal:
         if value not in choices:
-            raise SettingsError(
+            raise ArgumentError(
                 f"setting {name} = {value!r} is not known: choose from {', '.join(choices)}"
             )
         return value
@@ -191,5 +184,5 @@ def _checked(name: str, value: Any, kind: Any) -> Any:
         return float(value)
     if type(value) not in choices:
         names = " or ".join("none" if c is type(None) else c.__name__ for c in choices)
-        raise SettingsError(f"setting {name} = {value!r} must be of type {names}")
+        raise ArgumentError(f"setting {name} = {value!r} must be of type {names}")
     return value

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_agents.planning.rollouts import Best, go_on, proposals
+from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode, State
 
@@ -24,13 +25,13 @@ class Backtracking:
     def __post_init__(self) -> None:
         """Raises ValueError where the number is negative."""
         if self.backtracks < 0:
-            raise ValueError(f"{self.backtracks} backtracks are not possible: choose 0 or more")
+            raise ArgumentError(f"{self.backtracks} backtracks are not possible: choose 0 or more")
 
     @classmethod
     def parse(cls, value: str) -> Backtracking:
         """Of "8", the backtracks. Raises ValueError that says so."""
         if not value.isdecimal():
-            raise ValueError(
+            raise ArgumentError(
                 f"its value is the number of backtracks, such as backtrack=8, not {value!r}"
             )
         return cls(int(value))

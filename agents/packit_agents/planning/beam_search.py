@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_agents.planning.rollouts import Best, go_on, proposals
+from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode
 
@@ -25,13 +26,13 @@ class BeamSearch:
     def __post_init__(self) -> None:
         """Raises ValueError where there is no beam."""
         if self.width < 1:
-            raise ValueError(f"{self.width} beams are not possible: choose 1 or more")
+            raise ArgumentError(f"{self.width} beams are not possible: choose 1 or more")
 
     @classmethod
     def parse(cls, value: str) -> BeamSearch:
         """Of "4", the width. Raises ValueError that says so."""
         if not value.isdecimal():
-            raise ValueError(f"its value is the number of beams, such as beam=4, not {value!r}")
+            raise ArgumentError(f"its value is the number of beams, such as beam=4, not {value!r}")
         return cls(int(value))
 
     def __call__(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from packit_sim.core.errors import ArgumentError
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -27,7 +29,7 @@ class Budget:
         except ValueError:
             budget = cls()
         if not ((budget.rollouts or 0) >= 1 or 0 < (budget.seconds or 0) < float("inf")):
-            raise ValueError(
+            raise ArgumentError(
                 "a budget is a number of rollouts, such as 200, or a time, such as 10s, "
                 f"not {text!r}"
             )

@@ -8,6 +8,7 @@ import numpy as np
 
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import Best, fill_up, go_on, proposals
+from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode, Stage, State
 
@@ -67,7 +68,7 @@ class TreeSearch:
         chosen = names.split(",") if names else ["shape"]
         for name in chosen:
             if name not in STAGE_NAMES:
-                raise ValueError(
+                raise ArgumentError(
                     f"there is no sub-task {name!r}: choose from {', '.join(STAGE_NAMES)}"
                 )
         return cls(Budget.parse(budget), frozenset(STAGE_NAMES[name] for name in chosen))
