@@ -27,7 +27,7 @@ from benchmarks.accounts import shares
 from benchmarks.placement import RESULTS
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
-from packit_sim.core.counters import Counters, statistics
+from packit_sim.core.counters import Counters, counters
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.generation.evolution import Evolution
@@ -93,7 +93,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
     With fewer generations than the paper's the rest is taken to cost what the last quarter did.
     """
     caches.clear()
-    before, meter = statistics(), Meter(workers)
+    before, meter = counters(), Meter(workers)
     evolution = Evolution(library, seed, never_stopping(generations))
     seconds: list[float] = []
     with meter:
@@ -122,7 +122,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
         "stopped at": stopped,
         "seconds until stopped": sum(seconds[: stopped + 1]),
         "density when stopped": evolution.densities[stopped],
-        "counts": counts(statistics().since(before)) if workers == 1 else None,
+        "counts": counts(counters().since(before)) if workers == 1 else None,
     }
 
 

@@ -27,7 +27,7 @@ from packit_agents.learning.weights import read_weights
 from packit_sim import Agent, ShapeLibrary
 from packit_sim.cli.console import console
 from packit_sim.cli.evaluation_commands import evaluate_shown
-from packit_sim.core.confidence import Comparison, Estimate, told
+from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import load_tasks
@@ -165,9 +165,9 @@ def main() -> None:
         table.add_row(
             row.name,
             str(row.seeds),
-            told(row.reward, ".3f"),
-            told(row.success, ".1f"),
-            told(row.comparison.ratio, ".3f"),
+            format_estimate(row.reward, ".3f"),
+            format_estimate(row.success, ".1f"),
+            format_estimate(row.comparison.ratio, ".3f"),
         )
     console.print(table)
     heuristic = Estimate.of([rollout.total for rollout in played])

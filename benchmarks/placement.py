@@ -31,7 +31,7 @@ from trimesh import creation
 from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_mask
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve
 from packit_sim.core import caches
-from packit_sim.core.counters import Counters, statistics
+from packit_sim.core.counters import Counters, counters
 from packit_sim.engine import feasibility
 from packit_sim.engine.collision import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
@@ -121,7 +121,7 @@ def questions(
 ) -> tuple[Times, Counters]:
     """Masks and BLBF queries at a density, and voxels by FFT beside them."""
     times: Times = defaultdict(list)
-    before = statistics()
+    before = counters()
     for pool in pools:
         box = pool.packed(density)
         for item in pool.items(12, rng):
@@ -136,7 +136,7 @@ def questions(
             times["mask, warm"].append(timed(box.feasible, item))
             times["items placed"].append(len(box.placed))
             times["density"].append(box.density)
-    counted = statistics().since(before)
+    counted = counters().since(before)
     for pool in pools:
         box = pool.packed(density)
         for item in pool.items(2, rng):
@@ -187,7 +187,7 @@ def chromosomes(pools: list[Pool]) -> tuple[Times, Counters]:
     """What evolution does: each child packed as it comes, and once more."""
     times: Times = defaultdict(list)
     settings = EvolutionSettings()
-    before = statistics()
+    before = counters()
     for pool in pools:
         rng = np.random.default_rng(pool.seed)
         scales = [s * pool.size**3 for s in settings.scales]
@@ -211,7 +211,7 @@ def chromosomes(pools: list[Pool]) -> tuple[Times, Counters]:
                     times["chromosome, once more"].append(timed(density, child))
                 population.append(child)
                 densities.append(density(child))
-    return times, statistics().since(before)
+    return times, counters().since(before)
 
 
 def growth_with_items(pool: Pool, rng: np.random.Generator) -> dict[int, Times]:

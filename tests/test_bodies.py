@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from trimesh import transformations
 
-from packit_sim.core.counters import statistics
+from packit_sim.core.counters import counters
 from packit_sim.engine import bodies, feasibility
 from packit_sim.engine.bodies import Filled, PosedItem
 from packit_sim.engine.occupancy import PlacedItem
@@ -37,7 +37,7 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
     rng = np.random.default_rng(seed)
     inside = [anywhere(rng) for _ in range(4)]
     occupancy = bodies.filled(CELLS, inside)
-    before = statistics()
+    before = counters()
     for _ in range(2):
         item = random_item(ZOO, 0.15, rng)
         mask = bodies.feasible(occupancy, item)
@@ -45,7 +45,7 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
         assert bodies.blbf(occupancy, item) == feasibility.first(mask)
         for at in np.argwhere(np.ones(mask.shape))[rng.permutation(mask.size)[:20]].tolist():
             assert bodies.is_feasible(occupancy, PlacedItem(item, tuple(at))) == mask[tuple(at)]
-    assert statistics().since(before).fcl_calls > 0
+    assert counters().since(before).fcl_calls > 0
 
 
 @pytest.mark.parametrize("seed", range(2))

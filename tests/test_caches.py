@@ -11,7 +11,7 @@ import pytest
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.core.caches import BoundedCache
-from packit_sim.core.counters import statistics
+from packit_sim.core.counters import counters
 from tests.zoo import ZOO, cube_of, fill, random_item
 
 
@@ -47,10 +47,18 @@ def test_the_least_recently_used_goes_when_the_budget_is_full() -> None:
     assert kept.peek(3) is None and kept.peek(4) is None and kept.peek(5) == 25
     assert kept(6) == kept(6) == 36  # larger than the budget: answered, and never kept
     assert made == [3, 4, 5, 6, 6]
-    use = kept.use()
-    assert (use.hits, use.misses, use.size, use.budget, use.unit) == (4, 5, 25, 30, "units")
+    use = kept.usage()
+    assert (use.hits, use.misses, use.size, use.budget, use.unit) == (4, 7, 25, 30, "units")
     kept.clear()
-    assert kept.use().size == 0 and kept.use().hits == 4, "what was counted stays"
+    assert kept.usage().size == 0 and kept.usage().hits == 4, "what was counted stays"
+
+
+def test_peeking_counts_hits_and_misses() -> None:
+    kept = BoundedCache(lambda n: n, "units", size=lambda value: 1, key=lambda n: n, budget=3)
+    assert kept.peek(1) is None
+    kept(1)
+    assert kept.peek(1) == 1
+    assert (kept.usage().hits, kept.usage().misses) == (1, 2)
 
 
 def test_what_fails_is_not_kept_and_fails_again() -> None:
@@ -58,7 +66,7 @@ def test_what_fails_is_not_kept_and_fails_again() -> None:
     for _ in range(2):
         with pytest.raises(ZeroDivisionError):
             kept(0)
-    assert kept.use().size == 0
+    assert kept.usage().size == 0
 
 
 @pytest.mark.parametrize("budget", [0, 1, 3000])
@@ -72,7 +80,7 @@ def test_answers_are_the_same_with_next_to_no_budget(budget: int, budgets: dict[
 
 def test_a_cache_that_there_is_not_is_named_with_those_that_there_are() -> None:
     for change in (lambda: caches.limit("pixels", 3), lambda: caches.clear("pixels")):
-        with pytest.raises(ValueError, match=r"'pixels': choose one of .*no-fit tables"):
+        with pytest.raises(ValueError, match=r"'pixels': choose from .*no-fit tables"):
             change()
 
 
@@ -114,14 +122,14 @@ def test_a_fork_never_takes_a_held_lock_along() -> None:
             thread.join()
 
 
-def test_statistics_count_questions_locations_and_calls_of_fcl() -> None:
+def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     caches.clear()
-    before = statistics()
+    before = counters()
     box = Box()
     box.place(cube_of(24.01), (0, 0, 0))  # half a cell of room on each side, and touching
     box.feasible(cube_of(24.005))
     box.blbf(cube_of(24.005))
-    used = statistics().since(before)
+    used = counters().since(before)
     assert (used.masks, used.searches, used.checks, used.queries) == (1, 1, 1, 3)
     assert used.locations > 19**3
     assert 0 < used.undecided < used.locations

@@ -95,7 +95,7 @@ def test_nothing_crosses_and_nothing_rises(seed: int) -> None:
 
 def test_the_command_tells_what_is_regained(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "settled.json"
-    done = CliRunner().invoke(app, ["settle", "starter", "--limit", "1", "--out", str(out)])
+    done = CliRunner().invoke(app, ["compact", "starter", "--limit", "1", "--out", str(out)])
     assert done.exit_code == 0, done.output
     (row,) = json.loads(out.read_text())["each"]
     assert row["filled, pushed"] > row["filled"] and row["regained"] > 0
@@ -104,6 +104,6 @@ def test_the_command_tells_what_is_regained(tmp_path: Path) -> None:
 
 
 def test_the_command_refuses_what_is_no_dataset() -> None:
-    done = CliRunner().invoke(app, ["settle", "nowhere"])
+    done = CliRunner().invoke(app, ["compact", "nowhere"])
     assert isinstance(done.exception, PackFormatError)
     assert "starter" in str(done.exception)

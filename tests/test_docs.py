@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets import packs
 from packit_sim.datasets.packs import write_packs
 from packit_sim.paper.reproduction import HEURISTIC, TABLES
@@ -41,7 +41,7 @@ def cells(document: Path) -> list[list[str]]:
 
 
 def reward(row: dict) -> str:
-    return told(Estimate(**row["ours"]["reward"]), ".3f")
+    return format_estimate(Estimate(**row["ours"]["reward"]), ".3f")
 
 
 def test_the_readme_quotes_the_last_run() -> None:
@@ -69,7 +69,9 @@ def test_the_page_of_results_quotes_the_last_run() -> None:
             row = rows("baselines")[agent[1]]
             assert ours == reward(row), label
             if row["comparison"]:
-                assert rest == [told(Estimate(**row["comparison"]["difference"]), "+.3f")], label
+                assert rest == [
+                    format_estimate(Estimate(**row["comparison"]["difference"]), "+.3f")
+                ], label
             quoted += 1
     assert quoted >= 8
 

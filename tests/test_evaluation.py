@@ -143,14 +143,14 @@ def test_packs_are_no_results() -> None:
 
 
 def test_a_comparison_by_hand() -> None:
-    found = Comparison.of([0.5, 0.6, 0.7, 0.9], [0.5, 0.5, 0.8, 0.5], slack=1e-9)
+    found = Comparison.of([0.5, 0.6, 0.7, 0.9], [0.5, 0.5, 0.8, 0.5], tolerance=1e-9)
     assert (found.wins, found.ties, found.losses, found.pairs) == (2, 1, 1, 4)
     assert found.difference.mean == pytest.approx(0.1)
     assert found.ratio.mean == pytest.approx(2.7 / 2.3)
     assert found.difference.low is not None and found.difference.low < 0 < found.difference.mean
-    same = Comparison.of([0.5, 0.7], [0.5, 0.7], slack=1e-9)
+    same = Comparison.of([0.5, 0.7], [0.5, 0.7], tolerance=1e-9)
     assert same.difference == Estimate(0, 0, 0) and same.ratio == Estimate(1, 1, 1)
-    nothing = Comparison.of([0.5, 0.7], [0.0, 0.0], slack=1e-9)
+    nothing = Comparison.of([0.5, 0.7], [0.0, 0.0], tolerance=1e-9)
     assert not np.isfinite(nothing.ratio.mean) and nothing.ratio.low is None
 
 

@@ -16,7 +16,7 @@ from packit_agents.learning import pretrained
 from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights
-from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.packs import load_tasks
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
@@ -81,9 +81,9 @@ def test_the_card_quotes_the_last_measurement() -> None:
         if found is None:
             continue
         reward, success, ratio = (
-            told(Estimate(**found["reward"]), ".3f"),
-            told(Estimate(**found["success"]), ".1f"),
-            told(Estimate(**found["comparison"]["ratio"]), ".3f"),
+            format_estimate(Estimate(**found["reward"]), ".3f"),
+            format_estimate(Estimate(**found["success"]), ".1f"),
+            format_estimate(Estimate(**found["comparison"]["ratio"]), ".3f"),
         )
         assert row[1:4] == [reward, success, ratio], row[0]
         quoted += 1

@@ -34,7 +34,7 @@ from packit_sim.cli.evaluation_commands import (
 )
 from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import evolve_shown, generate_command
-from packit_sim.cli.physics_commands import score_command, settle_command
+from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
 from packit_sim.cli.reproduction_commands import reproduce_command
@@ -76,20 +76,33 @@ app.command("render")(render_command)
 app.command("film")(film_command)
 app.command("export")(export_command)
 app.command("figures")(figures_command)
-app.command("settle")(settle_command)
+app.command("compact")(compact_command)
 app.command("score")(score_command)
 for _command in entry_points(group="packit_sim.commands"):
     app.command(_command.name)(_command.load())
 
 
 def main() -> None:
-    """Runs `packit`; a user's error is one line on stderr and exit code 2."""
+    """Run `packit`: a user's error is one line on stderr and exit code 2."""
     try:
-        app()
-    except (PackItError, OSError) as error:
-        message = f"[bold red]error:[/] {escape(str(error))}"
-        Console(stderr=True).print(message, highlight=False, soft_wrap=True)
-        sys.exit(2)
+        code = app(standalone_mode=False)
+    except (PackItError, OSError, typer.TyperException) as error:
+        _print_error(_message(error))
+        code = 2
+    sys.exit(code)
+
+
+def _message(error: PackItError | OSError | typer.TyperException) -> str:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return error.format_message() if isinstance(error, typer.TyperException) else str(error)
+
+
+def _print_error(message: str) -> None:
+    """Print a message as one line; none if it is empty, because the help was printed instead."""
+    if line := " ".join(message.split("\n")).strip():
+        text = f"[bold red]error:[/] {escape(line)}"
+        Console(stderr=True).print(text, highlight=False, soft_wrap=True)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""The command line of what packs are worth: `packit settle` and `packit score`."""
+"""The command line of what packs are worth: `packit compact` and `packit score`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from packit_sim.cli.console import (
     make_room,
     progress_bars,
 )
-from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.files import replace_text
 from packit_sim.datasets.packs import Pack, dataset_file, read_packs
 from packit_sim.engine.compaction import compact
@@ -36,7 +36,7 @@ LimitOption = Annotated[int | None, typer.Option(min=1, help="Packs, from the fi
 OutOption = Annotated[Path | None, typer.Option("--out", help="Write all numbers, to this JSON.")]
 
 
-def settle_command(
+def compact_command(
     packs: PacksArgument,
     split: SplitOption = None,
     library: LibraryOption = "everyday",
@@ -129,7 +129,7 @@ def _show(rows: Sequence[Row]) -> None:
 
 def _mean(rows: Sequence[Mapping[str, float]], name: str) -> str:
     values = [numbers[name] for numbers in rows if name in numbers]
-    return told(Estimate.of(values), ".3f") if values else ""
+    return format_estimate(Estimate.of(values), ".3f") if values else ""
 
 
 def _maker(pack: Pack) -> str:

@@ -193,7 +193,9 @@ def import_command(
     min_thickness: Annotated[
         float, typer.Option(help="Refuse what is thinner, of the diagonal.")
     ] = 0.0,
-    memory: Annotated[float, typer.Option(help="GiB that one mesh may take.")] = 4.0,
+    memory: Annotated[
+        float, typer.Option(min=0.01, max=2**20, help="GiB of memory for one mesh.")
+    ] = 4.0,
     timeout: Annotated[float, typer.Option(help="Seconds that one mesh may take.")] = 300.0,
     workers: Annotated[
         int, typer.Option(min=1, help="Processes; by default one a core.")

@@ -1,6 +1,6 @@
-"""The process's caches: bounded, counted, and safe in threads and after a fork.
+"""The caches of the process: bounded, counted, safe in threads and after fork().
 
-What they hold can always be made anew, so that they change how fast an answer comes, never which.
+A cached value can be computed again: a cache changes how fast an answer comes, never which.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 lock = threading.RLock()
-"""Held by who reads or changes what the process shares; no fork falls between."""
+"""Guards the state that the threads share; the lock is also held across fork()."""
 
 os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
 
 
-class cached_property(functools.cached_property[_T]):  # as in the standard library
-    """An attribute made when it is first asked for, as Python 3.12 has it: without a lock.
+class cached_property(functools.cached_property[_T]):  # named as in the standard library
+    """A cached attribute without a lock, as in Python 3.12.
 
-    Python 3.11's takes one that all instances share; a child forked meanwhile would wait for ever.
+    In Python 3.11 all instances share one lock: a child forked while it is held waits forever.
     """
 
     @overload
@@ -39,19 +39,26 @@ class cached_property(functools.cached_property[_T]):  # as in the standard libr
         if instance is None:
             return self
         assert self.attrname is not None
-        kept = instance.__dict__
-        if self.attrname not in kept:
-            kept[self.attrname] = self.func(instance)
-        value: _T = kept[self.attrname]
+        values = instance.__dict__
+        if self.attrname not in values:
+            values[self.attrname] = self.func(instance)
+        value: _T = values[self.attrname]
         return value
 
 
 @dataclass(frozen=True)
 class CacheUsage:
-    """How a cache was used since the process began.
+    """The usage of a cache since the process started.
 
-    hits, misses: questions answered from it, and those that were not. size: what it holds now, and
-    budget: what it may hold, both in `unit`; beyond that the least recently used goes first.
+    Attributes
+    ----------
+    hits, misses : int
+        The lookups that found a value, and those that did not.
+    size, budget : float
+        The current and the maximum size, in `unit`; beyond the budget the least recently used
+        value is dropped.
+    unit : str
+        The unit of size and budget.
     """
 
     hits: int
@@ -62,7 +69,21 @@ class CacheUsage:
 
 
 class BoundedCache(Generic[_P, _T]):
-    """A function whose values are kept by key, up to a budget."""
+    """A function whose values are cached by key, up to a budget.
+
+    Parameters
+    ----------
+    function : Callable
+        Computes a value.
+    unit : str
+        The unit of `size` and `budget`.
+    size : Callable
+        The size of a value.
+    key : Callable
+        The key of the function's arguments.
+    budget : int
+        The maximum size of all values together.
+    """
 
     def __init__(
         self,
@@ -80,40 +101,43 @@ class BoundedCache(Generic[_P, _T]):
         self.limit(budget)
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        """The value that is kept, or a new one."""
+        """Return the cached value, or compute and cache it."""
         key = self._key(*args, **kwargs)
         with lock:
-            if key in self._kept:
+            if key in self._values:
                 self._hits += 1
-                return self._kept[key]
+                return self._values[key]
             self._misses += 1
         value = self._function(*args, **kwargs)
         with lock:
-            if self._size(value) <= self._kept.maxsize:
-                self._kept[key] = value
+            if self._size(value) <= self._values.maxsize:
+                self._values[key] = value
         return value
 
     def peek(self, *args: _P.args, **kwargs: _P.kwargs) -> _T | None:
-        """The value that is kept, or None."""
+        """Return the cached value, or None; counts as a hit or a miss."""
         key = self._key(*args, **kwargs)
         with lock:
-            if key not in self._kept:
-                return None
-            self._hits += 1
-            return self._kept[key]
+            if key in self._values:
+                self._hits += 1
+                return self._values[key]
+            self._misses += 1
+        return None
 
     def limit(self, budget: int) -> None:
-        """Sets the budget, and empties."""
+        """Set the budget and drop all values."""
         with lock:
-            self._kept: LRUCache[Hashable, _T] = LRUCache(budget, getsizeof=self._size)
+            self._values: LRUCache[Hashable, _T] = LRUCache(budget, getsizeof=self._size)
 
     def clear(self) -> None:
-        self.limit(int(self._kept.maxsize))
+        """Drop all values; the counts stay."""
+        self.limit(int(self._values.maxsize))
 
-    def use(self) -> CacheUsage:
+    def usage(self) -> CacheUsage:
+        """Return the counts and sizes."""
         with lock:
-            kept = self._kept
-            return CacheUsage(self._hits, self._misses, kept.currsize, kept.maxsize, self._unit)
+            values = self._values
+            return CacheUsage(self._hits, self._misses, values.currsize, values.maxsize, self._unit)
 
 
 _caches: dict[str, BoundedCache[..., Any]] = {}
@@ -126,7 +150,7 @@ def bounded_cache(
     size: Callable[[Any], int],
     key: Callable[..., Hashable],
 ) -> Callable[[Callable[_P, _T]], BoundedCache[_P, _T]]:
-    """Keeps a function's values by key, up to a budget in `unit`s of which a value takes `size`."""
+    """Decorate a function with a `BoundedCache` that `usage`, `limit` and `clear` know by name."""
 
     def decorate(function: Callable[_P, _T]) -> BoundedCache[_P, _T]:
         cache: BoundedCache[_P, _T] = BoundedCache(function, unit, size, key, budget)
@@ -137,22 +161,22 @@ def bounded_cache(
 
 
 def usage() -> dict[str, CacheUsage]:
-    """How each of the caches was used, by name."""
-    return {name: cache.use() for name, cache in _caches.items()}
+    """Return the usage of each cache by name."""
+    return {name: cache.usage() for name, cache in _caches.items()}
 
 
 def limit(name: str, budget: int) -> None:
-    """Sets the budget of a cache and empties it. Raises ValueError where there is no such cache."""
+    """Set the budget of a cache and drop its values. Raises ArgumentError for an unknown name."""
     _named(name).limit(budget)
 
 
 def clear(*names: str) -> None:
-    """Empties the caches of these names, or all of them; what was counted stays."""
+    """Drop the values of the named caches, or of all if no name is given; the counts stay."""
     for name in names or _caches:
         _named(name).clear()
 
 
 def _named(name: str) -> BoundedCache[..., Any]:
     if name not in _caches:
-        raise ArgumentError(f"no cache is called {name!r}: choose one of {', '.join(_caches)}")
+        raise ArgumentError(f"there is no cache {name!r}: choose from {', '.join(_caches)}")
     return _caches[name]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,20 @@ import numpy.typing as npt
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 
+_Floats = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean with its 95% bootstrap interval; without an interval where the sample is one task."""
+    """A mean with its 95% bootstrap interval.
+
+    Attributes
+    ----------
+    mean : float
+        The mean of the sample.
+    low, high : float or None
+        The ends of the interval; None if the sample has a single value.
+    """
 
     mean: float
     low: float | None
@@ -22,27 +33,18 @@ class Estimate:
 
     @classmethod
     def of(cls, sample: npt.ArrayLike) -> Estimate:
+        """Estimate the mean of a sample of one value or more."""
         values = np.asarray(sample, dtype=float)
         mean = float(values.mean())
         if len(values) < 2:
             return cls(mean, None, None)
         if np.ptp(values) == 0:
             return cls(mean, mean, mean)
-        from scipy import stats  # takes half a second to import: not for everyone who plays
-
-        interval = stats.bootstrap(
-            (values,),
-            np.mean,
-            confidence_level=CONFIDENCE,
-            n_resamples=RESAMPLES,
-            method="percentile",
-            rng=np.random.default_rng(0),
-        ).confidence_interval
-        return cls(mean, float(interval.low), float(interval.high))
+        return cls(mean, *_interval((values,), np.mean))
 
 
-def told(estimate: Estimate, spec: str) -> str:
-    """A mean with its interval in brackets, as text."""
+def format_estimate(estimate: Estimate, spec: str) -> str:
+    """Format a mean with its interval in brackets, all by the same format specification."""
     mean = format(estimate.mean, spec)
     if estimate.low is None or estimate.high is None:
         return mean
@@ -51,11 +53,18 @@ def told(estimate: Estimate, spec: str) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One sample against another, pair by pair.
+    """A comparison of two samples, pair by pair.
 
-    pairs: how many. difference: of the first from the second. ratio: of the two means, with the
-    interval over resampled pairs. wins, ties, losses: pairs in which the first is more, equal (but
-    for rounding), or less.
+    Attributes
+    ----------
+    pairs : int
+        The number of pairs.
+    difference : Estimate
+        The mean of first minus second.
+    ratio : Estimate
+        The ratio of the two means, with the interval over resampled pairs.
+    wins, ties, losses : int
+        The pairs in which the first is larger, equal up to rounding, or smaller.
     """
 
     pairs: int
@@ -66,28 +75,45 @@ class Comparison:
     losses: int
 
     @classmethod
-    def of(cls, first: Sequence[float], second: Sequence[float], slack: float) -> Comparison:
-        """slack: differences up to it are rounding."""
+    def of(cls, first: Sequence[float], second: Sequence[float], tolerance: float) -> Comparison:
+        """Compare two samples of the same length; differences up to `tolerance` are ties."""
         a, b = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
         difference = a - b
         return cls(
             len(a),
             Estimate.of(difference),
             _ratio(a, b),
-            int((difference > slack).sum()),
-            int((np.abs(difference) <= slack).sum()),
-            int((difference < -slack).sum()),
+            int((difference > tolerance).sum()),
+            int((np.abs(difference) <= tolerance).sum()),
+            int((difference < -tolerance).sum()),
         )
 
 
-def _ratio(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> Estimate:
-    """Of means; not a number where the second is 0."""
+def _ratio(a: _Floats, b: _Floats) -> Estimate:
+    """Estimate the ratio of two means; it is not finite, without interval, if the second is 0."""
+
+    def ratio(a: _Floats, b: _Floats, axis: int) -> _Floats:
+        return np.divide(a.mean(axis=axis), b.mean(axis=axis))
+
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = float(np.divide(a.mean(), b.mean()))
-        if len(a) < 2 or not np.isfinite(ratio):
-            return Estimate(ratio, None, None)
-        drawn = np.random.default_rng(0).integers(len(a), size=(RESAMPLES, len(a)))
-        ratios = a[drawn].mean(axis=1) / b[drawn].mean(axis=1)
-    tail = 100 * (1 - CONFIDENCE) / 2
-    low, high = np.percentile(ratios, (tail, 100 - tail))
-    return Estimate(ratio, float(low), float(high))
+        mean = float(ratio(a, b, 0))
+        if len(a) < 2 or not np.isfinite(mean):
+            return Estimate(mean, None, None)
+        return Estimate(mean, *_interval((a, b), ratio))
+
+
+def _interval(samples: tuple[_Floats, ...], statistic: Callable[..., Any]) -> tuple[float, float]:
+    """Compute the percentile bootstrap interval of a statistic of paired samples."""
+    from scipy import stats  # takes half a second to import, and playing does not need it
+
+    interval = stats.bootstrap(
+        samples,
+        statistic,
+        confidence_level=CONFIDENCE,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        paired=True,
+        vectorized=True,
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(interval.low), float(interval.high)

@@ -1,4 +1,4 @@
-"""What the placement engine did since the process began: for users who wonder where time goes."""
+"""Counts of the placement engine's work, for users who want to know where time goes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,18 @@ from packit_sim.core import caches
 class Counters:
     """Counts of one process, over all its boxes and threads.
 
-    masks, searches, checks: questions for the whole mask, for the BLBF location, and about one
-    location. locations: of which cells were asked; undecided: of them, those that cells left open,
-    for the meshes to decide. fcl_calls: questions that no memory of the same pair could answer.
-    caches: see `caches.CacheUsage`.
+    Attributes
+    ----------
+    masks, searches, checks : int
+        The queries for a whole mask, for the BLBF location, and about a single location.
+    locations : int
+        The locations that were tested by cells.
+    undecided : int
+        The locations that cells could not decide, so that meshes were tested.
+    fcl_calls : int
+        The collision tests by FCL: those that no cache answered.
+    caches : dict of str to CacheUsage
+        The usage of each cache by name.
     """
 
     masks: int
@@ -27,19 +35,21 @@ class Counters:
 
     @property
     def queries(self) -> int:
+        """The number of queries of all kinds."""
         return self.masks + self.searches + self.checks
 
     @property
     def undecided_share(self) -> float:
-        """The share of locations that cells left open; 0 where none was asked about."""
+        """The share of locations that cells could not decide; 0 without locations."""
         return self.undecided / max(self.locations, 1)
 
     @property
     def fcl_calls_per_query(self) -> float:
+        """The mean number of FCL calls of a query; 0 without queries."""
         return self.fcl_calls / max(self.queries, 1)
 
     def since(self, earlier: Counters) -> Counters:
-        """What was counted after an earlier reading; sizes of caches are as they are now."""
+        """Return the counts since an earlier reading; the sizes of caches are the current ones."""
         counts = {
             field.name: getattr(self, field.name) - getattr(earlier, field.name)
             for field in fields(self)
@@ -56,24 +66,24 @@ class Counters:
         return Counters(**counts, caches=used)
 
 
-_COUNTED = ("masks", "searches", "checks", "locations", "undecided")
-_counts = dict.fromkeys(_COUNTED, 0)
+_counts = dict.fromkeys(("masks", "searches", "checks", "locations", "undecided"), 0)
 
-_ANSWERS = ("collisions", "collisions with bodies")
-"""The caches of what FCL said."""
+_FCL_CACHES = ("collisions", "collisions with bodies")
+"""The caches of FCL's answers."""
 
 
 def count(kind: str, locations: int, undecided: int) -> None:
-    """Counts one query: "masks", "searches" or "checks"."""
+    """Count one query; `kind` is "masks", "searches" or "checks"."""
     with caches.lock:
         _counts[kind] += 1
         _counts["locations"] += locations
         _counts["undecided"] += undecided
 
 
-def statistics() -> Counters:
-    """What this process counted until now."""
+def counters() -> Counters:
+    """Return what this process has counted until now."""
     with caches.lock:
         counts = dict(_counts)
     used = caches.usage()
-    return Counters(**counts, fcl_calls=sum(used[kind].misses for kind in _ANSWERS), caches=used)
+    fcl_calls = sum(used[name].misses for name in _FCL_CACHES)
+    return Counters(**counts, fcl_calls=fcl_calls, caches=used)

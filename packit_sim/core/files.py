@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
@@ -12,12 +11,26 @@ from typing import BinaryIO
 
 from packit_sim.core.errors import BusyError
 
+_LOCK_SECONDS = 0.1
+"""Timeout for a lock file: time for a second attempt if its holder has just removed it."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write, under a temporary name.
+    """Open a temporary file that replaces `path` when the block ends.
 
-    When the block ends it is on the disk, and is renamed; where it raises, nothing has changed.
+    If the block raises, nothing has changed. Otherwise the content is on the disk before the file
+    is renamed.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+
+    Yields
+    ------
+    BinaryIO
+        The temporary file, in the same folder.
     """
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -33,43 +46,55 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Writes a text file in UTF-8, whole or not at all."""
+    """Write a text file in UTF-8, whole or not at all."""
     with replacing(path) as file:
         file.write(text.encode())
 
 
 @contextmanager
-def claimed(lock: Path, what: Path) -> Iterator[None]:
-    """Holds a lock file for this process, and removes it; it ends with the process, however.
+def claimed(lock: Path, target: Path) -> Iterator[None]:
+    """Hold a lock file while the block runs, and remove it afterwards.
 
-    what: the file or folder that others must leave alone meanwhile. Raises BusyError where another
-    process holds it.
+    The operating system releases the lock when the process ends, however it ends.
+
+    Parameters
+    ----------
+    lock : Path
+        The lock file; it contains the id of the process that holds it.
+    target : Path
+        The file or folder that the lock protects, for the error message.
+
+    Yields
+    ------
+    None
+        While the lock is held.
+
+    Raises
+    ------
+    BusyError
+        If another process, or another part of this one, holds the lock.
     """
-    while True:
-        with lock.open("a+") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.seek(0)
-                raise BusyError(
-                    f"{what}: process {file.read().strip() or '?'} is at work there: let it end, "
-                    "or stop it and give the same command again"
-                ) from None
-            if not _is(file.fileno(), lock):
-                continue  # its holder has just removed it
-            file.truncate(0)
-            file.write(str(os.getpid()))
-            file.flush()
-            try:
-                yield
-            finally:
-                lock.unlink(missing_ok=True)
-            return
+    from filelock import FileLock, Timeout  # slow to import, and only writers need it
 
-
-def _is(descriptor: int, path: Path) -> bool:
-    """Whether an open file is the one that a path names."""
+    held = FileLock(lock, timeout=_LOCK_SECONDS)
     try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
+        held.acquire()
+    except Timeout:
+        raise BusyError(
+            f"{target}: process {_holder(lock)} is at work there: wait until it ends, "
+            "or stop it and repeat the command"
+        ) from None
+    try:
+        lock.write_text(str(os.getpid()))
+        yield
+    finally:
+        lock.unlink(missing_ok=True)  # before the release: another process may then hold the path
+        held.release()
+
+
+def _holder(lock: Path) -> str:
+    """The id of the process that holds a lock file, or "?"."""
+    try:
+        return lock.read_text().strip() or "?"
     except FileNotFoundError:
-        return False
+        return "?"

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim.box import Box
-from packit_sim.core.counters import statistics
+from packit_sim.core.counters import counters
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
 from packit_sim.engine.base_box import BaseBox
@@ -182,7 +182,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self._check(task)
         self._episode = self._begun(task)
         self._over = False
-        self._fcl_calls = statistics().fcl_calls
+        self._fcl_calls = counters().fcl_calls
         self._play_fixed()
         self._show()
         return self._observe(), self._info()
@@ -292,7 +292,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             "action_mask": self.action_masks(),
             "density": density,
             "placed_volume": density * float(episode.box.size.prod()),
-            "fcl_calls": statistics().fcl_calls - self._fcl_calls,
+            "fcl_calls": counters().fcl_calls - self._fcl_calls,
         }
         if episode.end is not None:
             info["end"] = str(episode.end)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack
 from packit_sim.evaluation.evaluation import SLACK
@@ -128,9 +128,9 @@ def markdown(points: Sequence[Point]) -> str:
     lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
     for point in points:
         estimates = (
-            told(point.reward, ".3f"),
-            *(told(point.success[x], ".1f") for x in LEVELS),
-            told(point.density, ".3f"),
+            format_estimate(point.reward, ".3f"),
+            *(format_estimate(point.success[x], ".1f") for x in LEVELS),
+            format_estimate(point.density, ".3f"),
         )
         lines.append(f"| {point.generation} | {point.under_way} | {' | '.join(estimates)} |")
     return "\n".join(lines) + "\n"

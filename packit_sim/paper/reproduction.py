@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from packit_sim.core.confidence import Comparison, Estimate, told
+from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import policy_names
@@ -307,7 +307,7 @@ def markdown(table: Table, found: Sequence[Reproduced]) -> str:
             continue
         difference, ratio = each.comparison.difference, each.comparison.ratio
         counts = (each.comparison.wins, each.comparison.ties, each.comparison.losses)
-        cells = [each.row.label, told(difference, "+.3f"), told(ratio, ".3f")]
+        cells = [each.row.label, format_estimate(difference, "+.3f"), format_estimate(ratio, ".3f")]
         if base:
             cells.append(f"{each.row.paper['reward'] / base['reward']:.3f}")
         lines.append(f"| {' | '.join(cells)} | {' / '.join(map(str, counts))} |")
@@ -338,7 +338,7 @@ def draw(table: Table, found: Sequence[Reproduced], path: Path) -> None:
 
 
 def _cell(estimate: Estimate, metric: str) -> str:
-    return told(estimate, ".3f" if metric == "reward" else ".1f")
+    return format_estimate(estimate, ".3f" if metric == "reward" else ".1f")
 
 
 def _ends(estimate: Estimate) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim._version import __version__
-from packit_sim.core.confidence import Estimate, told
+from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.libraries.library import assets_folder
 from packit_sim.render.coloring import ramp
@@ -91,4 +91,4 @@ def _headline(runs: Runs) -> Headline | None:
     found = [(Estimate.of([r.total for r in one.rollouts]), one.name) for one in runs.played]
     best, name = max(found, key=lambda pair: pair[0].mean)
     tasks = {rollout.task_digest for one in runs.played for rollout in one.rollouts}
-    return Headline(len(found), len(tasks), name, told(best, ".3f"))
+    return Headline(len(found), len(tasks), name, format_estimate(best, ".3f"))

@@ -11,6 +11,7 @@ from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from torch import Tensor
 
 from packit_agents.learning.networks import NetworkSettings, network
+from packit_sim.core.errors import ArgumentError
 
 
 class ActorCritic(MaskableActorCriticPolicy):
@@ -79,7 +80,15 @@ class ActorCritic(MaskableActorCriticPolicy):
 
 
 def on_device(name: str) -> torch.device:
-    """The device of this name; for "auto" the GPU where there is one."""
+    """Return the device of this name; for "auto" the GPU if there is one, else the CPU."""
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
-    return torch.device(name)
+    try:
+        device = torch.device(name)
+        torch.empty(0, device=device)
+    except (AssertionError, NotImplementedError, RuntimeError) as error:  # as torch reports it
+        why = str(error).partition("\n")[0]
+        raise ArgumentError(
+            f"device {name!r} can't be used: {why}: choose cpu, cuda or auto"
+        ) from error
+    return device

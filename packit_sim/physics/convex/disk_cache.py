@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from platformdirs import user_cache_path
 
 from packit_sim.core.files import replacing
 
@@ -21,14 +22,17 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 CACHE_VARIABLE = "PACKIT_CACHE"
 """Environment variable: the folder for what is kept."""
 
-_log = logging.getLogger("packit_sim")
+_log = logging.getLogger(__name__)
 
 
 def cache_folder() -> Path:
-    """`$PACKIT_CACHE`, else `packit-sim` in `$XDG_CACHE_HOME`, which is `~/.cache` by default."""
+    """Return `$PACKIT_CACHE`, or else the user's cache folder of PackIt-Sim.
+
+    On Linux that is `packit-sim` in `$XDG_CACHE_HOME`, by default in `~/.cache`.
+    """
     if chosen := os.environ.get(CACHE_VARIABLE):
         return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "packit-sim"
+    return user_cache_path("packit-sim", appauthor=False)
 
 
 def entry(kind: str, digest: str, *made_by: object) -> Path:

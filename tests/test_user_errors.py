@@ -1,0 +1,255 @@
+"""What a user gets wrong is one clear line on stderr and exit code 2, for every command."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from packit_sim.cli.app import main
+
+SMALL = "--pool 4 --generations 0"
+
+WRONG = [
+    # the command line itself
+    ("bogus", "No such command 'bogus'"),
+    ("--bogus", "No such option: --bogus"),
+    ("verify", "Missing argument"),
+    ("shapes bogus", "No such command 'bogus'"),
+    ("packs bogus", "No such command 'bogus'"),
+    # demo
+    ("demo --generations -1", "--generations"),
+    ("demo --seed -1", "--seed"),
+    ("demo --out file", "file"),
+    # verify
+    ("verify absent.jsonl", "absent.jsonl: No such file"),
+    ("verify absent.json", "absent.json"),
+    ("verify broken.json", "broken.json"),
+    ("verify starter --split dev", "--split"),
+    ("verify starter --split train", "train"),
+    ("verify starter --library nowhere", "'nowhere'"),
+    ("verify folder", "folder"),
+    # generate
+    ("generate", "Missing option '--out'"),
+    ("generate --out x --packs 0", "--packs"),
+    ("generate --out x --packs many", "--packs"),
+    ("generate --out x --population 9", "population = 9"),
+    ("generate --out x --size 1 0.5", "size_range = (1.0, 0.5)"),
+    ("generate --out x --size nan 1", "size_range"),
+    ("generate --out x --search best", "--search"),
+    ("generate --out x --split dev", "--split"),
+    ("generate --out x --library nowhere", "'nowhere'"),
+    ("generate --out x --library meshes", "bad.stl"),
+    ("generate --out x --library folder:absent", "absent"),
+    ("generate --out x --backend ssh", "--backend"),
+    ("generate --out x --address here:1", "backend ray"),
+    (f"generate --out file {SMALL}", "file"),
+    (f"generate --out file/x {SMALL}", "file"),
+    # evaluate and compare
+    ("evaluate absent.jsonl", "absent.jsonl: No such file"),
+    ("evaluate broken.jsonl", "broken.jsonl, line 1: not JSON"),
+    ("evaluate binary.jsonl", "binary.jsonl"),
+    ("evaluate starter --tasks 0", "--tasks"),
+    ("evaluate starter --agent best/aligned/blbf", "no shape policy 'best'"),
+    ("evaluate starter --agent random", "random"),
+    ("evaluate starter --agent random/random/random+beam=0", "beam"),
+    ("evaluate starter --agent random/random/random+beam=x", "beam=4"),
+    ("evaluate starter --agent random/random/random+backtrack=-1", "backtrack"),
+    ("evaluate starter --agent random/random/random+mcts=0s", "budget"),
+    ("evaluate starter --agent random/random/random+lns=nan", "budget"),
+    ("evaluate starter --agent learned@absent.safetensors/aligned/blbf", "absent.safetensors"),
+    ("evaluate starter --agent learned@binary.jsonl/aligned/blbf", "binary.jsonl"),
+    ("evaluate starter --pieces gold", "--pieces"),
+    ("evaluate starter --workers -1", "--workers"),
+    ("evaluate starter --tasks 1 --out file/x.jsonl", "file"),
+    ("evaluate starter --tasks 1 --out folder", "folder"),
+    ("compare absent.jsonl", "absent.jsonl"),
+    ("compare broken.jsonl", "broken.jsonl"),
+    ("compare folder", "folder"),
+    ("compare a b c", "one or two"),
+    # reproduce, report, figures
+    ("reproduce table9", "'table9'"),
+    ("reproduce table1 --packs nowhere", "nowhere"),
+    ("reproduce table1 --out file", "file"),
+    ("reproduce evolution --history nowhere", "nowhere"),
+    ("report absent.jsonl --out page.html", "absent.jsonl"),
+    ("report folder --out page.html", "folder"),
+    ("report broken.jsonl --out page.html", "broken.jsonl"),
+    ("report broken.jsonl --out page.pdf", "page.pdf"),
+    ("figures starter --out file --only task", "file"),
+    ("figures starter --out x --only tasks", "--only"),
+    ("figures starter --out x --pack 99", "choose 0 to"),
+    ("figures starter --out x --agent best", "'best'"),
+    ("figures starter --out x --only evolution --history nowhere", "nowhere"),
+    # view
+    ("view absent.jsonl", "absent.jsonl"),
+    ("view starter --pack 99 --no-browser", "99"),
+    ("view starter --beside 99 --no-browser", "99"),
+    ("view starter --port 0", "--port"),
+    ("view starter --tasks nowhere", "nowhere"),
+    ("view starter --host 999.0.0.1 --no-browser", "999.0.0.1"),
+    # render, film, export
+    ("render starter --out x.jpg", ".png or .npz"),
+    ("render --out x.png", "nothing to draw"),
+    ("render starter --out x.png --pack 99", "choose 0 to"),
+    ("render starter --out x.png --size 9999", "2048"),
+    ("render starter --out x.png --size big", "'big'"),
+    ("render starter --out x.png --camera 0,91", "camera"),
+    ("render starter --out x.png --camera side", "'side'"),
+    ("render starter --out x.png --background reddish", "'reddish'"),
+    ("render starter --out x.png --cut y=-1", "y=-1"),
+    ("render starter --out x.png --cut w=1", "w=1"),
+    ("render starter --out x.png --explode -1", "--explode"),
+    ("render starter --out x.png --explode nan", "--explode"),
+    ("render starter --out x.png --task --color stability", "stability"),
+    ("render starter --out x.png --id apple", "--id"),
+    ("render --id nothing --out x.png", "nothing"),
+    ("render --category dragon --out x.png", "'dragon'"),
+    ("render starter --out file/x.png", "file"),
+    ("render turn --camera turntable --out x.npz", "x.npz"),
+    ("film starter --out x.avi", "x.avi"),
+    ("film starter --out x.gif --fps 0", "--fps"),
+    ("film starter --out x.gif --seconds 0", "--seconds"),
+    ("film starter --out x.gif --seconds nan", "--seconds"),
+    ("film starter --out x.gif --cut y=0.5", "--cut"),
+    ("film starter --out x.gif --size 8x8", "8x8"),
+    ("film absent.jsonl --out x.gif", "absent.jsonl"),
+    ("export starter --out x.obj", "x.obj"),
+    ("export starter --out x.stl --unit-mm 0", "0.0 mm"),
+    ("export starter --out x.stl --unit-mm nan", "nan mm"),
+    ("export starter --out x.stl --pack 99", "choose 0 to"),
+    ("export starter --out file/x.stl", "file"),
+    # compact, score
+    ("compact nowhere", "nowhere"),
+    ("compact starter --limit 0", "--limit"),
+    ("compact starter --limit 1 --out file/x.json", "file"),
+    ("score starter --limit 1 --distance -1", "distance -1.0"),
+    ("score starter --limit 1 --distance nan", "distance nan"),
+    ("score starter --moves 0", "--moves"),
+    ("score starter --library meshes", "meshes"),
+    ("score starter --split train", "train"),
+    # shapes
+    ("shapes list --library nowhere", "'nowhere'"),
+    ("shapes list --category dragon", "'dragon': choose from"),
+    ("shapes list --library meshes --split train", "split"),
+    ("shapes show nothing", "nothing"),
+    ("shapes show nothing --library meshes", "nothing"),
+    ("shapes stats --library file", "file"),
+    ("shapes contact-sheet --out x.png --side 1", "--side"),
+    ("shapes contact-sheet --out x.png --columns 0", "--columns"),
+    ("shapes contact-sheet --out x.jpg --id nothing", "nothing"),
+    ("shapes contact-sheet --out file/x.png", "file"),
+    ("shapes import nowhere --out x", "nowhere"),
+    ("shapes import folder:absent --out x", "absent"),
+    ("shapes import folder:meshes --out folder", "exists already"),
+    ("shapes import folder:meshes --out x --up w", "--up"),
+    ("shapes import folder:meshes --out x --unit mile", "--unit"),
+    ("shapes import folder:meshes --out x --max-triangles 3", "max_triangles 3"),
+    ("shapes import folder:meshes --out x --max-error 2", "max_error 2.0"),
+    ("shapes import folder:meshes --out x --max-error nan", "max_error nan"),
+    ("shapes import folder:meshes --out x --min-thickness 1", "min_thickness 1.0"),
+    ("shapes import folder:meshes --out x --memory 0", "--memory"),
+    ("shapes import folder:meshes --out x --memory nan", "--memory"),
+    ("shapes import folder:meshes --out x --memory inf", "--memory"),
+    ("shapes import folder:meshes --out x --timeout -1", "timeout -1.0"),
+    ("shapes import folder:meshes --out x --workers 0", "--workers"),
+    ("shapes import shapenet:folder --out x", "folder"),
+    # packs
+    ("packs stats nowhere", "nowhere"),
+    ("packs stats broken.jsonl", "broken.jsonl"),
+    ("packs stats starter --split train", "train"),
+    ("packs stats starter --json file/x.json", "file"),
+    ("packs datasheet starter --out x.png", "x.png"),
+    ("packs datasheet nowhere --out x.md", "nowhere"),
+    ("packs original absent --library everyday --out x.jsonl", "absent"),
+    ("packs original broken.json --library everyday --out x.jsonl", "broken.json"),
+    # train
+    ("train x --set speed=1", "'speed'"),
+    ("train x --set steps", "'steps'"),
+    ("train x --set steps=0", "steps = 0"),
+    ("train x --set steps=many", "steps = 'many'"),
+    ("train x --set network.width=0", "width"),
+    ("train x --config absent.toml", "absent.toml"),
+    ("train x --config broken.jsonl", "broken.jsonl"),
+    ("train x --set packs=nowhere", "nowhere"),
+    ("train x --device abacus", "abacus"),
+    ("train x --ray-workers -1", "--ray-workers"),
+    ("train file", "file"),
+]
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "broken.jsonl").write_text('{"format":1,\n')
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "binary.jsonl").write_bytes(b"\xff\xfe\x00\x80" * 20)
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "bad.stl").write_bytes(b"no mesh")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(command: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["packit", *command.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert isinstance(ended.value.code, int | None)
+    return ended.value.code or 0
+
+
+@pytest.mark.parametrize(("command", "message"), WRONG, ids=[command for command, _ in WRONG])
+def test_a_wrong_command_line_is_one_line_on_stderr(
+    command: str,
+    message: str,
+    workplace: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    code = run(command, monkeypatch)
+    errors = capfd.readouterr().err
+    assert code == 2, errors
+    assert errors.startswith("error: ") and errors.count("\n") == 1, errors
+    assert message in errors
+
+
+def test_an_operating_system_error_names_the_file(
+    workplace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(28, "No space left on device", "packs.jsonl")
+
+    monkeypatch.setattr("packit_sim.cli.generation_commands.generate", full)
+    assert run("generate --out x", monkeypatch) == 2
+    assert capfd.readouterr().err == "error: packs.jsonl: No space left on device\n"
+
+
+def test_ctrl_c_ends_with_code_130(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("generate", "_shown"):
+        monkeypatch.setattr(f"packit_sim.cli.generation_commands.{name}", stopped)
+        assert run("generate --out x", monkeypatch) == 130
+    monkeypatch.setattr("packit_sim.cli.pack_commands.statistics.take", stopped)
+    assert run("packs stats starter", monkeypatch) == 130
+
+
+def test_a_bug_still_gives_a_traceback(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*arguments: object) -> None:
+        raise ValueError("a bug")
+
+    monkeypatch.setattr("packit_sim.cli.pack_commands.statistics.take", broken)
+    monkeypatch.setattr(sys, "argv", ["packit", "packs", "stats", "starter"])
+    with pytest.raises(ValueError, match="a bug"):
+        main()
+
+
+def test_the_help_of_all_commands_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for command in {line.partition(" ")[0] for line, _ in WRONG if not line.startswith(("-", "b"))}:
+        assert run(f"{command} --help", monkeypatch) == 0
+        assert "Usage: " in capfd.readouterr().out
+    assert run("", monkeypatch) == 2
+    assert "Usage: " in capfd.readouterr().out
