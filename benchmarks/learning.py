@@ -42,8 +42,6 @@ from packit_sim.game.episode import Episode
 CASES: dict[str, tuple[NetworkSettings, str]] = {
     "packnn": (NetworkSettings(), "features"),
     "packnn, prospects": (NetworkSettings(), "prospects"),
-    "attention": (NetworkSettings("packnn-attention"), "features"),
-    "attention, prospects": (NetworkSettings("packnn-attention"), "prospects"),
 }
 """The network, and what it sees."""
 

@@ -1,4 +1,4 @@
-"""Which search finds the densest packs: the paper's, two others of ours, or DEAP's.
+"""Which search finds the densest packs: the paper's, an elitist one, or DEAP's.
 
     .venv/bin/python -m benchmarks.searches    (hours on two cores; a stopped run goes on)
 
@@ -29,21 +29,19 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.generation.evolution import densities
 from packit_sim.generation.pack_creator import Recipe
-from packit_sim.generation.strategies import Climbing, Elitist, Generational, Search
+from packit_sim.generation.strategies import Elitist, Generational, Search
 
 PAPERS = "generational (the paper's)"
 
 KINDS: dict[str, Callable[[EvolutionSettings], Search]] = {
     PAPERS: Generational,
     "elitist": Elitist,
-    "climbing": Climbing,
     "tournaments (DEAP)": Tournaments,
 }
 
 STYLES = {
     PAPERS: ("#000000", "-"),
     "elitist": ("#0072B2", "--"),
-    "climbing": ("#D55E00", "-."),
     "tournaments (DEAP)": ("#009E73", ":"),
 }
 """Colours of Okabe and Ito, which the colour-blind tell apart, and lines that differ too."""
@@ -166,7 +164,7 @@ def draw(result: dict[str, Any], settings: EvolutionSettings, file: Path) -> Non
         axis.grid(alpha=0.3)
     figure.axes[0].legend(fontsize=12, loc="lower right")
     figure.suptitle(
-        f"Four searches on the same {len(result['seeds'])} pools: means and 95% intervals",
+        f"Three searches on the same {len(result['seeds'])} pools: means and 95% intervals",
         fontsize=15,
     )
     figure.savefig(file, dpi=100)

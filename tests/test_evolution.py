@@ -158,6 +158,7 @@ def test_evolution_stops_when_it_gets_no_better() -> None:
         {"generations": -1},
         {"patience": 0},
         {"search": "annealing"},
+        {"search": "climbing"},
     ],
 )
 def test_impossible_settings_are_refused_by_name(wrong) -> None:

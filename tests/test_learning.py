@@ -57,7 +57,7 @@ def _one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
-SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2, heads=2)
+SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2)
 
 
 def seen(batch: int, room: int, seed: int = 0, prospects: bool = True) -> dict[str, torch.Tensor]:
@@ -76,7 +76,7 @@ def seen(batch: int, room: int, seed: int = 0, prospects: bool = True) -> dict[s
 
 def made(name: str, *, value: bool = False, prospects: int = PROSPECTS) -> torch.nn.Module:
     torch.manual_seed(3)
-    settings = NetworkSettings(name, *(16, 1, 2, 2))  # type: ignore[arg-type]
+    settings = NetworkSettings(name, *(16, 1, 2))  # type: ignore[arg-type]
     return network(settings, prospects, value=value).double()
 
 
@@ -209,11 +209,10 @@ def test_the_head_for_locations_can_say_bottom_left_back_fill() -> None:
     "wrong",
     [
         {"network": "packer"},
+        {"network": "packnn-attention"},
         {"policies": "location"},
         {"width": 0},
-        {"width": 10},
         {"trunk_blocks": -1},
-        {"heads": 0},
     ],
 )
 def test_network_settings_out_of_range_are_named(wrong) -> None:
@@ -405,9 +404,11 @@ def test_policies_say_whether_they_take_a_value() -> None:
 def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
     file = tmp_path / "run.toml"
     file.write_text('steps = 500\nsplit = "test"\ngamma = 1\n[network]\nwidth = 64\n')
-    found = read_settings(file, ["steps=600", "network.heads=2", "split=none", "annealed=false"])
+    found = read_settings(
+        file, ["steps=600", "network.trunk_blocks=2", "split=none", "annealed=false"]
+    )
     assert found == TrainingSettings(
-        steps=600, split=None, annealed=False, network=NetworkSettings(width=64, heads=2)
+        steps=600, split=None, annealed=False, network=NetworkSettings(width=64, trunk_blocks=2)
     )
     for change, message in (
         ("stps=3", "no setting 'stps': choose from observation, augmented, mixed, packs"),

@@ -17,7 +17,7 @@ from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
 SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
 """The ratios of volumes at which shapes are packed."""
 
-SearchName = Literal["generational", "elitist", "climbing"]
+SearchName = Literal["generational", "elitist"]
 
 SEARCHES: tuple[str, ...] = get_args(SearchName)
 """Ways to choose the next chromosomes (see `searches`)."""
@@ -71,6 +71,11 @@ class EvolutionSettings:
             "point_rate": 0 <= self.point_rate <= 1,
             "search": self.search in SEARCHES,
         }
+        if self.search == "climbing":  # type: ignore[comparison-overlap]
+            raise ValueError(
+                "evolution setting search = 'climbing': this search was removed, since its "
+                f"packs were less dense; choose from {', '.join(SEARCHES)}"
+            )
         for name, holds in checks.items():
             if not holds:
                 raise ArgumentError(

@@ -1,4 +1,4 @@
-"""Which chromosomes to try next: the paper's generations, and two other ways to search.
+"""Which chromosomes to try next: the paper's generations, or an elitist search.
 
 A search asks for the densities of chromosomes and is told them, batch by batch. It needs to know
 those below its `threshold` no better than that: they can never matter to it.
@@ -106,44 +106,11 @@ class Elitist(Search):
         return [self._child(self.population, rng) for _ in range(self.settings.children)]
 
 
-class Climbing(Search):
-    """Local search: mutants of the best chromosome, which a denser or equal one replaces.
-
-    A mutant has one shape moved to another place of the order and one to three genes drawn anew.
-    """
-
-    def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
-        best = int(np.argmax(densities))
-        if not self.densities or densities[best] >= self.densities[0]:
-            self.population, self.densities = [chromosomes[best]], [densities[best]]
-
-    @property
-    def threshold(self) -> float:
-        return self.densities[0] if self.densities else 0.0
-
-    def _children(self, rng: np.random.Generator) -> list[Chromosome]:
-        return [self._neighbour(self.population[0], rng) for _ in range(self.settings.children)]
-
-    def _neighbour(self, chromosome: Chromosome, rng: np.random.Generator) -> Chromosome:
-        order = chromosome.order
-        start, stop = rng.integers(len(order), size=2).tolist()
-        moved = np.insert(np.delete(order, start), stop, order[start])
-        genes = rng.random(2 * len(order)).argsort()[: rng.integers(1, 4)]
-        fresh = Chromosome.random(self.settings, rng)
-        drawn = np.isin(np.arange(2 * len(order)), genes).reshape(2, -1)
-        return Chromosome(
-            moved,
-            np.where(drawn[0], fresh.scales, chromosome.scales),
-            np.where(drawn[1], fresh.rotations, chromosome.rotations),
-        )
-
-
 def search_of(settings: EvolutionSettings) -> Search:
     """A new search of the kind that the settings name."""
     kinds: dict[str, Callable[[EvolutionSettings], Search]] = {
         "generational": Generational,
         "elitist": Elitist,
-        "climbing": Climbing,
     }
     return kinds[settings.search](settings)
 

@@ -1,4 +1,4 @@
-"""Networks that score the shapes outside a box: PackNN (paper, section 4.2), and better ones.
+"""PackNN, which scores the shapes outside a box (paper, section 4.2), and all policies at once.
 
 b is a batch of observations, n the room for shapes in each, w the width of features. A network
 works on the shapes that are outside alone: what fills the room for others changes nothing.
@@ -23,7 +23,7 @@ from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
 Seen = Mapping[str, Tensor]
 """An observation's fields as tensors, each with b for its first axis."""
 
-NetworkName = Literal["packnn", "packnn-attention"]
+NetworkName = Literal["packnn"]
 
 NETWORKS: tuple[str, ...] = get_args(NetworkName)
 
@@ -35,7 +35,7 @@ class NetworkSettings:
     """The paper's numbers are the defaults.
 
     network: which of `NETWORKS`. width: of features. encoder_blocks, trunk_blocks: residual blocks
-    before and after the shapes are seen together. heads: of attention, where there is any.
+    before and after the shapes are seen together.
     policies: "shape", the paper's, or "all": heads for rotations and locations beside it, in boxes
     of the benchmark's size.
     """
@@ -44,7 +44,6 @@ class NetworkSettings:
     width: int = 128
     encoder_blocks: int = 3
     trunk_blocks: int = 4
-    heads: int = 4
     policies: Policies = "shape"
 
     def __post_init__(self) -> None:
@@ -52,11 +51,15 @@ class NetworkSettings:
         checks = {
             "network": self.network in NETWORKS,
             "policies": self.policies in get_args(Policies),
-            "width": self.width >= 1 and self.width % max(self.heads, 1) == 0,
+            "width": self.width >= 1,
             "encoder_blocks": self.encoder_blocks >= 0,
             "trunk_blocks": self.trunk_blocks >= 0,
-            "heads": self.heads >= 1,
         }
+        if self.network == "packnn-attention":  # type: ignore[comparison-overlap]
+            raise ValueError(
+                "network setting network = 'packnn-attention': this network was removed, since it "
+                f"was no better than packnn; choose from {', '.join(NETWORKS)}"
+            )
         for name, holds in checks.items():
             if not holds:
                 raise ArgumentError(
@@ -116,43 +119,6 @@ class PackNN(nn.Module):
         return logits
 
 
-class AttentionPackNN(nn.Module):
-    """PackNN with attention between the shapes and the box in the place of the maximum.
-
-    forward: as of `PackNN`; the value is read from the box's token.
-    """
-
-    def __init__(self, settings: NetworkSettings, prospects: int, *, value: bool = False) -> None:
-        super().__init__()
-        self._value = value
-        self.encoder = Encoder(settings, prospects)
-        layer = nn.TransformerEncoderLayer(
-            settings.width,
-            settings.heads,
-            2 * settings.width,
-            dropout=0.0,
-            batch_first=True,
-            norm_first=True,
-        )
-        self.trunk = nn.TransformerEncoder(
-            layer, max(settings.trunk_blocks // 2, 1), enable_nested_tensor=False
-        )
-        self.head = nn.Linear(settings.width, 1)
-
-    def forward(self, seen: Seen) -> Tensor:
-        shapes, box = self.encoder(seen)
-        outside = seen["outside"].bool()
-        columns = outside.any(0)  # where the batch has a shape outside
-        tokens = torch.cat([box.unsqueeze(1), shapes[:, columns]], 1)
-        hidden = torch.cat([torch.zeros_like(outside[:, :1]), ~outside[:, columns]], 1)
-        together = self.head(self.trunk(tokens, src_key_padding_mask=hidden)).squeeze(2)
-        if self._value:
-            return together[:, :1]
-        logits = together.new_zeros(outside.shape)
-        logits[:, columns] = together[:, 1:]
-        return logits
-
-
 class AllPolicies(nn.Module):
     """A network for shapes, and heads for rotations and for locations, which share nothing.
 
@@ -194,9 +160,5 @@ class AllPolicies(nn.Module):
 
 def network(settings: NetworkSettings, prospects: int, *, value: bool = False) -> nn.Module:
     """A new network. prospects: how many numbers tell of each shape, 0 where none do."""
-    kinds: dict[str, type[PackNN] | type[AttentionPackNN]] = {
-        "packnn": PackNN,
-        "packnn-attention": AttentionPackNN,
-    }
-    shape = kinds[settings.network](settings, prospects, value=value)
+    shape = PackNN(settings, prospects, value=value)
     return AllPolicies(shape, settings) if settings.policies == "all" and not value else shape

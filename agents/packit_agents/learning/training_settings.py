@@ -113,11 +113,6 @@ class TrainingSettings:
             return self.learning_rate
         return self.learning_rate * self.steps * left / (self.steps - taught)
 
-    @property
-    def iteration(self) -> int:
-        """Steps between two updates, of all environments together."""
-        return self.envs * self.rollout_steps
-
 
 def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettings:
     """Settings from a TOML file, and from NAME=VALUE, which win; names as of the fields.

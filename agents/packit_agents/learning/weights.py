@@ -60,7 +60,9 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
             f"this one reads {FORMAT!r}, version '{VERSION}'"
         )
     try:
-        settings = NetworkSettings(**json.loads(told["network"]))
+        fields = json.loads(told["network"])
+        fields.pop("heads", None)  # of the attention network, which was removed
+        settings = NetworkSettings(**fields)
         prospects, made = int(told["prospects"]), json.loads(told["made"])
         net = network(settings, prospects)
         net.load_state_dict(tensors)
