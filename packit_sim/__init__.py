@@ -1,16 +1,113 @@
-"""PackIt-Sim: geometric planning by packing real 3D shapes into a box."""
+"""PackIt-Sim: geometric planning by packing real 3D shapes into a box.
+
+`__all__` is the public API, together with the public submodules that `docs/api.md` lists. Names are
+imported when they are first used, so that `import packit_sim` stays light.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
 from packit_sim._version import __version__
-from packit_sim.box import Box
-from packit_sim.datasets.packs import Pack, Task, read_packs, verify, write_packs
-from packit_sim.evaluation.evaluation import evaluate, play
-from packit_sim.game.agents import Agent
-from packit_sim.generation.chromosomes import EvolutionSettings
-from packit_sim.generation.evolution import evolve
-from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.libraries.library import ShapeLibrary
+
+if TYPE_CHECKING:
+    from packit_sim.box import Box as Box
+    from packit_sim.core.errors import PackItError as PackItError
+    from packit_sim.datasets.original import read_original as read_original
+    from packit_sim.datasets.packs import Pack as Pack
+    from packit_sim.datasets.packs import Task as Task
+    from packit_sim.datasets.packs import dataset_file as dataset_file
+    from packit_sim.datasets.packs import load_tasks as load_tasks
+    from packit_sim.datasets.packs import read_packs as read_packs
+    from packit_sim.datasets.packs import verify as verify
+    from packit_sim.datasets.packs import write_packs as write_packs
+    from packit_sim.envs.env import PackItEnv as PackItEnv
+    from packit_sim.envs.vector import PackItVectorEnv as PackItVectorEnv
+    from packit_sim.evaluation.evaluation import Score as Score
+    from packit_sim.evaluation.evaluation import compare as compare
+    from packit_sim.evaluation.evaluation import evaluate as evaluate
+    from packit_sim.evaluation.evaluation import evaluate_batched as evaluate_batched
+    from packit_sim.evaluation.evaluation import play as play
+    from packit_sim.evaluation.results import Rollout as Rollout
+    from packit_sim.evaluation.results import read_results as read_results
+    from packit_sim.evaluation.results import write_results as write_results
+    from packit_sim.explorer.exhibits import Collection as Collection
+    from packit_sim.explorer.explorer import Explorer as Explorer
+    from packit_sim.game.agents import Agent as Agent
+    from packit_sim.game.episode import Episode as Episode
+    from packit_sim.game.episode import Stage as Stage
+    from packit_sim.generation.chromosomes import EvolutionSettings as EvolutionSettings
+    from packit_sim.generation.evolution import evolve as evolve
+    from packit_sim.geometry.shapes import Item as Item
+    from packit_sim.geometry.shapes import Shape as Shape
+    from packit_sim.libraries.library import ShapeLibrary as ShapeLibrary
+    from packit_sim.physics.quality import pack_quality as pack_quality
+    from packit_sim.physics.settings import DecompositionSettings as DecompositionSettings
+    from packit_sim.physics.settings import PhysicsSettings as PhysicsSettings
+    from packit_sim.physics.settling import settle as settle
+    from packit_sim.render.cameras import TOP as TOP
+    from packit_sim.render.coloring import ByNumber as ByNumber
+    from packit_sim.render.coloring import by_order as by_order
+    from packit_sim.render.layouts import Layout as Layout
+    from packit_sim.render.looks import Cut as Cut
+    from packit_sim.render.looks import Look as Look
+    from packit_sim.rules import Rules as Rules
+    from packit_sim.scene import Scene as Scene
+
+_HOMES = {
+    "box": ("Box",),
+    "core.errors": ("PackItError",),
+    "datasets.original": ("read_original",),
+    "datasets.packs": (
+        "Pack",
+        "Task",
+        "dataset_file",
+        "load_tasks",
+        "read_packs",
+        "verify",
+        "write_packs",
+    ),
+    "envs.env": ("PackItEnv",),
+    "envs.vector": ("PackItVectorEnv",),
+    "evaluation.evaluation": ("Score", "compare", "evaluate", "evaluate_batched", "play"),
+    "evaluation.results": ("Rollout", "read_results", "write_results"),
+    "explorer.exhibits": ("Collection",),
+    "explorer.explorer": ("Explorer",),
+    "game.agents": ("Agent",),
+    "game.episode": ("Episode", "Stage"),
+    "generation.chromosomes": ("EvolutionSettings",),
+    "generation.evolution": ("evolve",),
+    "geometry.shapes": ("Item", "Shape"),
+    "libraries.library": ("ShapeLibrary",),
+    "physics.quality": ("pack_quality",),
+    "physics.settings": ("DecompositionSettings", "PhysicsSettings"),
+    "physics.settling": ("settle",),
+    "render.cameras": ("TOP",),
+    "render.coloring": ("ByNumber", "by_order"),
+    "render.layouts": ("Layout",),
+    "render.looks": ("Cut", "Look"),
+    "rules": ("Rules",),
+    "scene": ("Scene",),
+}
+"""The modules of the public names, below `packit_sim`; the same as above."""
+
+_HOME_OF = {name: f"{__name__}.{home}" for home, names in _HOMES.items() for name in names}
+
+__all__ = [*sorted(_HOME_OF), "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(_HOME_OF[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 for _id, _settings in (
     ("PackIt-v0", {}),
@@ -23,21 +120,3 @@ for _id, _settings in (
         vector_entry_point="packit_sim.envs.vector:PackItVectorEnv",
         kwargs=_settings,
     )
-
-__all__ = [
-    "Agent",
-    "Box",
-    "EvolutionSettings",
-    "Item",
-    "Pack",
-    "Shape",
-    "ShapeLibrary",
-    "Task",
-    "__version__",
-    "evaluate",
-    "evolve",
-    "play",
-    "read_packs",
-    "verify",
-    "write_packs",
-]

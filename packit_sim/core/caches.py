@@ -16,6 +16,13 @@ from cachetools import LRUCache
 
 from packit_sim.core.errors import ArgumentError
 
+__all__ = [
+    "CacheUsage",
+    "clear",
+    "limit",
+    "usage",
+]
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 

@@ -6,6 +6,11 @@ from dataclasses import dataclass, fields, replace
 
 from packit_sim.core import caches
 
+__all__ = [
+    "Counters",
+    "counters",
+]
+
 
 @dataclass(frozen=True)
 class Counters:

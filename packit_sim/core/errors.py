@@ -4,6 +4,20 @@ Each message names the value (and the file, where there is one) and what would h
 operation that raises has changed nothing.
 """
 
+__all__ = [
+    "ArgumentError",
+    "BusyError",
+    "InfeasibleError",
+    "LibraryError",
+    "MeshError",
+    "PackFormatError",
+    "PackItError",
+    "PhysicsError",
+    "RenderError",
+    "StateError",
+    "UnknownShapeError",
+]
+
 
 class PackItError(Exception):
     """Base of every error that PackIt-Sim raises on purpose."""

@@ -25,6 +25,14 @@ from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
 from packit_sim.game.episode import Stage
 
+__all__ = [
+    "MissingMinariError",
+    "Recorder",
+    "RecordingError",
+    "record",
+    "stage_steps",
+]
+
 CUT_SHORT = "cut short"
 """The end of an episode that was left before it was over."""
 

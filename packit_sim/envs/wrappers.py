@@ -15,6 +15,12 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import FilterObservation
 
+__all__ = [
+    "FlattenFloat32",
+    "features_only",
+    "flattened",
+]
+
 Vector = npt.NDArray[np.float32]
 
 
