@@ -14,7 +14,7 @@ from numba.core.dispatcher import Dispatcher
 
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
-from packit_sim.engine import occupancy, screening
+from packit_sim.engine import occupancy, screening_kernels
 from packit_sim.generation.evolution import Evolution
 
 _T = TypeVar("_T")
@@ -29,7 +29,7 @@ MADE = {
 }
 """What goes into making a cache's values."""
 
-KERNELS = {screening: "kernels: looking for a location", occupancy: "kernels: placing"}
+KERNELS = {screening_kernels: "kernels: looking for a location", occupancy: "kernels: placing"}
 
 
 class Accounts:

@@ -14,7 +14,8 @@ from packit_sim.geometry import rotations
 
 SCRIPT = """
 import numpy as np
-from packit_sim.geometry.bits import turn_words, turning_swaps
+from packit_sim.geometry.bits import turning_swaps
+from packit_sim.geometry.word_kernels import turn_words
 words = np.array([1], dtype=np.uint64)
 turn_words(words, turning_swaps(1))
 print(int(words[0]))

@@ -10,7 +10,7 @@ from packit_sim.core import caches
 from packit_sim.engine import feasibility, nofit
 from packit_sim.engine.nofit import MEETINGS, NoFit
 from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.engine.screening import BLOCKED, OPEN
+from packit_sim.engine.screening_kernels import BLOCKED, OPEN
 from packit_sim.geometry.shapes import Item
 from tests.zoo import BALL, RING, ZOO, random_item
 

@@ -21,7 +21,7 @@ from packit_sim.engine import feasibility, screening
 from packit_sim.engine.collision import meets, meets_memo
 from packit_sim.engine.feasibility import ORIGIN, Mask
 from packit_sim.engine.occupancy import Occupancy, PlacedItem
-from packit_sim.engine.screening import FREE, OPEN
+from packit_sim.engine.screening_kernels import FREE, OPEN
 from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells

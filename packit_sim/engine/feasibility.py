@@ -22,9 +22,6 @@ from packit_sim.engine import nofit, screening
 from packit_sim.engine.collision import collides, collides_memo
 from packit_sim.engine.occupancy import Occupancy, PlacedItem
 from packit_sim.engine.screening import (
-    BLOCKED,
-    FREE,
-    OPEN,
     Locations,
     open_pairs,
     screen,
@@ -32,6 +29,7 @@ from packit_sim.engine.screening import (
     screen_pair,
     unblocked,
 )
+from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item

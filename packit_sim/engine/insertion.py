@@ -19,13 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.core.compilation import kernel
-from packit_sim.engine import sweeping
 from packit_sim.engine.feasibility import Mask
+from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.engine.screening import Locations
-from packit_sim.engine.sweeping import surface
-from packit_sim.geometry.bits import lowest_bit
+from packit_sim.engine.sweeping import plainly_rises, surface
+from packit_sim.engine.sweeping_kernels import rises
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 
@@ -33,15 +32,8 @@ COLUMNS_BUDGET = 256 * 2**20
 """Bytes in the process's cache of items' columns."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
-_NONE = np.int32(2**20)
-"""Farther than any fine cell: where a column has none."""
 
 Heights = npt.NDArray[np.int32]
-
-_COLUMN = np.uint64(15)
-"""The bits of a word that stand over one another, at its first column (see `bits`)."""
-
-_TOP_OF_BITS = np.array([int(bits).bit_length() for bits in range(16)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +41,7 @@ class Columns:
     """What an item has in each column of fine cells: int32 (x, y) over its cell box, in fine cells.
 
     low, high: the bottom of the lowest outer one, and the top of the highest. inner_low,
-    inner_high: the same of inner ones. `_NONE` and `-_NONE` where there is none.
+    inner_high: the same of inner ones. `NONE` and `-NONE` where there is none.
     """
 
     low: Heights
@@ -68,7 +60,7 @@ class Columns:
 def columns(item: Item) -> Columns:
     """The columns of an item."""
     voxels = item.voxels
-    return Columns(*_ends(voxels.outer_words), *_ends(voxels.inner_words))
+    return Columns(*column_ends(voxels.outer_words), *column_ends(voxels.inner_words))
 
 
 def clear(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
@@ -77,7 +69,7 @@ def clear(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
     if not placed or not mask.any():
         return found
     own = columns(item)
-    no, yes = _needs(own.low, own.inner_low, *_tops(placed), mask.any(axis=2))
+    no, yes = required_heights(own.low, own.inner_low, *_tops(placed), mask.any(axis=2))
     levels = np.arange(mask.shape[2]) * _FINE_PER_STEP
     found &= levels >= no[..., None]
     undecided = np.argwhere(found & (levels < yes[..., None]))
@@ -85,7 +77,7 @@ def clear(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
         if len(undecided) == 0:
             break
         offsets = _offsets(item, undecided, other)
-        below = sweeping.rises(surface(item), surface(other.item), offsets) < np.inf
+        below = rises(surface(item), surface(other.item), offsets) < np.inf
         found[tuple(undecided[below].T)] = False
         undecided = undecided[~below]
     return found
@@ -120,7 +112,7 @@ def oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
             if in_or_above[x, y, z].any():
                 return False
         offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
-        if sweeping.plainly_rises(surface(candidate.item), surface(other.item), offset) < np.inf:
+        if plainly_rises(surface(candidate.item), surface(other.item), offset) < np.inf:
             return False
     return True
 
@@ -137,7 +129,7 @@ def _offsets(item: Item, locations: Locations, other: PlacedItem) -> npt.NDArray
 def _tops(placed: Sequence[PlacedItem]) -> tuple[Heights, Heights]:
     """The top of the highest outer, and inner, fine cell of a box's columns, as far as it has."""
     reach = np.max([other.stop for other in placed], axis=0) * FINE_PER_CELL
-    tops = np.full((2, *reach[:2]), -_NONE, dtype=np.int32)
+    tops = np.full((2, *reach[:2]), -NONE, dtype=np.int32)
     for other in placed:
         theirs = columns(other.item)
         x, y, z = (n * FINE_PER_CELL for n in other.start)
@@ -145,48 +137,3 @@ def _tops(placed: Sequence[PlacedItem]) -> tuple[Heights, Heights]:
         here = tops[:, x : x + width, y : y + depth]
         np.maximum(here, np.stack([theirs.high, theirs.inner_high]) + np.int32(z), out=here)
     return tops[0], tops[1]
-
-
-@kernel
-def _ends(words):
-    """The bottom of the lowest bit in each column of words [x, y, z]; the top of the highest."""
-    low = np.full((4 * words.shape[0], 4 * words.shape[1]), _NONE, np.int32)
-    high = np.full(low.shape, -_NONE, np.int32)
-    for x, y, z in np.ndindex(words.shape):
-        word = words[x, y, z]
-        if not word:
-            continue
-        for column in range(16):
-            bits = word >> np.uint64(4 * column) & _COLUMN
-            if bits:
-                at = 4 * x + column // 4, 4 * y + column % 4
-                low[at] = min(low[at], 4 * z + lowest_bit(bits))
-                high[at] = 4 * z + _TOP_OF_BITS[bits]
-    return low, high
-
-
-@kernel
-def _needs(low, inner_low, tops, inner_tops, wanted):
-    """How high, in fine cells, the item's cell box must stand at each node (i, j) that is wanted.
-
-    Below the first cells say that it is not clear; from the second on they say that it is.
-    """
-    step = _FINE_PER_STEP
-    no = np.full(wanted.shape, -_NONE, np.int64)
-    yes = np.full(wanted.shape, -_NONE, np.int64)
-    for i, j in np.ndindex(wanted.shape):
-        if not wanted[i, j]:
-            continue
-        width = min(low.shape[0], tops.shape[0] - i * step)
-        depth = min(low.shape[1], tops.shape[1] - j * step)
-        refused = granted = -_NONE
-        for x in range(width):
-            for y in range(depth):
-                top, inner_top = (
-                    tops[i * step + x, j * step + y],
-                    inner_tops[i * step + x, j * step + y],
-                )
-                granted = max(granted, top - low[x, y])
-                refused = max(refused, top - inner_low[x, y], inner_top - low[x, y])
-        no[i, j], yes[i, j] = refused, granted
-    return no, yes

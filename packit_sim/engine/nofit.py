@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from packit_sim.core.caches import bounded_cache
-from packit_sim.core.compilation import kernel
 from packit_sim.engine.collision import collides_memo
 from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.engine.screening import BLOCKED, FREE, OPEN, States, screen_offsets
+from packit_sim.engine.screening import States, screen_offsets
+from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, merge
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 
@@ -42,7 +40,7 @@ class NoFit:
 
     def merge_into(self, states: States, placed: PlacedItem, item: Item) -> None:
         """Raises the states of an item's locations to what this placed one makes of them."""
-        _merge(states, self.states, self.reach, placed.location, self._sign(placed, item))
+        merge(states, self.states, self.reach, placed.location, self._sign(placed, item))
 
     def conflict(self, placed: PlacedItem, candidate: PlacedItem) -> bool:
         """Whether the two can't both stand where they are, exactly."""
@@ -116,21 +114,3 @@ def _meetings(first: Item, second: Item) -> _Meetings:
 def _table(first: Item, second: Item) -> NoFit:
     _meetings(first, second).forget()
     return NoFit(first, second)
-
-
-@kernel
-def _merge(states, table, reach, location, sign):
-    """states: by location of an item. table: by offset, `sign` times that from `location`."""
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
-    for d in range(3):
-        first = -reach[d] if sign > 0 else reach[d] - table.shape[d] + 1
-        low[d] = max(location[d] + first, 0)
-        high[d] = min(location[d] + first + table.shape[d], states.shape[d])
-    for i in range(low[0], high[0]):
-        x = sign * (i - location[0]) + reach[0]
-        for j in range(low[1], high[1]):
-            y = sign * (j - location[1]) + reach[1]
-            for k in range(low[2], high[2]):
-                z = sign * (k - location[2]) + reach[2]
-                states[i, j, k] = max(states[i, j, k], table[x, y, z])

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.compilation import kernel
-from packit_sim.geometry.bits import Words, lowest_bit
+from packit_sim.engine.occupancy_kernels import NO_PAGE, fill, unfill
+from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
 
-_1 = np.uint64(1)
-_NO_PAGE = -1
 _INDICES = np.empty(0, dtype=np.int32)
 
 
@@ -124,6 +122,46 @@ class Stack:
         self.count += len(rows)
 
 
+class BoxArrays(NamedTuple):
+    """A box's bricks, as kernels take them.
+
+    Attributes
+    ----------
+    bricks, page, fine
+        See `Occupancy`.
+    nx, ny : int
+        Bricks along x and y.
+    """
+
+    bricks: Words
+    page: npt.NDArray[np.int32]
+    fine: Words
+    nx: int
+    ny: int
+
+
+class PlacedArrays(NamedTuple):
+    """The voxels of all placed items, concatenated, as kernels take them.
+
+    Attributes
+    ----------
+    spans : int64 (n, 6)
+        First and last brick along x, y and z of each item.
+    starts : int64 (n, 3)
+        Where each item begins in `number`, in `outer` and in `fine`.
+    number, outer, inner, first, fine
+        See `Voxels`; `number` is flat. Only the rows of placed items are in use.
+    """
+
+    spans: npt.NDArray[np.int64]
+    starts: npt.NDArray[np.int64]
+    number: npt.NDArray[np.int32]
+    outer: Words
+    inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
+
+
 class Occupancy(Generic[_Filling]):
     """The cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
 
@@ -135,15 +173,13 @@ class Occupancy(Generic[_Filling]):
     page: (n,) int32, where `fine` has a brick's fine cells, -1 for none.
     fine: (pages, 64, 2) words, the outer and the inner fine cells of a brick's cells; only those
     of cells that are outer and not inner are kept, what is in the others means nothing.
-    hosts: the placed items' own voxels (see `Voxels`), one after the other: number (flat), outer,
-    inner, first and fine. starts: (n, 3), where an item's begin in number, in outer and in fine.
     """
 
     def __init__(self, cells: Triple) -> None:
         self.cells = cells
         count = math.prod(grid_nodes(cells))
         self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
-        self.page = np.full(count, _NO_PAGE, dtype=np.int32)
+        self.page = np.full(count, NO_PAGE, dtype=np.int32)
         self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64))
         self._placed: list[_Filling] = []
         self._spans = Stack(np.empty((0, 6), dtype=np.int64))
@@ -169,11 +205,19 @@ class Occupancy(Generic[_Filling]):
 
     @property
     def starts(self) -> npt.NDArray[np.int64]:
+        """(n, 3): where each placed item begins in the `PlacedArrays`."""
         return self._starts.array[: self._starts.count]
 
     @property
-    def hosts(self) -> tuple[npt.NDArray[Any], ...]:
-        return tuple(stack.array for stack in self._hosts)
+    def arrays(self) -> BoxArrays:
+        """The box's bricks, for kernels."""
+        nx, ny, _ = grid_nodes(self.cells)
+        return BoxArrays(self.bricks, self.page, self.fine, nx, ny)
+
+    @property
+    def placed_arrays(self) -> PlacedArrays:
+        """The placed items, for kernels."""
+        return PlacedArrays(self.spans, self.starts, *(stack.array for stack in self._hosts))
 
     @property
     def outer_words(self) -> Words:
@@ -185,17 +229,8 @@ class Occupancy(Generic[_Filling]):
         """Fills the cells of an item. Whether it is feasible there was checked before."""
         voxels = placed.voxels
         self._pages.reserve(len(voxels.bricks))
-        pages, words, shared = _fill(
-            self.bricks,
-            self.page,
-            self.fine,
-            self._pages.count,
-            *self._brick_numbers(placed),
-            voxels.outer,
-            voxels.inner,
-            voxels.first,
-            voxels.fine,
-        )
+        start = self._brick_number(placed.location)
+        pages, words, shared = fill(self.arrays, self._pages.count, voxels.arrays, start)
         self._before.append((self._pages.count, words, shared))
         self._pages.count = pages
         number, outer, _, _, fine = self._hosts
@@ -225,77 +260,17 @@ class Occupancy(Generic[_Filling]):
                 stack.count = kept
         if count == 0:
             self.bricks.fill(0)
-            self.page.fill(_NO_PAGE)
+            self.page.fill(NO_PAGE)
             self._pages.count = 0
             self._placed.clear()
             self._before.clear()
         while len(self._placed) > count:
             gone = self._placed.pop()
             self._pages.count, words, shared = self._before.pop()
-            _unfill(
-                self.bricks,
-                self.page,
-                self.fine,
-                self._pages.count,
-                *self._brick_numbers(gone),
-                words,
-                shared,
-            )
+            start = self._brick_number(gone.location)
+            unfill(self.arrays, self._pages.count, gone.voxels.bricks, start, words, shared)
 
-    def _brick_numbers(self, placed: _Filling) -> tuple[npt.NDArray[np.int16], int, int, int]:
-        """What tells the kernels where in the box an item's bricks are."""
+    def _brick_number(self, location: Triple) -> int:
         nx, ny, _ = grid_nodes(self.cells)
-        i, j, k = placed.location
-        return placed.voxels.bricks, (k * nx + i) * ny + j, nx, ny
-
-
-@kernel
-def _fill(box, page, box_fine, pages, bricks, start, nx, ny, outer, inner, first, fine):
-    """Adds an item; returns the pages in use, and what it takes to go back.
-
-    That is the words of the bricks before, and the fine cells that were another item's too: page
-    times 64 plus bit, and its two words.
-    """
-    before = np.empty((len(bricks), 2), np.uint64)
-    shared = np.empty((len(fine), 3), np.uint64)
-    count = 0
-    for n in range(len(bricks)):
-        at = start + (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
-        taken = box[at, 0]
-        before[n, 0], before[n, 1] = taken, box[at, 1]
-        box[at, 0] |= outer[n]
-        box[at, 1] |= inner[n]
-        surface = outer[n] & ~inner[n]
-        if not surface:
-            continue
-        if page[at] == _NO_PAGE:
-            page[at] = pages
-            pages += 1
-        to = box_fine[page[at]]
-        cell = first[n]
-        while surface:
-            bit = lowest_bit(surface)
-            surface &= surface - _1
-            if taken >> np.uint64(bit) & _1:
-                shared[count, 0] = page[at] * 64 + bit
-                shared[count, 1], shared[count, 2] = to[bit, 0], to[bit, 1]
-                count += 1
-                to[bit, 0] |= fine[cell, 0]
-                to[bit, 1] |= fine[cell, 1]
-            else:
-                to[bit, 0], to[bit, 1] = fine[cell, 0], fine[cell, 1]
-            cell += 1
-    return pages, before, shared[:count].copy()
-
-
-@kernel
-def _unfill(box, page, box_fine, pages, bricks, start, nx, ny, before, shared):
-    """Takes out the item added last; pages: that were in use before."""
-    for n in range(len(shared)):
-        at = np.int64(shared[n, 0])
-        box_fine[at >> 6, at & 63, 0], box_fine[at >> 6, at & 63, 1] = shared[n, 1], shared[n, 2]
-    for n in range(len(bricks)):
-        at = start + (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
-        box[at, 0], box[at, 1] = before[n, 0], before[n, 1]
-        if page[at] >= pages:
-            page[at] = _NO_PAGE
+        i, j, k = location
+        return (k * nx + i) * ny + j

@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.compilation import kernel
-from packit_sim.geometry.bits import Words, lowest_bit
+from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.word_kernels import lowest_bit
 
 _1 = np.uint64(1)
 

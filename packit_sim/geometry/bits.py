@@ -6,15 +6,10 @@ A cell's 64 fine cells are one such word, and so are the 64 cells of a brick.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
-from llvmlite import ir
-from numba.extending import intrinsic
 
-from packit_sim.core.compilation import kernel
 from packit_sim.geometry import rotations
 
 Words = npt.NDArray[np.uint64]
@@ -34,26 +29,6 @@ HIGH: Words = LOW << (3 * STRIDES).astype(np.uint64)
 
 for _table in (STRIDES, LOW, HIGH):
     _table.setflags(write=False)
-
-
-@intrinsic
-def lowest_bit(context: Any, word: Any) -> Any:
-    """Number of the lowest bit set in a word that is not 0, for kernels."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return numba.int64(numba.uint64), generate
-
-
-@intrinsic
-def count_bits(context: Any, word: Any) -> Any:
-    """How many bits of a word are set, for kernels."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.ctpop(arguments[0])
-
-    return numba.int64(numba.uint64), generate
 
 
 @cache
@@ -85,14 +60,3 @@ def turning_swaps(rotation: int) -> Words:
         table[n] = shift, np.bitwise_or.reduce(np.uint64(1) << number[places].astype(np.uint64))
     table.setflags(write=False)
     return table
-
-
-@kernel
-def turn_words(words, swaps):
-    """Turns words (n,) in place."""
-    for s in range(len(swaps)):
-        shift, mask = swaps[s]
-        for n in range(len(words)):
-            word = words[n]
-            moved = (word >> shift ^ word) & mask
-            words[n] = word ^ moved ^ moved << shift

@@ -7,10 +7,12 @@ on the grid's nodes, so the bricks of any two in a box line up, and so do their 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.caches import cached_property
 from packit_sim.core.compilation import kernel
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import (
@@ -18,15 +20,33 @@ from packit_sim.geometry.bits import (
     LOW,
     STRIDES,
     Words,
-    count_bits,
-    lowest_bit,
-    turn_words,
     turning_swaps,
 )
 from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple
 from packit_sim.geometry.voxelization import fine_cells, lattice_cells
+from packit_sim.geometry.word_kernels import count_bits, lowest_bit, turn_words
 
 _1 = np.uint64(1)
+
+
+class ItemArrays(NamedTuple):
+    """An item's bricks as a list, as kernels take them (see `Voxels`)."""
+
+    bricks: npt.NDArray[np.int16]
+    outer: Words
+    inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
+
+
+class FixedArrays(NamedTuple):
+    """An item's bricks by place, as kernels take an item that another is compared with."""
+
+    number: npt.NDArray[np.int32]
+    outer: Words
+    inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +100,16 @@ class Voxels:
     def nbytes(self) -> int:
         arrays = (self.bricks, self.outer, self.inner, self.first, self.fine, self.number)
         return sum(array.nbytes for array in arrays)
+
+    @cached_property
+    def arrays(self) -> ItemArrays:
+        """The item, for kernels."""
+        return ItemArrays(self.bricks, self.outer, self.inner, self.first, self.fine)
+
+    @cached_property
+    def fixed_arrays(self) -> FixedArrays:
+        """The item that another is compared with, for kernels."""
+        return FixedArrays(self.number, self.outer, self.inner, self.first, self.fine)
 
     def turned(self, rotation: int) -> Voxels:
         """The same under one of the 24 rotations, bit for bit."""

@@ -1,0 +1,68 @@
+"""Kernels that add an item's cells to a box, and take them out again.
+
+`box` is a `BoxArrays` (see `occupancy`) and `item` an `ItemArrays` (see `voxels`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+from packit_sim.geometry.word_kernels import lowest_bit
+
+NO_PAGE = -1
+"""The page of a brick that has no fine cells."""
+
+_1 = np.uint64(1)
+
+
+@kernel
+def fill(box, pages, item, start):
+    """Add an item whose location has brick number `start`; pages: how many are in use.
+
+    Returns the pages in use afterwards, and what `unfill` needs: the words of the bricks before,
+    and the fine cells that were another item's too (page times 64 plus bit, and the two words).
+    """
+    before = np.empty((len(item.bricks), 2), np.uint64)
+    shared = np.empty((len(item.fine), 3), np.uint64)
+    count = 0
+    for n in range(len(item.bricks)):
+        at = start + (item.bricks[n, 2] * box.nx + item.bricks[n, 0]) * box.ny + item.bricks[n, 1]
+        taken = box.bricks[at, 0]
+        before[n, 0], before[n, 1] = taken, box.bricks[at, 1]
+        box.bricks[at, 0] |= item.outer[n]
+        box.bricks[at, 1] |= item.inner[n]
+        surface = item.outer[n] & ~item.inner[n]
+        if not surface:
+            continue
+        if box.page[at] == NO_PAGE:
+            box.page[at] = pages
+            pages += 1
+        to = box.fine[box.page[at]]
+        cell = item.first[n]
+        while surface:
+            bit = lowest_bit(surface)
+            surface &= surface - _1
+            if taken >> np.uint64(bit) & _1:
+                shared[count, 0] = box.page[at] * 64 + bit
+                shared[count, 1], shared[count, 2] = to[bit, 0], to[bit, 1]
+                count += 1
+                to[bit, 0] |= item.fine[cell, 0]
+                to[bit, 1] |= item.fine[cell, 1]
+            else:
+                to[bit, 0], to[bit, 1] = item.fine[cell, 0], item.fine[cell, 1]
+            cell += 1
+    return pages, before, shared[:count].copy()
+
+
+@kernel
+def unfill(box, pages, bricks, start, before, shared):
+    """Take out the item added last; pages: how many were in use before it."""
+    for n in range(len(shared)):
+        at = np.int64(shared[n, 0])
+        box.fine[at >> 6, at & 63, 0], box.fine[at >> 6, at & 63, 1] = shared[n, 1], shared[n, 2]
+    for n in range(len(bricks)):
+        at = start + (bricks[n, 2] * box.nx + bricks[n, 0]) * box.ny + bricks[n, 1]
+        box.bricks[at, 0], box.bricks[at, 1] = before[n, 0], before[n, 1]
+        if box.page[at] >= pages:
+            box.page[at] = NO_PAGE

@@ -1,0 +1,252 @@
+"""Kernels that compare the bricks of an item with those of a box, or of another item.
+
+A location's *state* is `FREE`, `OPEN` or `BLOCKED` (see `screening`). `box` is a `BoxArrays`,
+`placed` a `PlacedArrays` (see `occupancy`), `item` an `ItemArrays` and `fixed` a `FixedArrays`
+(see `voxels`). `size` counts the item's locations along x, y and z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+from packit_sim.geometry.voxels import FixedArrays
+from packit_sim.geometry.word_kernels import count_bits, lowest_bit
+
+FREE, OPEN, BLOCKED = 0, 1, 2
+"""Ordered: the state for several placed items is the largest of those for each of them."""
+
+_1 = np.uint64(1)
+
+
+@kernel
+def screen(box, item, spans, size):
+    """Return the states of all locations; spans: (n, 6) first and last brick of placed items."""
+    states = np.full(size, np.uint8(FREE))
+    near = np.zeros(size, np.bool_)
+    extent = np.zeros(3, np.int64)
+    for n in range(len(item.bricks)):
+        for d in range(3):
+            extent[d] = max(extent[d], item.bricks[n, d])
+    for n in range(len(spans)):
+        for i in range(max(spans[n, 0] - extent[0], 0), min(spans[n, 3] + 1, size[0])):
+            for j in range(max(spans[n, 1] - extent[1], 0), min(spans[n, 4] + 1, size[1])):
+                for k in range(max(spans[n, 2] - extent[2], 0), min(spans[n, 5] + 1, size[2])):
+                    near[i, j, k] = True
+    offsets = _offsets(item.bricks, box.nx, box.ny)
+    last_blocker = 0
+    for k in range(size[2]):
+        for i in range(size[0]):
+            for j in range(size[1]):
+                if near[i, j, k]:
+                    start = (k * box.nx + i) * box.ny + j
+                    states[i, j, k], last_blocker = _state(box, item, offsets, start, last_blocker)
+    return states
+
+
+@kernel
+def screen_at(box, item, location):
+    """Return the state of one location."""
+    i, j, k = location
+    offsets = _offsets(item.bricks, box.nx, box.ny)
+    return _state(box, item, offsets, (k * box.nx + i) * box.ny + j, 0)[0]
+
+
+@kernel
+def next_unblocked(box, item, placed, extent, size, number, found):
+    """Find the next location that is not blocked, in the order of (z, x, y).
+
+    number: of the location to start at. extent: bricks of the item along x, y and z. found: filled
+    with the numbers of the placed items that leave the location open. Returns the location, the
+    number of the one after it, and how many were written to `found`, -1 if there is no location.
+    """
+    row, layer = size[1], size[0] * size[1]
+    offsets = _offsets(item.bricks, box.nx, box.ny)
+    last_blocker = 0
+    while number < layer * size[2]:
+        k, rest = divmod(number, layer)
+        i, j = divmod(rest, row)
+        start = (k * box.nx + i) * box.ny + j
+        state, last_blocker = _state(box, item, offsets, start, last_blocker)
+        number += 1
+        if state == BLOCKED:
+            continue
+        count = 0
+        if state == OPEN:
+            count = _open_with(item, placed, extent, (i, j, k), found)
+        return i, j, k, number, count
+    return 0, 0, 0, number, -1
+
+
+@kernel
+def open_pairs(item, placed, extent, locations):
+    """Return (pairs, 2): numbers of a location, and of a placed item that leaves it open."""
+    pairs = np.empty((16, 2), np.int64)
+    found = np.empty(len(placed.spans), np.int64)
+    total = 0
+    for n in range(len(locations)):
+        location = (locations[n, 0], locations[n, 1], locations[n, 2])
+        count = _open_with(item, placed, extent, location, found)
+        if total + count > len(pairs):
+            grown = np.empty((2 * (total + count), 2), np.int64)
+            grown[:total] = pairs[:total]
+            pairs = grown
+        for m in range(count):
+            pairs[total, 0], pairs[total, 1] = n, found[m]
+            total += 1
+    return pairs[:total]
+
+
+@kernel
+def screen_pair(fixed, item, offsets):
+    """Return the states of an item at offsets (n, 3), in bricks, from a fixed one."""
+    states = np.empty(len(offsets), np.uint8)
+    for n in range(len(offsets)):
+        states[n] = _pair_state(fixed, item, offsets[n])
+    return states
+
+
+@kernel
+def screen_offsets(fixed, item, extent):
+    """Return the states [x, y, z] at all offsets at which the bricks of two items can meet."""
+    nx, ny, nz = fixed.number.shape
+    states = np.empty((nx + extent[0] - 1, ny + extent[1] - 1, nz + extent[2] - 1), np.uint8)
+    for x in range(states.shape[0]):
+        for y in range(states.shape[1]):
+            for z in range(states.shape[2]):
+                offset = (x - extent[0] + 1, y - extent[1] + 1, z - extent[2] + 1)
+                states[x, y, z] = _pair_state(fixed, item, offset)
+    return states
+
+
+@kernel
+def merge(states, table, reach, location, sign):
+    """Raise the states of an item's locations to those of a no-fit table.
+
+    The table is indexed by offset, `sign` times that of the item from `location`, plus `reach`.
+    """
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for d in range(3):
+        first = -reach[d] if sign > 0 else reach[d] - table.shape[d] + 1
+        low[d] = max(location[d] + first, 0)
+        high[d] = min(location[d] + first + table.shape[d], states.shape[d])
+    for i in range(low[0], high[0]):
+        x = sign * (i - location[0]) + reach[0]
+        for j in range(low[1], high[1]):
+            y = sign * (j - location[1]) + reach[1]
+            for k in range(low[2], high[2]):
+                z = sign * (k - location[2]) + reach[2]
+                states[i, j, k] = max(states[i, j, k], table[x, y, z])
+
+
+@kernel
+def _offsets(bricks, nx, ny):
+    """Return by how much the number of each of an item's bricks exceeds that of its location."""
+    offsets = np.empty(len(bricks), np.int32)
+    for n in range(len(bricks)):
+        offsets[n] = (bricks[n, 2] * nx + bricks[n, 0]) * ny + bricks[n, 1]
+    return offsets
+
+
+@kernel
+def _state(box, item, offsets, start, last_blocker):
+    """Return the state of the location with brick number `start`, and the item's blocking brick.
+
+    The brick that blocked the last location is tested first, since it often blocks the next one.
+    """
+    bricks, page, box_fine = box.bricks, box.page, box.fine
+    outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
+    at = start + offsets[last_blocker]
+    if bricks[at, 0] & inner[last_blocker] | bricks[at, 1] & outer[last_blocker]:
+        return BLOCKED, last_blocker
+    state = FREE
+    for n in range(len(offsets)):
+        at = start + offsets[n]
+        taken = bricks[at, 0]
+        shared = taken & outer[n]
+        if not shared:
+            continue
+        if taken & inner[n] | bricks[at, 1] & outer[n]:
+            return BLOCKED, n
+        kept = page[at]  # an index, because a view costs two reference counts for each brick
+        surface = outer[n] & ~inner[n]
+        while shared:
+            bit = lowest_bit(shared)
+            shared &= shared - _1
+            own = first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
+            if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
+                return BLOCKED, n
+            if box_fine[kept, bit, 0] & fine[own, 0]:
+                state = OPEN
+    return state, last_blocker
+
+
+@kernel
+def _open_with(item, placed, extent, location, found):
+    """Write to `found` which placed items leave a location open, and return how many."""
+    i, j, k = location
+    spans = placed.spans
+    count = 0
+    for n in range(len(spans)):
+        if (
+            i > spans[n, 3]
+            or j > spans[n, 4]
+            or k > spans[n, 5]
+            or i + extent[0] <= spans[n, 0]
+            or j + extent[1] <= spans[n, 1]
+            or k + extent[2] <= spans[n, 2]
+        ):
+            continue
+        x, y, z = (
+            spans[n, 3] - spans[n, 0] + 1,
+            spans[n, 4] - spans[n, 1] + 1,
+            spans[n, 5] - spans[n, 2] + 1,
+        )
+        at, brick, cell = placed.starts[n]
+        fixed = FixedArrays(
+            placed.number[at : at + x * y * z].reshape(x, y, z),
+            placed.outer[brick:],
+            placed.inner[brick:],
+            placed.first[brick:],
+            placed.fine[cell:],
+        )
+        offset = (i - spans[n, 0], j - spans[n, 1], k - spans[n, 2])
+        if _pair_state(fixed, item, offset) == OPEN:
+            found[count] = n
+            count += 1
+    return count
+
+
+@kernel
+def _pair_state(fixed, item, offset):
+    """Return the state of an item that is `offset` bricks away from a fixed one."""
+    bricks, outer, inner, first, fine = item.bricks, item.outer, item.inner, item.first, item.fine
+    fixed_outer, fixed_inner, fixed_fine = fixed.outer, fixed.inner, fixed.fine
+    nx, ny, nz = fixed.number.shape
+    state = FREE
+    for n in range(len(bricks)):
+        x, y, z = bricks[n, 0] + offset[0], bricks[n, 1] + offset[1], bricks[n, 2] + offset[2]
+        if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
+            continue
+        m = fixed.number[x, y, z]
+        if m < 0:
+            continue
+        shared = fixed_outer[m] & outer[n]
+        if not shared:
+            continue
+        if fixed_outer[m] & inner[n] | fixed_inner[m] & outer[n]:
+            return BLOCKED
+        surface = outer[n] & ~inner[n]
+        fixed_surface = fixed_outer[m] & ~fixed_inner[m]
+        while shared:
+            bit = lowest_bit(shared)
+            shared &= shared - _1
+            below = (_1 << np.uint64(bit)) - _1
+            own = first[n] + count_bits(surface & below)
+            its = fixed.first[m] + count_bits(fixed_surface & below)
+            if fixed_fine[its, 0] & fine[own, 1] | fixed_fine[its, 1] & fine[own, 0]:
+                return BLOCKED
+            if fixed_fine[its, 0] & fine[own, 0]:
+                state = OPEN
+    return state

@@ -1,0 +1,151 @@
+"""Kernels of the swept test, on the trees of two surfaces (see `deviation.Surface`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+
+_STACK = 256
+
+_ROUNDING = 1e-10
+"""Box units, or the sine of an angle: what is closer seen along the way is on one line. Rounding
+makes as much of edges that are, and where they would cross is then anybody's guess."""
+
+_ANY = 1e9
+"""Box units, which is more than any distance: the first that is found will do."""
+
+
+@kernel
+def rises(item, other, offsets):
+    """(n,) for each of offsets (n, 3) inf where no point of the other surface, moved by it, is
+    above a point of the item's; else by how much one is: any, not the least.
+    """
+    found = np.empty(len(offsets))
+    for n in range(len(offsets)):
+        found[n] = least_rise(item, other, offsets[n], _ANY)
+    return found
+
+
+@kernel
+def least_rise(item, other, offset, enough):
+    """The least by which a point of the other, moved by offset, is above one of the item; inf where
+    none is. It may be any that is not more than `enough`.
+    """
+    waiting = np.empty((_STACK, 2), np.int64)
+    waiting[0] = 1
+    top = 1
+    least = np.inf
+    leaves, other_leaves = len(item.starts) - 1, len(other.starts) - 1
+    while top:
+        top -= 1
+        a, b = waiting[top]
+        if (
+            item.boxes[a, 1, 0] < other.boxes[b, 0, 0] + offset[0]
+            or item.boxes[a, 0, 0] > other.boxes[b, 1, 0] + offset[0]
+            or item.boxes[a, 1, 1] < other.boxes[b, 0, 1] + offset[1]
+            or item.boxes[a, 0, 1] > other.boxes[b, 1, 1] + offset[1]
+            or item.boxes[a, 0, 2] > other.boxes[b, 1, 2] + offset[2]
+            or other.boxes[b, 0, 2] + offset[2] - item.boxes[a, 1, 2] >= least
+        ):
+            continue
+        if a >= leaves and b >= other_leaves:
+            mine = item.triangles[item.starts[a - leaves] : item.starts[a - leaves + 1]]
+            start, stop = other.starts[b - other_leaves], other.starts[b - other_leaves + 1]
+            least = least_of(mine, other.triangles[start:stop], offset, least, enough)
+            if least <= enough:
+                return least
+        elif b >= other_leaves or (a < leaves and a <= b):
+            waiting[top, 0], waiting[top, 1] = 2 * a, b
+            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
+            top += 2
+        else:
+            waiting[top, 0], waiting[top, 1] = a, 2 * b
+            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
+            top += 2
+    return least
+
+
+@kernel
+def least_of(triangles, others, offset, least, enough):
+    """As `least_rise`, of all pairs of triangles, or `least` where that is less."""
+    moved = np.empty((3, 3))
+    for m in range(len(others)):
+        for c in range(3):
+            for d in range(3):
+                moved[c, d] = others[m, c, d] + offset[d]
+        for n in range(len(triangles)):
+            for c in range(3):
+                least = min(least, _over(moved, triangles[n, c], 1.0))
+                least = min(least, _over(triangles[n], moved[c], -1.0))
+                for e in range(3):
+                    rise = _crossing(triangles[n, c], triangles[n, c - 2], moved[e], moved[e - 2])
+                    least = min(least, rise)
+            if least <= enough:
+                return least
+    return least
+
+
+@kernel
+def _over(triangle, point, sign):
+    """How far a triangle is above a point that it covers seen from above; below it for sign -1."""
+    ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
+    vx, vy = triangle[2, 0] - triangle[0, 0], triangle[2, 1] - triangle[0, 1]
+    px, py = point[0] - triangle[0, 0], point[1] - triangle[0, 1]
+    area = ux * vy - uy * vx
+    if area * area <= _ROUNDING**2 * (ux * ux + uy * uy) * (vx * vx + vy * vy):
+        return np.inf  # it stands upright: its edges say all
+    s, t = (px * vy - py * vx) / area, (ux * py - uy * px) / area
+    if s < 0 or t < 0 or s + t > 1:
+        return np.inf
+    z = triangle[0, 2] + s * (triangle[1, 2] - triangle[0, 2])
+    z += t * (triangle[2, 2] - triangle[0, 2])
+    return _positive(sign * (z - point[2]))
+
+
+@kernel
+def _crossing(a, b, c, d):
+    """How far the edge from c to d is above that from a to b, where it crosses it from above."""
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    vx, vy = d[0] - c[0], d[1] - c[1]
+    px, py = c[0] - a[0], c[1] - a[1]
+    area = ux * vy - uy * vx
+    if area * area <= _ROUNDING**2 * (ux * ux + uy * uy) * (vx * vx + vy * vy):  # on lines alike
+        return min(
+            min(_end(a, b, c, 1.0), _end(a, b, d, 1.0)),
+            min(_end(c, d, a, -1.0), _end(c, d, b, -1.0)),
+        )
+    s, t = (px * vy - py * vx) / area, (px * uy - py * ux) / area
+    if s < 0 or s > 1 or t < 0 or t > 1:
+        return np.inf
+    return _positive(c[2] + t * (d[2] - c[2]) - a[2] - s * (b[2] - a[2]))
+
+
+@kernel
+def _end(a, b, point, sign):
+    """How far a point is above the edge from a to b, where seen from above it is on it.
+
+    How far below it for sign -1.
+    """
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    px, py = point[0] - a[0], point[1] - a[1]
+    across = ux * py - uy * px
+    length = ux * ux + uy * uy
+    if length <= _ROUNDING**2:  # it stands upright
+        if px * px + py * py > _ROUNDING**2:
+            return np.inf
+        low, high = min(a[2], b[2]), max(a[2], b[2])
+        if sign > 0:
+            return max(point[2] - high, 0.0) if point[2] > low else np.inf
+        return max(low - point[2], 0.0) if point[2] < high else np.inf
+    if across * across > _ROUNDING**2 * length:
+        return np.inf
+    t = (px * ux + py * uy) / length
+    if t < 0 or t > 1:
+        return np.inf
+    return _positive(sign * (point[2] - a[2] - t * (b[2] - a[2])))
+
+
+@kernel
+def _positive(rise):
+    return rise if rise > 0 else np.inf
