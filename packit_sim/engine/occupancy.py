@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -122,46 +122,6 @@ class Stack:
         self.count += len(rows)
 
 
-class BoxArrays(NamedTuple):
-    """A box's bricks, as kernels take them.
-
-    Attributes
-    ----------
-    bricks, page, fine
-        See `Occupancy`.
-    nx, ny : int
-        Bricks along x and y.
-    """
-
-    bricks: Words
-    page: npt.NDArray[np.int32]
-    fine: Words
-    nx: int
-    ny: int
-
-
-class PlacedArrays(NamedTuple):
-    """The voxels of all placed items, concatenated, as kernels take them.
-
-    Attributes
-    ----------
-    spans : int64 (n, 6)
-        First and last brick along x, y and z of each item.
-    starts : int64 (n, 3)
-        Where each item begins in `number`, in `outer` and in `fine`.
-    number, outer, inner, first, fine
-        See `Voxels`; `number` is flat. Only the rows of placed items are in use.
-    """
-
-    spans: npt.NDArray[np.int64]
-    starts: npt.NDArray[np.int64]
-    number: npt.NDArray[np.int32]
-    outer: Words
-    inner: Words
-    first: npt.NDArray[np.int32]
-    fine: Words
-
-
 class Occupancy(Generic[_Filling]):
     """The cells of a box that placed items fill: a cache, rebuilt from `placed` at any time.
 
@@ -209,15 +169,15 @@ class Occupancy(Generic[_Filling]):
         return self._starts.array[: self._starts.count]
 
     @property
-    def arrays(self) -> BoxArrays:
-        """The box's bricks, for kernels."""
+    def arrays(self) -> tuple[Any, ...]:
+        """The fields of the box's `BoxArrays`."""
         nx, ny, _ = grid_nodes(self.cells)
-        return BoxArrays(self.bricks, self.page, self.fine, nx, ny)
+        return self.bricks, self.page, self.fine, nx, ny
 
     @property
-    def placed_arrays(self) -> PlacedArrays:
-        """The placed items, for kernels."""
-        return PlacedArrays(self.spans, self.starts, *(stack.array for stack in self._hosts))
+    def placed_arrays(self) -> tuple[Any, ...]:
+        """The fields of the box's `PlacedArrays`."""
+        return (self.spans, self.starts, *(stack.array for stack in self._hosts))
 
     @property
     def outer_words(self) -> Words:

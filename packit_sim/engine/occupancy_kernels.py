@@ -1,13 +1,19 @@
 """Kernels that add an item's cells to a box, and take them out again.
 
-`box` is a `BoxArrays` (see `occupancy`) and `item` an `ItemArrays` (see `voxels`).
+Python passes arrays in plain tuples, and kernels name them: a named tuple as an argument would cost
+2 microseconds a call.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.core.compilation import kernel
+from packit_sim.geometry.bits import Words
+from packit_sim.geometry.voxel_kernels import ItemArrays
 from packit_sim.geometry.word_kernels import lowest_bit
 
 NO_PAGE = -1
@@ -16,13 +22,55 @@ NO_PAGE = -1
 _1 = np.uint64(1)
 
 
+class BoxArrays(NamedTuple):
+    """The bricks of a box.
+
+    Attributes
+    ----------
+    bricks, page, fine
+        See `occupancy.Occupancy`.
+    nx, ny : int
+        Bricks along x and y.
+    """
+
+    bricks: Words
+    page: npt.NDArray[np.int32]
+    fine: Words
+    nx: int
+    ny: int
+
+
+class PlacedArrays(NamedTuple):
+    """The voxels of all items in a box, concatenated.
+
+    Attributes
+    ----------
+    spans : int64 (n, 6)
+        First brick along x, y and z of each item, and last.
+    starts : int64 (n, 3)
+        Where each item begins in `number`, in `outer` and in `fine`.
+    number, outer, inner, first, fine
+        See `voxels.Voxels`; `number` is flat. Only the rows of the items are in use.
+    """
+
+    spans: npt.NDArray[np.int64]
+    starts: npt.NDArray[np.int64]
+    number: npt.NDArray[np.int32]
+    outer: Words
+    inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
+
+
 @kernel
 def fill(box, pages, item, start):
-    """Add an item whose location has brick number `start`; pages: how many are in use.
+    """Add an item (`ItemArrays`) to a box (`BoxArrays`) at the location with brick number `start`.
 
-    Returns the pages in use afterwards, and what `unfill` needs: the words of the bricks before,
-    and the fine cells that were another item's too (page times 64 plus bit, and the two words).
+    pages: how many are in use. Returns how many are in use afterwards, and what `unfill` needs: the
+    words of the bricks before, and the fine cells that were another item's too (page times 64 plus
+    bit, and the two words).
     """
+    box, item = BoxArrays(*box), ItemArrays(*item)
     before = np.empty((len(item.bricks), 2), np.uint64)
     shared = np.empty((len(item.fine), 3), np.uint64)
     count = 0
@@ -58,6 +106,7 @@ def fill(box, pages, item, start):
 @kernel
 def unfill(box, pages, bricks, start, before, shared):
     """Take out the item added last; pages: how many were in use before it."""
+    box = BoxArrays(*box)
     for n in range(len(shared)):
         at = np.int64(shared[n, 0])
         box.fine[at >> 6, at & 63, 0], box.fine[at >> 6, at & 63, 1] = shared[n, 1], shared[n, 2]

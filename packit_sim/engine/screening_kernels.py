@@ -1,8 +1,8 @@
 """Kernels that compare the bricks of an item with those of a box, or of another item.
 
-A location's *state* is `FREE`, `OPEN` or `BLOCKED` (see `screening`). `box` is a `BoxArrays`,
-`placed` a `PlacedArrays` (see `occupancy`), `item` an `ItemArrays` and `fixed` a `FixedArrays`
-(see `voxels`). `size` counts the item's locations along x, y and z.
+A location's *state* is `FREE`, `OPEN` or `BLOCKED` (see `screening`). The arguments `box`,
+`placed`, `item` and `fixed` are the fields of `BoxArrays`, `PlacedArrays`, `ItemArrays` and
+`FixedArrays`; `size` counts the item's locations along x, y and z.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
-from packit_sim.geometry.voxels import FixedArrays
+from packit_sim.engine.occupancy_kernels import BoxArrays, PlacedArrays
+from packit_sim.geometry.voxel_kernels import FixedArrays, ItemArrays
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 
 FREE, OPEN, BLOCKED = 0, 1, 2
@@ -22,6 +23,7 @@ _1 = np.uint64(1)
 @kernel
 def screen(box, item, spans, size):
     """Return the states of all locations; spans: (n, 6) first and last brick of placed items."""
+    box, item = BoxArrays(*box), ItemArrays(*item)
     states = np.full(size, np.uint8(FREE))
     near = np.zeros(size, np.bool_)
     extent = np.zeros(3, np.int64)
@@ -47,6 +49,7 @@ def screen(box, item, spans, size):
 @kernel
 def screen_at(box, item, location):
     """Return the state of one location."""
+    box, item = BoxArrays(*box), ItemArrays(*item)
     i, j, k = location
     offsets = _offsets(item.bricks, box.nx, box.ny)
     return _state(box, item, offsets, (k * box.nx + i) * box.ny + j, 0)[0]
@@ -60,6 +63,7 @@ def next_unblocked(box, item, placed, extent, size, number, found):
     with the numbers of the placed items that leave the location open. Returns the location, the
     number of the one after it, and how many were written to `found`, -1 if there is no location.
     """
+    box, item, placed = BoxArrays(*box), ItemArrays(*item), PlacedArrays(*placed)
     row, layer = size[1], size[0] * size[1]
     offsets = _offsets(item.bricks, box.nx, box.ny)
     last_blocker = 0
@@ -81,6 +85,7 @@ def next_unblocked(box, item, placed, extent, size, number, found):
 @kernel
 def open_pairs(item, placed, extent, locations):
     """Return (pairs, 2): numbers of a location, and of a placed item that leaves it open."""
+    item, placed = ItemArrays(*item), PlacedArrays(*placed)
     pairs = np.empty((16, 2), np.int64)
     found = np.empty(len(placed.spans), np.int64)
     total = 0
@@ -100,6 +105,7 @@ def open_pairs(item, placed, extent, locations):
 @kernel
 def screen_pair(fixed, item, offsets):
     """Return the states of an item at offsets (n, 3), in bricks, from a fixed one."""
+    fixed, item = FixedArrays(*fixed), ItemArrays(*item)
     states = np.empty(len(offsets), np.uint8)
     for n in range(len(offsets)):
         states[n] = _pair_state(fixed, item, offsets[n])
@@ -109,6 +115,7 @@ def screen_pair(fixed, item, offsets):
 @kernel
 def screen_offsets(fixed, item, extent):
     """Return the states [x, y, z] at all offsets at which the bricks of two items can meet."""
+    fixed, item = FixedArrays(*fixed), ItemArrays(*item)
     nx, ny, nz = fixed.number.shape
     states = np.empty((nx + extent[0] - 1, ny + extent[1] - 1, nz + extent[2] - 1), np.uint8)
     for x in range(states.shape[0]):
@@ -221,6 +228,7 @@ def _open_with(item, placed, extent, location, found):
 @kernel
 def _pair_state(fixed, item, offset):
     """Return the state of an item that is `offset` bricks away from a fixed one."""
+    fixed, item = FixedArrays(*fixed), ItemArrays(*item)
     bricks, outer, inner, first, fine = item.bricks, item.outer, item.inner, item.first, item.fine
     fixed_outer, fixed_inner, fixed_fine = fixed.outer, fixed.inner, fixed.fine
     nx, ny, nz = fixed.number.shape
