@@ -50,9 +50,10 @@ bench: ## the benchmarks that take minutes, one after the other
 	@$(BIN)/python -m benchmarks.viewer
 	@$(BIN)/python -m benchmarks.cluster
 
-lint: $(STAMP) ## ruff: rules and format; import-linter: who may import whom
+lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: who may import whom
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
+	@$(BIN)/pydoclint packit_sim agents benchmarks scripts
 	@$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
 types: $(STAMP) ## mypy
