@@ -29,8 +29,8 @@ from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.render.looks import Cut
-from packit_sim.viewer.boxes import Display, ShownBox
-from packit_sim.viewer.pages import Page
+from packit_sim.viewer.box_view import BoxView, DisplaySettings
+from packit_sim.viewer.web_page import WebPage
 
 ITEMS = 50
 SECTIONS = (200, 127)
@@ -71,15 +71,15 @@ def main() -> None:
     console = Console(width=100)
     with console.status("making the pack"):
         box = pack()
-    page = Page()
+    page = WebPage()
     try:
-        shown = ShownBox(page.server)
+        shown = BoxView(page.server)
         times = {"shown for the first time": [milliseconds(partial(shown.show, box))]}
         repeats = range(1, arguments.repeats + 1)
         for name, displays in {
-            "a step": [Display(step=n) for n in repeats],
-            "moved apart": [Display(explode=n / 10) for n in repeats],
-            "cut open": [Display(cut=Cut("y", 0.5 + n / 100)) for n in repeats],
+            "a step": [DisplaySettings(step=n) for n in repeats],
+            "moved apart": [DisplaySettings(explode=n / 10) for n in repeats],
+            "cut open": [DisplaySettings(cut=Cut("y", 0.5 + n / 100)) for n in repeats],
         }.items():
             times[name] = [milliseconds(partial(shown.show, box, one)) for one in displays]
         kept = sum(len(handle.faces) for handle in shown.items)

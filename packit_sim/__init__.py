@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from packit_sim.evaluation.results import Rollout as Rollout
     from packit_sim.evaluation.results import read_results as read_results
     from packit_sim.evaluation.results import write_results as write_results
-    from packit_sim.explorer.exhibits import Collection as Collection
+    from packit_sim.explorer.collection import PackCollection as PackCollection
     from packit_sim.explorer.explorer import Explorer as Explorer
     from packit_sim.game.agents import Agent as Agent
     from packit_sim.game.episode import Episode as Episode
@@ -72,7 +72,7 @@ _HOMES = {
     "envs.vector": ("PackItVectorEnv",),
     "evaluation.evaluation": ("Score", "compare", "evaluate", "evaluate_batched", "play"),
     "evaluation.results": ("Rollout", "read_results", "write_results"),
-    "explorer.exhibits": ("Collection",),
+    "explorer.collection": ("PackCollection",),
     "explorer.explorer": ("Explorer",),
     "game.agents": ("Agent",),
     "game.episode": ("Episode", "Stage"),

@@ -15,8 +15,8 @@ from packit_sim.render.coloring import (
     UNKNOWN,
     ByNumber,
     ByShare,
-    Key,
-    Scale,
+    ColorKey,
+    ColorScale,
     by_category,
     by_item,
     by_order,
@@ -61,7 +61,7 @@ def test_a_category_has_one_colour_and_the_most_frequent_the_first() -> None:
     found = by_category(items)
     assert found.of[0] == found.of[2] == PALETTE[0]
     assert len(set(found.of)) == 3
-    assert found.legend == Key(
+    assert found.legend == ColorKey(
         "category", (("mug", found.of[0]), ("none", found.of[3]), ("lamp", found.of[1]))
     )
 
@@ -75,11 +75,11 @@ def test_order_and_share_by_hand() -> None:
     items = [Item(CUBE, 0.1), Item(CUBE, 0.3)]
     assert by_order(items).of == (ramp(0), ramp(1))
     assert by_order(items[:1]).of == (ramp(0),)
-    assert by_order(items).legend == Scale("order of placing", "first", "last")
-    assert ByShare()(items).legend == Scale("share of the reward", "0.0%", "75.0%")
+    assert by_order(items).legend == ColorScale("order of placing", "first", "last")
+    assert ByShare()(items).legend == ColorScale("share of the reward", "0.0%", "75.0%")
     assert ByShare()(items).of == (ramp(1 / 3), ramp(1))
     whole = 0.8 * CUBE.volume
-    assert ByShare(whole)(items).legend == Scale("share of the reward", "0.0%", "37.5%")
+    assert ByShare(whole)(items).legend == ColorScale("share of the reward", "0.0%", "37.5%")
 
 
 def test_numbers_that_are_not_there_equal_or_out_of_range() -> None:
@@ -88,7 +88,7 @@ def test_numbers_that_are_not_there_equal_or_out_of_range() -> None:
     assert ByNumber("score", {})(items).of == (UNKNOWN,) * 3
     found = ByNumber("score", {0: -1, 1: 0.5, 2: 9}, low=0, high=1, spec=".0%")(items)
     assert found.of == (ramp(0), ramp(0.5), ramp(1))
-    assert found.legend == Scale("score", "0%", "100%")
+    assert found.legend == ColorScale("score", "0%", "100%")
 
 
 def test_an_item_s_own_colour_is_its_shape_s() -> None:
@@ -109,7 +109,7 @@ def test_nothing_to_colour(name: str) -> None:
 def test_any_legend_fits(side: int, count: int, text: str) -> None:
     picture = np.full((side, side, 3), 77, dtype=np.uint8)
     entries = tuple((f"{text} {n}", PALETTE[n % 12]) for n in range(count))
-    for legend in (Key(text, entries), Scale(text, "0", text)):
+    for legend in (ColorKey(text, entries), ColorScale(text, "0", text)):
         for background in ((255, 255, 255), (0, 0, 0)):
             image = beside(picture, legend, background)
             assert image.shape[0] == side and side < image.shape[1] <= 2.5 * side + 120
@@ -119,11 +119,11 @@ def test_any_legend_fits(side: int, count: int, text: str) -> None:
 
 def test_a_legend_shows_its_colours() -> None:
     picture = np.zeros((300, 10, 3), dtype=np.uint8)
-    image = beside(picture, Key("what", (("a", (1, 0, 0)), ("b", (0, 0, 1)))), (255, 255, 255))
+    image = beside(picture, ColorKey("what", (("a", (1, 0, 0)), ("b", (0, 0, 1)))), (255, 255, 255))
     pixels = image.reshape(-1, 3)
     for color in ((255, 0, 0), (0, 0, 255)):
         assert (pixels == color).all(axis=1).sum() > 50
-    scale = beside(picture, Scale("how much", "0", "1"), (255, 255, 255)).reshape(-1, 3)
+    scale = beside(picture, ColorScale("how much", "0", "1"), (255, 255, 255)).reshape(-1, 3)
     for share in (0, 0.5, 1):
         wanted = np.round(255 * np.array(ramp(share)))
         assert (np.abs(scale - wanted).max(axis=1) <= 3).any()

@@ -23,17 +23,17 @@ from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import OutsideItem, Pack, dataset_file, read_packs, write_packs
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.explorer import panels
+from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.controls import NOTHING
-from packit_sim.explorer.exhibits import Collection
-from packit_sim.explorer.questions import Question
-from packit_sim.explorer.workers import Worker
+from packit_sim.explorer.fit_query import FitQuery
+from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.game.episode import End
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render.coloring import PALETTE, Key, Scale, by_category
-from packit_sim.viewer.boxes import Floats, corners, reach
-from packit_sim.viewer.pages import _look, _view
+from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
+from packit_sim.viewer.box_view import Floats, corners, reach
 from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
+from packit_sim.viewer.web_page import _look, _view
 from tests.zoo import BALL, CUBE, cube_of
 
 pytest.importorskip("viser")
@@ -79,7 +79,7 @@ def result(pack: Pack, library: ShapeLibrary, number: int, kept: int, agent: str
 
 @pytest.fixture(name="explorer")
 def _explorer(packs: list[Pack], library: ShapeLibrary) -> Iterator[Explorer]:
-    with Explorer(Collection(packs, library)) as explorer:
+    with Explorer(PackCollection(packs, library)) as explorer:
         yield explorer
 
 
@@ -91,13 +91,13 @@ def shown(explorer: Explorer, box: int = 0) -> int:
 def test_a_pack_is_shown_whole_at_first(explorer: Explorer, packs: list[Pack]) -> None:
     assert explorer.address.startswith("http://127.0.0.1:")
     assert shown(explorer) == len(packs[0].items)
-    asked = explorer.controls.asked
+    asked = explorer.controls.request
     assert (asked.pack, asked.beside, asked.step) == (0, None, len(packs[0].items))
 
 
 def test_the_step_says_how_many_items_are_seen(explorer: Explorer) -> None:
     explorer.controls.set_step(4)
-    explorer.settle()
+    explorer.wait()
     assert [handle.visible for handle in explorer.boxes[0].items[:6]] == [True] * 4 + [False] * 2
     assert shown(explorer) == 4
 
@@ -107,29 +107,29 @@ def test_the_sequence_plays_to_its_end(
 ) -> None:
     monkeypatch.setattr("packit_sim.explorer.explorer.PACE", 0.01)
     explorer.controls.set_step(2)
-    explorer.settle()
+    explorer.wait()
     explorer.play()
     deadline = time.monotonic() + 60
     while explorer.controls.play.label != "Pause" and time.monotonic() < deadline:
         time.sleep(0.005)
     while explorer.controls.play.label != "Play" and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert explorer.controls.asked.step == shown(explorer) == len(packs[0].items)
+    assert explorer.controls.request.step == shown(explorer) == len(packs[0].items)
 
 
 def test_another_pack_takes_the_place_of_the_first(explorer: Explorer, packs: list[Pack]) -> None:
-    explorer.controls._turn(-1)
-    explorer.settle()
-    assert explorer.controls.asked.pack == 2
+    explorer.controls._switch_pack(-1)
+    explorer.wait()
+    assert explorer.controls.request.pack == 2
     assert shown(explorer) == len(packs[2].items)
-    explorer.controls._turn(1)
-    explorer.settle()
-    assert explorer.controls.asked.pack == 0
+    explorer.controls._switch_pack(1)
+    explorer.wait()
+    assert explorer.controls.request.pack == 0
 
 
 def test_items_move_apart(explorer: Explorer, packs: list[Pack], library: ShapeLibrary) -> None:
     explorer.controls._explode.value = 0.5
-    explorer.settle()
+    explorer.wait()
     middle = np.array((0.5, 0.5, 0.0))
     for handle, placed in zip(explorer.boxes[0].items, packs[0].placed(library), strict=True):
         assert handle.position == pytest.approx(placed.center + 0.5 * (placed.center - middle))
@@ -139,7 +139,7 @@ def test_a_cut_takes_away_what_is_beyond(
     explorer: Explorer, packs: list[Pack], library: ShapeLibrary
 ) -> None:
     explorer.controls._axis.value = "y"
-    explorer.settle()
+    explorer.wait()
     scene = explorer._page.server.scene
     for n, placed in enumerate(packs[0].placed(library)):
         low, high = placed.center[1] + np.array((-0.5, 0.5)) * placed.item.extents[1]
@@ -151,19 +151,19 @@ def test_a_cut_takes_away_what_is_beyond(
         else:
             assert handle.visible == (high <= 0.5) and cap is None
     explorer.controls._axis.value = NOTHING
-    explorer.settle()
+    explorer.wait()
     assert shown(explorer) == len(packs[0].items)
     assert scene.get_handle_by_name("/first/parts/0/cap") is None
 
 
 def test_a_chosen_item_stays_solid_while_the_others_turn_to_glass(explorer: Explorer) -> None:
     explorer._choose(0, 3)
-    explorer.settle()
+    explorer.wait()
     opacities = [handle.opacity for handle in explorer.boxes[0].items]
     assert opacities[3] is None and set(opacities) == {None, GLASS}
     assert explorer._page.server.scene.get_handle_by_name("/first/label").text.startswith("3 ")
     explorer._choose(0, 3)
-    explorer.settle()
+    explorer.wait()
     assert {handle.opacity for handle in explorer.boxes[0].items} == {None}
     assert explorer._page.server.scene.get_handle_by_name("/first/label") is None
 
@@ -173,11 +173,11 @@ def test_why_not_here_shows_where_and_names_what_blocks(
 ) -> None:
     controls = explorer.controls
     controls.set_step(6)
-    explorer.settle()
+    explorer.wait()
     controls._wanted.value = controls._wanted.options[1]
-    explorer.settle()
+    explorer.wait()
     wanted = packs[0].placed(library)[6]
-    assert (controls.asked.wanted, controls.asked.location) == (6, wanted.location)
+    assert (controls.request.wanted, controls.request.location) == (6, wanted.location)
     assert f"{wanted.location} it fits" in controls.answer.content
     box = Box()
     for placed in packs[0].placed(library)[:6]:
@@ -185,23 +185,23 @@ def test_why_not_here_shows_where_and_names_what_blocks(
     mask = box.feasible(wanted.item)
     assert f"{np.count_nonzero(mask):,} of 15,625" in controls.answer.content
     scene = explorer._page.server.scene
-    assert len(scene.get_handle_by_name("/answer/dots").points) == np.count_nonzero(mask)
+    assert len(scene.get_handle_by_name("/markers/dots").points) == np.count_nonzero(mask)
     blocked = next(tuple(n.tolist()) for n in np.argwhere(~mask) if box.why_not(wanted.item, n))
-    controls.ask(wanted.item.rotation, blocked)
-    explorer.settle()
+    controls.set_query(wanted.item.rotation, blocked)
+    explorer.wait()
     found = box.why_not(wanted.item, blocked)
     for n in found.items:
         assert f"{n} ({packs[0].items[n].shape})" in controls.answer.content
         assert explorer.boxes[0].items[n].opacity == 0.35
     nodes = mask[:, :, blocked[2]]
-    assert len(scene.get_handle_by_name("/answer/level").points) == np.count_nonzero(nodes)
+    assert len(scene.get_handle_by_name("/markers/level").points) == np.count_nonzero(nodes)
     explorer._to_first()
-    explorer.settle()
-    assert controls.asked.location == box.blbf(wanted.item)
+    explorer.wait()
+    assert controls.request.location == box.blbf(wanted.item)
     controls.set_step(7)
-    explorer.settle()
-    assert controls.asked.wanted is None
-    assert scene.get_handle_by_name("/answer/item") is None
+    explorer.wait()
+    assert controls.request.wanted is None
+    assert scene.get_handle_by_name("/markers/item") is None
 
 
 def test_places_are_asked_about_where_items_are_in_theirs(
@@ -210,16 +210,16 @@ def test_places_are_asked_about_where_items_are_in_theirs(
     controls = explorer.controls
     controls._explode.value = 0.5
     controls.set_step(6)
-    explorer.settle()
+    explorer.wait()
     placed = packs[0].placed(library)[5]
     assert not np.allclose(explorer.boxes[0].items[5].position, placed.center)
     controls._wanted.value = controls._wanted.options[1]
-    explorer.settle()
+    explorer.wait()
     assert explorer.boxes[0].items[5].position == pytest.approx(placed.center)
     assert controls._explode.disabled
     controls._wanted.value = NOTHING
-    explorer.settle()
-    assert controls.asked.explode == 0.5 and not controls._explode.disabled
+    explorer.wait()
+    assert controls.request.explode == 0.5 and not controls._explode.disabled
 
 
 @pytest.mark.parametrize("way", [(1.0, 2.0, 0.5), (-3.0, 0.1, -1.0), (0.0, 0.0, 1.0)])
@@ -240,11 +240,11 @@ def test_a_camera_goes_to_what_it_is_to_see_on_the_side_where_it_is(way: Floats)
 def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
-    with Explorer(Collection(packs, library), 0, 1) as explorer:
+    with Explorer(PackCollection(packs, library), 0, 1) as explorer:
         scene = explorer._page.server.scene
         for explode in (0.0, 1.5):
             explorer.controls._explode.value = explode
-            explorer.settle()
+            explorer.wait()
             spans, tops = [], []
             for name, exhibit in zip(("/first", "/second"), explorer._exhibits, strict=True):
                 x, _, _ = scene.get_handle_by_name(name).position
@@ -261,27 +261,27 @@ def test_two_agents_stand_side_by_side(packs: list[Pack], library: ShapeLibrary)
         result(packs[1], library, 1, 4, "one/of/them"),
         result(packs[0], library, 0, 9, "the/other/one"),
     ]
-    collection = Collection(played, library, packs)
+    collection = PackCollection(played, library, packs)
     assert [collection.rivals(0), collection.rivals(1)] == [(2, 3), (4,)]
     with Explorer(collection, 0, 2) as explorer:
         assert [shown(explorer, n) for n in (0, 1)] == [5, 9]
         explorer._choose(1, 2)
-        explorer.settle()
+        explorer.wait()
         for box in explorer.boxes:
             assert box.items[2].opacity is None and box.items[0].opacity == GLASS
-        explorer.controls._turn(1)
-        explorer.settle()
-        assert len(explorer.boxes) == 1 and explorer.controls.asked.beside is None
+        explorer.controls._switch_pack(1)
+        explorer.wait()
+        assert len(explorer.boxes) == 1 and explorer.controls.request.beside is None
 
 
 def test_what_an_agent_left_outside_is_known_from_the_tasks(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     task = packs[0].task(library)
-    exhibit = Collection([result(packs[0], library, 0, 5, "a/b/c")], library, packs)[0]
+    exhibit = PackCollection([result(packs[0], library, 0, 5, "a/b/c")], library, packs)[0]
     assert sorted(i.shape.id for i in exhibit.items) == sorted(i.shape.id for i in task.items)
     assert sum(map(exhibit.reward, range(len(exhibit.items)))) == pytest.approx(1)
-    without = Collection([result(packs[0], library, 0, 5, "a/b/c")], library)[0]
+    without = PackCollection([result(packs[0], library, 0, 5, "a/b/c")], library)[0]
     assert without.outside == ()
     assert without.reward(2) == pytest.approx(exhibit.reward(2))
 
@@ -289,23 +289,23 @@ def test_what_an_agent_left_outside_is_known_from_the_tasks(
 def test_tasks_that_were_not_played_are_refused(packs: list[Pack], library: ShapeLibrary) -> None:
     played = [result(packs[0], library, 0, 5, "a/b/c")]
     with pytest.raises(ResultsError, match="another task 0"):
-        _ = Collection(played, library, [packs[1]])[0]
+        _ = PackCollection(played, library, [packs[1]])[0]
     with pytest.raises(ResultsError, match=r"of task 2.*0 to 0"):
-        Collection([result(packs[2], library, 2, 1, "a/b/c")], library, packs[:1])
+        PackCollection([result(packs[2], library, 2, 1, "a/b/c")], library, packs[:1])
     with pytest.raises(PackItError, match="no pack 9: choose 0 to 0"):
-        _ = Collection(packs[:1], library)[9]
+        _ = PackCollection(packs[:1], library)[9]
 
 
 def test_a_pack_that_cant_be_shown_is_told_and_the_page_goes_on(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     broken = replace(packs[1], outside=(OutsideItem("no-such-shape", 1.0),))
-    with Explorer(Collection([packs[0], broken], library)) as explorer:
-        explorer.controls._turn(1)
-        explorer.settle()
+    with Explorer(PackCollection([packs[0], broken], library)) as explorer:
+        explorer.controls._switch_pack(1)
+        explorer.wait()
         assert "no-such-shape" in explorer.controls._notice.content
-        explorer.controls._turn(1)
-        explorer.settle()
+        explorer.controls._switch_pack(1)
+        explorer.wait()
         assert explorer.controls._notice.content == "" and shown(explorer) == len(packs[0].items)
 
 
@@ -313,22 +313,22 @@ def test_an_empty_box_and_one_without_neighbours_are_shown(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     empty = replace(packs[0], items=(), density=0.0)
-    with Explorer(Collection([empty], library)) as explorer:
+    with Explorer(PackCollection([empty], library)) as explorer:
         assert explorer.boxes[0].items == ()
 
 
 def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:
     pack = replace(packs[0], made={"by": "<script>alert(1)</script>"})
-    exhibit = Collection([pack], library)[0]
+    exhibit = PackCollection([pack], library)[0]
     assert "<script" not in panels.facts(exhibit)
-    assert "&lt;b" in panels.legend(Key("", (("<b>", PALETTE[0]),)))
-    assert "&lt;b" in panels.legend(Scale("<b>", "0", "1")) and panels.legend(None) == ""
+    assert "&lt;b" in panels.legend(ColorKey("", (("<b>", PALETTE[0]),)))
+    assert "&lt;b" in panels.legend(ColorScale("<b>", "0", "1")) and panels.legend(None) == ""
 
 
 def test_the_list_has_every_item_with_its_volume_and_reward(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
-    exhibit = Collection(packs, library)[0]
+    exhibit = PackCollection(packs, library)[0]
     text = panels.items(exhibit, by_category(exhibit.items).of, 3, 1)
     assert text.count("<tr") == len(exhibit.items) + 1
     assert text.count("opacity:0.5") == len(exhibit.items) - 3
@@ -339,7 +339,7 @@ def test_the_list_has_every_item_with_its_volume_and_reward(
 def test_a_question_by_hand() -> None:
     box = Box()
     box.place(cube_of(60), (0, 0, 0))
-    question = Question(box, cube_of(40))
+    question = FitQuery(box, cube_of(40))
     assert question.first == (0, 15, 0)
     assert question.answer((15, 0, 0)) == "At (15, 0, 0) it fits."
     assert "0 (cube) is in its way" in question.answer((0, 0, 0))
@@ -350,14 +350,14 @@ def test_a_question_by_hand() -> None:
         and len(question.centers) == question.mask.sum()
     )
     assert question.centers.min(axis=0) == pytest.approx((0.2, 0.2, 0.2))
-    nowhere = Question(box, cube_of(48))
+    nowhere = FitQuery(box, cube_of(48))
     assert nowhere.first is None and "none of 15,625" in nowhere.summary()
 
 
 def test_what_bars_the_way_down_is_named_where_items_come_from_above() -> None:
     box = Box(kinematic=True)
     box.place(Item(CUBE, cube_of(100).scale * 0.125), (0, 0, 12))
-    assert "0 (cube) is above it" in Question(box, cube_of(20)).answer((2, 2, 0))
+    assert "0 (cube) is above it" in FitQuery(box, cube_of(20)).answer((2, 2, 0))
 
 
 def test_large_meshes_are_reduced_and_small_ones_are_not() -> None:
@@ -375,11 +375,11 @@ def test_large_meshes_are_reduced_and_small_ones_are_not() -> None:
 
 def test_a_worker_does_once_what_was_asked_often() -> None:
     done: list[int] = []
-    worker = Worker(lambda: (time.sleep(0.05), done.append(1))[1])
+    worker = RedrawThread(lambda: (time.sleep(0.05), done.append(1))[1])
     worker.start()
     for _ in range(50):
         worker.wake()
-    worker.settle()
+    worker.wait()
     worker.close()
     assert 1 <= len(done) <= 4
 
@@ -394,11 +394,11 @@ def test_work_that_fails_is_logged_and_the_worker_goes_on(
         if len(calls) == 1:
             raise ZeroDivisionError
 
-    worker = Worker(work)
+    worker = RedrawThread(work)
     worker.start()
-    worker.settle()
+    worker.wait()
     worker.wake()
-    worker.settle()
+    worker.wait()
     worker.close()
     assert "could not be drawn" in caplog.text and len(calls) == 2
 

@@ -19,6 +19,7 @@ from packit_sim.core.errors import RenderError
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.media import films, video
 from packit_sim.media.films import Pace, packing, shot, sides, turning
+from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look
 from tests.zoo import BALL, RING, cube_of
@@ -153,7 +154,7 @@ def test_impossible_paces(name: str) -> None:
             dataclasses.replace(Pace(), **{name: value})
 
 
-def stripes(count: int, width: int = 64, height: int = 48) -> Iterator[video.Picture]:
+def stripes(count: int, width: int = 64, height: int = 48) -> Iterator[RGBImage]:
     """A red bar that goes from left to right over grey."""
     for n in range(count):
         picture = np.full((height, width, 3), 200, dtype=np.uint8)
@@ -196,7 +197,7 @@ def test_gif_holds_the_frames_in_one_palette(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", video.SUFFIXES)
 def test_a_film_that_breaks_off_leaves_nothing(suffix: str, tmp_path: Path) -> None:
-    def broken() -> Iterator[video.Picture]:
+    def broken() -> Iterator[RGBImage]:
         yield from stripes(5)
         raise KeyboardInterrupt
 

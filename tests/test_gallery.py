@@ -15,8 +15,9 @@ from packit_sim import scene
 from packit_sim.core.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.media import contact_sheets
-from packit_sim.media.contact_sheets import Picture, contact_sheet, picture
+from packit_sim.media.contact_sheets import contact_sheet, picture
 from packit_sim.render import lettering
+from packit_sim.render.image_files import RGBImage
 from packit_sim.render.looks import BACKGROUND
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 
@@ -29,12 +30,12 @@ CONE = Shape.from_mesh(creation.cone(0.5, 1), "cone")
 pytestmark = pytest.mark.usefixtures("tiny")
 
 
-def inked(image: Picture) -> np.ndarray:
+def inked(image: RGBImage) -> np.ndarray:
     """Bool (H, W): pixels that differ from the background so that one can see it."""
     return np.abs(image.astype(int) - BACKGROUND).max(axis=2) > 16
 
 
-def tile(image: Picture, row: int, column: int, side: int = SIDE) -> tuple[Picture, Picture]:
+def tile(image: RGBImage, row: int, column: int, side: int = SIDE) -> tuple[RGBImage, RGBImage]:
     """The picture and the label of one tile of a sheet."""
     gap, strip = side // 20, len(contact_sheets._label("", side))
     y, x = gap + row * (side + strip + gap), gap + column * (side + gap)

@@ -18,8 +18,8 @@ from packit_sim.core.errors import PackItError
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.learning_curves import CurveError, Trained
 from packit_sim.evaluation.results import write_results
-from packit_sim.reports import charts, tables
-from packit_sim.reports.examples import SOLUTION, View, extremes, gallery
+from packit_sim.reports import charts, models, tables
+from packit_sim.reports.examples import SOLUTION, Example, extremes, gallery
 from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
@@ -151,32 +151,32 @@ def test_the_best_and_the_worst_are_none_twice(count, each, best, worst) -> None
 def test_the_gallery_shows_every_agent_and_the_ground_truth(runs) -> None:
     known = {task.digest: task for task in tasks()}
     found = gallery(runs, everyday(), 1, tasks=known)
-    best = found.exhibits[0]
+    best = found.tasks[0]
     assert found.agent == GOOD and (best.task, best.rank) == (0, "best")
-    assert [view.by for view in best.views] == [GOOD, BAD, SOLUTION]
-    assert [best.views[n].total for n in (0, -1)] == pytest.approx([1, 1])
-    assert f"3 of {ALL[0]} items" in best.views[1].told
-    models = found.models.to_json()
-    boxes = [models["boxes"][view.model] for view in best.views]
+    assert [view.by for view in best.examples] == [GOOD, BAD, SOLUTION]
+    assert [best.examples[n].total for n in (0, -1)] == pytest.approx([1, 1])
+    assert f"3 of {ALL[0]} items" in best.examples[1].summary
+    shown = found.models.to_json()
+    boxes = [shown["boxes"][view.model] for view in best.examples]
     assert [len(box["items"]) for box in boxes] == [ALL[0], 3, ALL[0]]
     shares = [sum(item["share"] for item in box["items"]) for box in boxes]
-    assert shares == pytest.approx([view.total for view in best.views], abs=1e-4)
+    assert shares == pytest.approx([view.total for view in best.examples], abs=1e-4)
     assert {item["shape"] for item in boxes[1]["items"]} <= {i["shape"] for i in boxes[0]["items"]}
-    assert gallery(runs, everyday(), 1, agent=BAD).exhibits[0].views[0].by == BAD
+    assert gallery(runs, everyday(), 1, agent=BAD).tasks[0].examples[0].by == BAD
 
 
 @pytest.mark.parametrize(
     ("total", "shown"), [(1 - 1e-12, "1.000"), (0.9996, "0.999"), (0.5006, "0.501"), (0.0, "0.000")]
 )
 def test_a_return_is_shown_as_whole_only_where_it_is(total, shown) -> None:
-    assert View("a/b/c", 0, total, "").shown == shown
+    assert Example("a/b/c", 0, total, "").shown == shown
 
 
 def test_an_agent_that_placed_nothing_has_an_empty_box(tmp_path) -> None:
     file = results(tmp_path / "none.jsonl", {"a/b/c": [0]})
     found = gallery(Runs.read([file]), everyday(), 1)
     assert found.models.to_json()["boxes"] == [{"size": [1, 1, 1], "items": []}]
-    assert found.exhibits[0].views[0].total == 0
+    assert found.tasks[0].examples[0].total == 0
 
 
 def test_a_model_is_the_box_within_what_is_seen() -> None:
@@ -197,6 +197,19 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
         assert np.abs(shown.min(axis=0) - real.min(axis=0)).max() < 0.02
         assert np.abs(shown.max(axis=0) - real.max(axis=0)).max() < 0.02
         assert re.fullmatch("#[0-9a-f]{6}", item["colors"]["share"])
+
+
+def test_models_are_stored_as_documented_and_as_the_page_reads_them() -> None:
+    """The documentation, what is written and `viewer.js` agree on the types of arrays."""
+    script = (Path(models.__file__).parent / "viewer.js").read_text(encoding="utf-8")
+    read = dict(re.findall(r"new (\w+)Array\(bytes\(shape\.(\w+)\)\)", script))
+    types = {name: array.lower() for array, name in read.items()}
+    assert types == {"vertices": "uint16", "faces": "uint32"}
+    documented = " ".join(str(Models.to_json.__doc__).split())
+    for name, written in {"vertices": models.VERTEX_TYPE, "faces": models.FACE_TYPE}.items():
+        assert written == np.dtype(types[name]).newbyteorder("<")
+        described = re.search(rf"{name}, base64 of \(\w, 3\) (\w+)", documented)
+        assert described and described[1] == types[name]
 
 
 def test_the_curve_of_success_falls_at_each_return() -> None:

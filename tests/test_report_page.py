@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from packit_sim.render.image_files import RGBImage
 from packit_sim.reports.examples import SOLUTION, gallery
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import Runs
@@ -30,8 +31,6 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
   return kind.startsWith("webgl") ? null : plain.call(this, kind, ...rest);
 };
 """
-
-Picture = np.ndarray
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +74,7 @@ def card(shown) -> Any:
     return found
 
 
-def picture(card: Any) -> Picture:
+def picture(card: Any) -> RGBImage:
     """What a card's canvas shows once it is drawn as it stands, before white: (H, W, 3) of 255."""
     card.page.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
     data = card.locator("canvas").evaluate("(canvas) => canvas.toDataURL().split(',')[1]")
@@ -84,7 +83,7 @@ def picture(card: Any) -> Picture:
     return np.asarray(Image.alpha_composite(canvas, drawn).convert("RGB"), dtype=float)
 
 
-def difference(one: Picture, other: Picture) -> float:
+def difference(one: RGBImage, other: RGBImage) -> float:
     return float(np.abs(one - other).mean())
 
 
@@ -151,7 +150,7 @@ def test_sliders_and_choices_change_what_is_seen(shown, card) -> None:
     assert difference(whole, picture(card)) > TOLERANCE
     shown.locator("#coloring").select_option("item")
     card.locator("select").select_option(label="bad/random/blbf")
-    assert card.locator(".told").inner_text().startswith("3 of ")
+    assert card.locator(".summary").inner_text().startswith("3 of ")
     assert difference(whole, picture(card)) > TOLERANCE
     card.locator("select").select_option(label=SOLUTION)
     assert card.locator(".total").inner_text() == "1.000"

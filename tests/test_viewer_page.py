@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 from packit_sim.datasets.packs import dataset_file, read_packs
-from packit_sim.explorer.exhibits import Collection
+from packit_sim.explorer.collection import PackCollection
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.viewer.boxes import corners, reach
+from packit_sim.viewer.box_view import corners, reach
 
 pytest.importorskip("viser")
 from packit_sim.explorer.explorer import Explorer
@@ -62,14 +62,14 @@ class Opened:
         while not holds():
             assert time.monotonic() < deadline, "the page did not do it"
             self.page.wait_for_timeout(100)
-        self.explorer.settle()
+        self.explorer.wait()
 
 
 @pytest.fixture(name="opened", scope="module")
 def _opened(chromium) -> Iterator[Opened]:
     """One page for all tests: to start a browser and its WebGL takes seconds."""
     packs = read_packs(dataset_file("starter"))[:2]
-    collection = Collection(packs, ShapeLibrary.open("everyday"))
+    collection = PackCollection(packs, ShapeLibrary.open("everyday"))
     with Explorer(collection) as explorer:
         page = chromium.new_page(viewport=WINDOW)
         page.set_default_timeout(LONG)
@@ -94,7 +94,7 @@ def _as_at_first(opened: Opened) -> None:
     controls._item.value = controls._axis.value = controls._wanted.value = "nothing"
     controls._beside.value = "nothing"
     controls._explode.value = 0.0
-    opened.explorer.settle()
+    opened.explorer.wait()
 
 
 def pixels(opened: Opened, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -157,7 +157,7 @@ def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
     apart = reach(first.at(len(first.placed)), 1.5)
     assert not in_view(opened, apart)
     opened.explorer.controls._explode.value = 1.5
-    opened.explorer.settle()
+    opened.explorer.wait()
     assert in_view(opened, apart)
 
 
@@ -179,9 +179,9 @@ def test_the_step_slider_moves_items(opened: Opened) -> None:
     controls = opened.explorer.controls
     placed = len(opened.explorer._exhibits[0].placed)
     drag(opened, -0.25)
-    opened.wait(lambda: 0 < controls.asked.step < placed)
+    opened.wait(lambda: 0 < controls.request.step < placed)
     drag(opened, -1.0)
-    opened.wait(lambda: controls.asked.step == 0)
+    opened.wait(lambda: controls.request.step == 0)
     empty = settled_like(opened, "empty")
     assert np.abs(empty - whole).mean() > 3 * NEAR
 
@@ -193,25 +193,25 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     settled_like(opened, "whole")  # all items are drawn: they can be hit
     ((x, y),) = pixels(opened, handle.position[None])
     opened.page.mouse.click(x, y, delay=100)
-    opened.wait(lambda: controls.asked.chosen is not None)
-    chosen = controls.asked.chosen
+    opened.wait(lambda: controls.request.chosen is not None)
+    chosen = controls.request.chosen
     assert chosen is not None
     text = f"{chosen} {opened.explorer._exhibits[0].items[chosen].shape.id}"
     fields = opened.page.locator("input:visible")
     opened.wait(lambda: text in [one.input_value() for one in fields.all()])
     opened.image()
     opened.page.mouse.click(x, y, delay=100)
-    opened.wait(lambda: controls.asked.chosen != chosen)
+    opened.wait(lambda: controls.request.chosen != chosen)
 
 
 def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
     opened.explorer.controls._axis.value = "y"
-    opened.explorer.settle()
+    opened.explorer.wait()
     cut = settled_like(opened, "cut")
     opened.explorer.controls._axis.value = "nothing"
     opened.explorer.controls._explode.value = 0.4
-    opened.explorer.settle()
+    opened.explorer.wait()
     apart = settled_like(opened, "apart")
     for one, other in ((whole, cut), (whole, apart), (cut, apart)):
         assert np.abs(one - other).mean() > 2 * NEAR
@@ -220,11 +220,11 @@ def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
 def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
     explorer, controls = opened.explorer, opened.explorer.controls
     controls.set_step(3)
-    explorer.settle()
+    explorer.wait()
     controls._wanted.value = controls._wanted.options[1]
-    explorer.settle()
-    controls.ask(0, (6, 6, 4))
-    explorer.settle()
+    explorer.wait()
+    controls.set_query(0, (6, 6, 4))
+    explorer.wait()
     settled_like(opened, "blocked")
     opened.page.get_by_text("Why not here?").click()
     opened.page.get_by_text("is in its way").wait_for()
@@ -235,7 +235,7 @@ def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
 
 def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
     opened.explorer.controls._beside.value = opened.explorer.controls._beside.options[1]
-    opened.explorer.settle()
+    opened.explorer.wait()
     settled_like(opened, "beside")
     scene = opened.explorer._page.server.scene
     for node, exhibit in zip(("/first", "/second"), opened.explorer._exhibits, strict=True):

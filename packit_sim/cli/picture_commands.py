@@ -32,7 +32,7 @@ from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import DISTANCE
 from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
-from packit_sim.render.image_files import MAX_SIDE, save_png
+from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.layouts import Layout, unplaced
 from packit_sim.render.legends import beside
 from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
@@ -168,7 +168,7 @@ def film_command(
     with stoppable(), progress_bars() as progress:
         bar = progress.add_task("filming", total=len(frames), note="")
 
-        def told() -> Iterator[video.Picture]:
+        def told() -> Iterator[RGBImage]:
             for picture in films.shot(shown, frames, width, height):
                 yield picture
                 progress.advance(bar)

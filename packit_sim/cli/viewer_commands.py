@@ -12,10 +12,10 @@ import typer
 
 from packit_sim.cli.console import LibraryOption, SplitOption, console
 from packit_sim.datasets.packs import dataset_path
-from packit_sim.explorer.exhibits import Collection
+from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.explorer import Explorer
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.viewer.pages import LOOPBACK
+from packit_sim.viewer.web_page import LOOPBACK
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Set where a browser can open a window."""
@@ -48,7 +48,7 @@ def view_command(
 ) -> None:
     """Shows packs or results on a local web page, to be explored until Ctrl-C."""
     folder = dataset_path(packs).is_dir()
-    collection = Collection.read(
+    collection = PackCollection.read(
         packs,
         ShapeLibrary.open(library),
         split if folder or tasks is None else None,

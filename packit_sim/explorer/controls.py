@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from packit_sim.explorer.exhibits import Exhibit
+from packit_sim.explorer.collection import PackView
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import UP_AXES
@@ -22,11 +22,11 @@ _EXPLODE = 1.5
 
 
 @dataclass(frozen=True)
-class Asked:
+class ViewRequest:
     """What the panel asks for.
 
     pack, beside: numbers of exhibits. step: how many items. explode: 0 while "why not here?" is
-    asked, which is about places. chosen: number of an item. wanted: number of the item that "why
+    request, which is about places. chosen: number of an item. wanted: number of the item that "why
     not here?" is about, with its rotation and location.
     """
 
@@ -57,8 +57,8 @@ class Controls:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDTH)
         self._pack = gui.add_dropdown("pack", titles, initial_value=titles[pack])
-        turn = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
-        turn.on_click(lambda event: self._turn(-1 if turn.value == "previous" else 1))
+        switch = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
+        switch.on_click(lambda event: self._switch_pack(-1 if switch.value == "previous" else 1))
         side = NOTHING if beside is None else titles[beside]
         self._beside = gui.add_dropdown(
             "beside", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
@@ -97,12 +97,12 @@ class Controls:
             _on_update(handle, changed)
 
     @property
-    def asked(self) -> Asked:
+    def request(self) -> ViewRequest:
         """All that is set now."""
         axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
         x, y, z = (slider.value for slider in self._location)
         wanted = _number(self._wanted.value)
-        return Asked(
+        return ViewRequest(
             self._titles.index(self._pack.value),
             None if self._beside.value == NOTHING else self._titles.index(self._beside.value),
             self._step.value,
@@ -115,17 +115,17 @@ class Controls:
             (x, y, z),
         )
 
-    def offer_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
+    def set_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
         """What may stand beside the pack, and what does."""
         self._beside.options = (NOTHING, *(self._titles[n] for n in rivals))
         _set(self._beside, NOTHING if beside is None else self._titles[beside])
 
-    def offer_steps(self, steps: int) -> None:
+    def set_steps(self, steps: int) -> None:
         """So many, and all of them are shown."""
         self._step.max = max(1, steps)
         _set(self._step, steps)
 
-    def offer_pack(self, exhibit: Exhibit) -> None:
+    def set_pack(self, exhibit: PackView) -> None:
         """The items and the extents of another pack; nothing is chosen."""
         _set(self._item, NOTHING)
         _set(self._wanted, NOTHING)
@@ -135,22 +135,22 @@ class Controls:
             _set(slider, 0)
             slider.max = nodes - 1
 
-    def offer_outside(self, exhibit: Exhibit, step: int) -> None:
+    def set_outside(self, exhibit: PackView, step: int) -> None:
         """The items that are outside after so many steps."""
         first = min(step, len(exhibit.placed))
         options = (NOTHING, *(label(exhibit, n) for n in range(first, len(exhibit.items))))
         if options != self._wanted.options:
             self._wanted.options = options
 
-    def enable(self, asked: Asked) -> None:
+    def enable(self, request: ViewRequest) -> None:
         """What can be set: a cut's place once there is a cut, a location once there is an item."""
-        self._at.disabled = asked.cut is None
-        idle = asked.wanted is None
+        self._at.disabled = request.cut is None
+        idle = request.wanted is None
         self._explode.disabled = not idle
         for handle in (self._rotation, *self._location, self.first):
             handle.disabled = idle
 
-    def tell(self, notice: str) -> None:
+    def show_notice(self, notice: str) -> None:
         """A line above the lists, "" for none."""
         self._notice.visible = bool(notice)
         self._notice.content = notice
@@ -158,24 +158,24 @@ class Controls:
     def set_step(self, step: int) -> None:
         _set(self._step, step)
 
-    def choose(self, exhibit: Exhibit, number: int) -> None:
+    def choose(self, exhibit: PackView, number: int) -> None:
         """Chooses an item; once more, none."""
         text = label(exhibit, number)
         _set(self._item, NOTHING if self._item.value == text else text)
 
-    def ask(self, rotation: int, location: Triple) -> None:
+    def set_query(self, rotation: int, location: Triple) -> None:
         """Sets where "why not here?" looks."""
         _set(self._rotation, rotation)
         for slider, node in zip(self._location, location, strict=True):
             _set(slider, node)
 
-    def _turn(self, by: int) -> None:
+    def _switch_pack(self, by: int) -> None:
         """To another pack, and from the last on to the first."""
         number = self._titles.index(self._pack.value) + by
         _set(self._pack, self._titles[number % len(self._titles)])
 
 
-def label(exhibit: Exhibit, number: int) -> str:
+def label(exhibit: PackView, number: int) -> str:
     """An item's entry in a list."""
     left = "" if number < len(exhibit.placed) else " (left outside)"
     return f"{number} {exhibit.items[number].shape.id}{left}"

@@ -14,16 +14,16 @@ from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
 from packit_sim.engine.feasibility import ORIGIN
 from packit_sim.explorer import panels
-from packit_sim.explorer.answers import ShownAnswer
-from packit_sim.explorer.controls import Asked, Controls
-from packit_sim.explorer.exhibits import Collection, Exhibit
-from packit_sim.explorer.questions import Question
-from packit_sim.explorer.workers import Worker
+from packit_sim.explorer.collection import PackCollection, PackView
+from packit_sim.explorer.controls import Controls, ViewRequest
+from packit_sim.explorer.fit_markers import FitMarkers
+from packit_sim.explorer.fit_query import FitQuery
+from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.render.coloring import COLORINGS, UNKNOWN, ByShare, Color, Legend, by_order
-from packit_sim.viewer.boxes import Display, ShownBox, over, reach
-from packit_sim.viewer.pages import LOOPBACK, Page
+from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
+from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
 PACE = 0.5
 """Seconds between two items while the sequence is played."""
@@ -34,18 +34,36 @@ _GAP = 0.35
 _BLOCKING = 0.35
 """How opaque items are that are in another's way: it can be seen through them."""
 
-_NAMES = ("/first", "/second")
+_NODES = ("/first", "/second")
 """Of the two boxes' nodes in the scene."""
 
-_HOW_TO_ASK = "Choose an item that is outside, or go back some steps to have more of them."
+_HINT = "Choose an item that is outside, or go back some steps to have more of them."
 
 
 class Explorer:
-    """A collection on a web page of its own.
+    """A web page that shows the packs of a collection.
 
-    pack: what is shown at first. beside: what stands at its side. host, port: where the page
-    listens (see `Page`). Close it, or use it in a `with`. Raises PackItError where the collection
-    has no such pack, and RenderError where there can be no page.
+    Close it, or use it in a `with` statement.
+
+    Parameters
+    ----------
+    collection : PackCollection
+        The packs that the page offers.
+    pack : int
+        The number of the pack that is shown at first.
+    beside : int or None
+        The number of the pack next to it.
+    host : str
+        Where the page listens, see `WebPage`.
+    port : int or None
+        The same.
+
+    Raises
+    ------
+    PackItError
+        If the collection has no such pack.
+    RenderError
+        If the page cannot be served.
     """
 
     address: str
@@ -53,7 +71,7 @@ class Explorer:
 
     def __init__(
         self,
-        collection: Collection,
+        collection: PackCollection,
         pack: int = 0,
         beside: int | None = None,
         *,
@@ -62,43 +80,43 @@ class Explorer:
     ) -> None:
         self._collection = collection
         self._exhibits = [collection[n] for n in (pack, beside) if n is not None]
-        self._drawn: Asked | None = None
-        self._boxes: list[ShownBox] = []
-        self._question: Question | None = None
+        self._drawn: ViewRequest | None = None
+        self._boxes: list[BoxView] = []
+        self._query: FitQuery | None = None
         self._due: float | None = None
         self._playing = False
-        self._worker = Worker(self._work)
-        self._page = Page(host, port)
+        self._thread = RedrawThread(self._work)
+        self._page = WebPage(host, port)
         self.address = self._page.address
         try:
             server = self._page.server
-            self.controls = Controls(server.gui, collection.titles, pack, beside, self._worker.wake)
-            self._answer = ShownAnswer(server, "/answer")
+            self.controls = Controls(server.gui, collection.titles, pack, beside, self._thread.wake)
+            self._markers = FitMarkers(server, "/markers")
             self.controls.play.on_click(lambda event: self.play(not self._playing))
             self.controls.first.on_click(lambda event: self._to_first())
-            self._worker.start()
+            self._thread.start()
         except BaseException:
             self._page.close()
             raise
-        self.settle()
+        self.wait()
 
     @property
-    def boxes(self) -> tuple[ShownBox, ...]:
+    def boxes(self) -> tuple[BoxView, ...]:
         """What is in the scene, one or two."""
         return tuple(self._boxes)
 
     def play(self, playing: bool = True) -> None:
         """Plays the sequence from where it is, from the start at its end; or stops it."""
         self._playing = playing
-        self._worker.wake()
+        self._thread.wake()
 
-    def settle(self, timeout: float = 60.0) -> None:
-        """Waits until the page shows what it is asked for. Raises TimeoutError."""
-        self._worker.settle(timeout)
+    def wait(self, timeout: float = 60.0) -> None:
+        """Waits until the page shows what it is request for. Raises TimeoutError."""
+        self._thread.wait(timeout)
 
     def close(self) -> None:
         """Ends the page, its server and its threads, and frees the port; once more does nothing."""
-        self._worker.close()
+        self._thread.close()
         self._page.close()
 
     def __enter__(self) -> Explorer:
@@ -108,63 +126,63 @@ class Explorer:
         self.close()
 
     def _work(self) -> float | None:
-        """Draws what is asked for; returns when to go on where the sequence is played."""
+        """Draws what is request for; returns when to go on where the sequence is played."""
         try:
             with self._page.server.atomic():
-                asked = self._arranged()
-                if asked != self._drawn:
-                    self._draw(asked)
-                    self._drawn = asked
+                request = self._apply_request()
+                if request != self._drawn:
+                    self._draw(request)
+                    self._drawn = request
         except PackItError as error:
             self._playing = False
-            self.controls.tell(f"**This can't be shown:** {error}")
+            self.controls.show_notice(f"**This can't be shown:** {error}")
             return None
-        self.controls.tell("")
-        return self._play_on(asked.step)
+        self.controls.show_notice("")
+        return self._play_on(request.step)
 
-    def _arranged(self) -> Asked:
-        """What is asked for, once the lists and the ranges are those of the packs asked for."""
-        asked, drawn = self.controls.asked, self._drawn
-        other = drawn is None or asked.pack != drawn.pack
+    def _apply_request(self) -> ViewRequest:
+        """What is request for, once the lists and the ranges are those of the packs request for."""
+        request, drawn = self.controls.request, self._drawn
+        other = drawn is None or request.pack != drawn.pack
         if other:
-            rivals = self._collection.rivals(asked.pack)
-            beside = asked.beside if asked.beside in rivals else None
-            self.controls.offer_rivals(rivals, beside)
-            asked = self.controls.asked
-        if drawn is None or (asked.pack, asked.beside) != (drawn.pack, drawn.beside):
-            numbers = [n for n in (asked.pack, asked.beside) if n is not None]
+            rivals = self._collection.rivals(request.pack)
+            beside = request.beside if request.beside in rivals else None
+            self.controls.set_rivals(rivals, beside)
+            request = self.controls.request
+        if drawn is None or (request.pack, request.beside) != (drawn.pack, drawn.beside):
+            numbers = [n for n in (request.pack, request.beside) if n is not None]
             self._exhibits = [self._collection[n] for n in numbers]
             if other:
-                self.controls.offer_pack(self._exhibits[0])
+                self.controls.set_pack(self._exhibits[0])
                 self.controls.facts.content = panels.facts(self._exhibits[0])
-            self.controls.offer_steps(self._steps)
-            self._put_up()
-            asked = self.controls.asked
+            self.controls.set_steps(self._steps)
+            self._create_boxes()
+            request = self.controls.request
         exhibit = self._exhibits[0]
-        self.controls.offer_outside(exhibit, asked.step)
-        asked = self.controls.asked
-        if asked.wanted is not None and (drawn is None or asked.wanted != drawn.wanted):
-            if asked.wanted < len(exhibit.placed):
-                placed = exhibit.placed[asked.wanted]
-                self.controls.ask(placed.item.rotation, placed.location)
+        self.controls.set_outside(exhibit, request.step)
+        request = self.controls.request
+        if request.wanted is not None and (drawn is None or request.wanted != drawn.wanted):
+            if request.wanted < len(exhibit.placed):
+                placed = exhibit.placed[request.wanted]
+                self.controls.set_query(placed.item.rotation, placed.location)
             else:
-                self.controls.ask(0, ORIGIN)
-        return self.controls.asked
+                self.controls.set_query(0, ORIGIN)
+        return self.controls.request
 
     @property
     def _steps(self) -> int:
         return max(len(exhibit.placed) for exhibit in self._exhibits)
 
-    def _put_up(self) -> None:
+    def _create_boxes(self) -> None:
         """Boxes for the exhibits."""
         for box in self._boxes:
             box.remove()
         self._boxes = [
-            ShownBox(self._page.server, name, partial(self._choose, n))
-            for n, name in enumerate(_NAMES[: len(self._exhibits)])
+            BoxView(self._page.server, name, partial(self._choose, n))
+            for n, name in enumerate(_NODES[: len(self._exhibits)])
         ]
 
-    def _stand(self, explode: float) -> None:
+    def _arrange(self, explode: float) -> None:
         """The boxes side by side, with titles, and cameras that see all that is in them whole."""
         places = _places([exhibit.cells for exhibit in self._exhibits], explode)
         seen = []
@@ -178,64 +196,64 @@ class Explorer:
             seen.append(points + place)
         self._page.frame(np.concatenate(seen))
 
-    def _draw(self, asked: Asked) -> None:
+    def _draw(self, request: ViewRequest) -> None:
         first, drawn = self._exhibits[0], self._drawn
-        where = asked.pack, asked.beside, asked.explode
+        where = request.pack, request.beside, request.explode
         if drawn is None or where != (drawn.pack, drawn.beside, drawn.explode):
-            self._stand(asked.explode)
-        colors, legend = _colored(self._exhibits, asked.coloring)
-        self._question = self._questioned(asked)
+            self._arrange(request.explode)
+        colors, legend = _colored(self._exhibits, request.coloring)
+        self._query = self._query_of(request)
         for n, (exhibit, box) in enumerate(zip(self._exhibits, self._boxes, strict=True)):
-            inside, focus = len(exhibit.placed), self._focus(n, exhibit, asked)
-            display = Display(
-                asked.step,
-                asked.explode,
-                asked.cut,
+            inside, focus = len(exhibit.placed), self._focus(n, exhibit, request)
+            display = DisplaySettings(
+                request.step,
+                request.explode,
+                request.cut,
                 colors[n][:inside],
                 focus,
-                1.0 if self._question is None else _BLOCKING,
+                1.0 if self._query is None else _BLOCKING,
             )
             box.show(exhibit.at(inside), display)
-            chosen = None if asked.chosen is None else first.items[asked.chosen]
+            chosen = None if request.chosen is None else first.items[request.chosen]
             same = [] if chosen is None else sorted(exhibit.same(chosen))
-            box.label(next((m for m in same if m < asked.step), None))
-        self.controls.enable(asked)
+            box.label(next((m for m in same if m < request.step), None))
+        self.controls.enable(request)
         self.controls.legend.content = panels.legend(legend)
-        self.controls.items.content = panels.items(first, colors[0], asked.step, asked.chosen)
-        if self._question is None:
-            self._answer.remove()
-            self.controls.answer.content = _HOW_TO_ASK
+        self.controls.items.content = panels.items(first, colors[0], request.step, request.chosen)
+        if self._query is None:
+            self._markers.remove()
+            self.controls.answer.content = _HINT
         else:
-            self._answer.show(self._question, asked.location)
-            answer = self._question.answer(asked.location)
-            self.controls.answer.content = f"**{answer}**\n\n{self._question.summary()}"
+            self._markers.show(self._query, request.location)
+            answer = self._query.answer(request.location)
+            self.controls.answer.content = f"**{answer}**\n\n{self._query.summary()}"
 
-    def _focus(self, n: int, exhibit: Exhibit, asked: Asked) -> frozenset[int] | None:
+    def _focus(self, n: int, exhibit: PackView, request: ViewRequest) -> frozenset[int] | None:
         """The items that stay solid: what is in the way of a wanted one, or what is chosen."""
-        if self._question is not None:
-            found = self._question.blockers(asked.location)
+        if self._query is not None:
+            found = self._query.blockers(request.location)
             return frozenset((*found.items, *found.above)) if n == 0 else None
-        if asked.chosen is None:
+        if request.chosen is None:
             return None
-        same = frozenset([asked.chosen])
+        same = frozenset([request.chosen])
         if n > 0:
-            same = exhibit.same(self._exhibits[0].items[asked.chosen])
-        return same if any(m < min(asked.step, len(exhibit.placed)) for m in same) else None
+            same = exhibit.same(self._exhibits[0].items[request.chosen])
+        return same if any(m < min(request.step, len(exhibit.placed)) for m in same) else None
 
-    def _questioned(self, asked: Asked) -> Question | None:
-        """The question asked, the same as before where it is the same."""
-        if asked.wanted is None:
+    def _query_of(self, request: ViewRequest) -> FitQuery | None:
+        """The query request, the same as before where it is the same."""
+        if request.wanted is None:
             return None
         drawn, exhibit = self._drawn, self._exhibits[0]
         if (
-            self._question is not None
+            self._query is not None
             and drawn is not None
-            and replace(drawn, location=asked.location) == asked
+            and replace(drawn, location=request.location) == request
         ):
-            return self._question
+            return self._query
         box = Box(exhibit.cells, kinematic=exhibit.kinematic)
-        box.restore(exhibit.at(asked.step))
-        return Question(box, exhibit.items[asked.wanted].turned(asked.rotation))
+        box.restore(exhibit.at(request.step))
+        return FitQuery(box, exhibit.items[request.wanted].turned(request.rotation))
 
     def _play_on(self, step: int) -> float | None:
         """The next step of the sequence, where it is due; returns the seconds until then."""
@@ -263,9 +281,9 @@ class Explorer:
             self.controls.choose(first, same[0])
 
     def _to_first(self) -> None:
-        question = self._question
-        if question is not None and question.first is not None:
-            self.controls.ask(question.item.rotation, question.first)
+        query = self._query
+        if query is not None and query.first is not None:
+            self.controls.set_query(query.item.rotation, query.first)
 
 
 def _places(cells: Sequence[Triple], explode: float) -> npt.NDArray[np.float64]:
@@ -282,7 +300,7 @@ def _same(a: Item, b: Item) -> bool:
 
 
 def _colored(
-    exhibits: Sequence[Exhibit], name: str
+    exhibits: Sequence[PackView], name: str
 ) -> tuple[list[tuple[Color, ...]], Legend | None]:
     """The colours of each exhibit's items, by the same rule, and what they mean."""
     if name == "order":

@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from packit_sim.explorer.exhibits import Exhibit
-from packit_sim.render.coloring import Color, Key, Legend, ramp
-from packit_sim.viewer.boxes import rgb
+from packit_sim.explorer.collection import PackView
+from packit_sim.render.coloring import Color, ColorKey, Legend, ramp
+from packit_sim.viewer.box_view import rgb
 
 _TABLE = "width:100%;border-collapse:collapse;font-size:12px;line-height:1.35"
 _NUMBER = "text-align:right;padding:1px 4px;font-variant-numeric:tabular-nums;white-space:nowrap"
@@ -21,7 +21,7 @@ _STEPS = 12
 """Stripes in the ramp of a scale."""
 
 
-def facts(exhibit: Exhibit) -> str:
+def facts(exhibit: PackView) -> str:
     """What the pack says of itself, a row for each name and value."""
     rows = "".join(
         f'<tr><td style="{_NAME};opacity:0.65">{escape(name)}</td>'
@@ -31,7 +31,7 @@ def facts(exhibit: Exhibit) -> str:
     return f'<table style="{_TABLE}">{rows}</table>'
 
 
-def items(exhibit: Exhibit, colors: Sequence[Color], step: int, chosen: int | None) -> str:
+def items(exhibit: PackView, colors: Sequence[Color], step: int, chosen: int | None) -> str:
     """All items: colour, number, name, category, volume, reward.
 
     Those that are not in the box after so many steps are pale, the chosen one is marked.
@@ -54,7 +54,7 @@ def legend(meaning: Legend | None) -> str:
     """What the colours mean; nothing where they only tell items apart."""
     if meaning is None:
         return ""
-    if isinstance(meaning, Key):
+    if isinstance(meaning, ColorKey):
         return _lines(f"{_swatch(color)} {escape(name)}" for name, color in meaning.entries)
     stripes = "".join(
         f'<span style="flex:1;background:rgb{rgb(ramp(n / (_STEPS - 1)))}"></span>'
@@ -68,7 +68,7 @@ def legend(meaning: Legend | None) -> str:
     )
 
 
-def _row(exhibit: Exhibit, number: int, color: Color, inside: bool, chosen: bool) -> str:
+def _row(exhibit: PackView, number: int, color: Color, inside: bool, chosen: bool) -> str:
     item = exhibit.items[number]
     box = 1e-6 * exhibit.cells[0] * exhibit.cells[1] * exhibit.cells[2]
     cells = (

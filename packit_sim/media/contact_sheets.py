@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 from PIL.ImageFont import FreeTypeFont
 
@@ -18,12 +17,10 @@ from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.render.cameras import Camera
-from packit_sim.render.image_files import MAX_SIDE, save_png
+from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
 from packit_sim.render.looks import BACKGROUND, Look
 from packit_sim.scene import Scene
-
-Picture = npt.NDArray[np.uint8]
 
 MIN_SIDE = 16
 """The fewest pixels along a side of a shape's picture."""
@@ -43,13 +40,13 @@ _TEXT_WIDTH = 0.94
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class ContactSheet:
     """Pictures of shapes in a grid, row by row, each with its label below.
 
     image: (H, W, 3) uint8. renderer: "egl" or "tiny".
     """
 
-    image: Picture
+    image: RGBImage
     renderer: str
 
     def save(self, path: str | os.PathLike[str]) -> str:
@@ -73,7 +70,7 @@ class _Contents:
         return cls((PlacedItem(Item(shape, rotation=_HALF_TURN), _PLACE),))
 
 
-def picture(shape: Shape, side: int = 256) -> Picture:
+def picture(shape: Shape, side: int = 256) -> RGBImage:
     """A shape by itself, from the front and above, as large as fits: (side, side, 3) uint8.
 
     Raises ValueError where the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
@@ -88,7 +85,7 @@ def contact_sheet(
     columns: int | None = None,
     side: int = 160,
     drawn: Callable[[], object] | None = None,
-) -> Sheet:
+) -> ContactSheet:
     """Pictures of many shapes with their labels, in the order in which they come.
 
     tiles: each a label and a shape, or a message to show where there is none; they are taken one at
@@ -115,7 +112,7 @@ def contact_sheet(
     if not pictures:
         raise ArgumentError("a contact sheet of 0 tiles is not possible: at least 1")
     columns = min(columns or math.ceil(math.sqrt(len(pictures))), len(pictures))
-    return Sheet(_grid(pictures, columns), renderer)
+    return ContactSheet(_grid(pictures, columns), renderer)
 
 
 def _check_side(side: int) -> None:
@@ -123,7 +120,7 @@ def _check_side(side: int) -> None:
         raise ArgumentError(f"side {side!r} is not possible: {MIN_SIDE} to {MAX_SIDE} pixels")
 
 
-def _grid(pictures: list[Picture], columns: int) -> Picture:
+def _grid(pictures: list[RGBImage], columns: int) -> RGBImage:
     """Pictures of one size, row by row, with a gap around each."""
     height, width = pictures[0].shape[:2]
     gap = max(2, width // 20)
@@ -137,14 +134,14 @@ def _grid(pictures: list[Picture], columns: int) -> Picture:
     return grid
 
 
-def _label(text: str, side: int) -> Picture:
+def _label(text: str, side: int) -> RGBImage:
     """A line of text, shortened in the middle where it is too wide: (H, side, 3)."""
     font = _font(side)
     line = shortened(plain(text), font, side * _TEXT_WIDTH)
     return _written([line], side, 3 * line_height(font) // 2, _INK)
 
 
-def _message(text: str, side: int) -> Picture:
+def _message(text: str, side: int) -> RGBImage:
     """Text in as many lines as it takes and there is room for: (side, side, 3)."""
     font = _font(side)
     room = max(1, side // line_height(font) - 1)
@@ -153,7 +150,7 @@ def _message(text: str, side: int) -> Picture:
     return _written(lines, side, side, _ALARM)
 
 
-def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int, int]) -> Picture:
+def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int, int]) -> RGBImage:
     """Lines of text in the middle of a picture: (height, width, 3)."""
     font = _font(width)
     image = Image.new("RGB", (width, height), BACKGROUND)

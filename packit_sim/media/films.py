@@ -15,8 +15,8 @@ from packit_sim.engine.feasibility import Contents
 from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
-from packit_sim.media.video import Picture
 from packit_sim.render.cameras import turntable
+from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import GAP, Floats, Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.scene import Scene
@@ -117,7 +117,7 @@ def turning(box: Contents, views: int, look: Look = DEFAULT_LOOK) -> Iterator[Fr
 
 def shot(
     box: Contents, frames: Iterable[Frame], width: int = 512, height: int = 512
-) -> Iterator[Picture]:
+) -> Iterator[RGBImage]:
     """The pictures (H, W, 3) of frames, one at a time."""
     with Scene(box) as scene:
         for look, layout in frames:

@@ -11,13 +11,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
 from packit_sim.core.errors import PackItError, RenderError
-from packit_sim.render.image_files import written
-
-Picture = npt.NDArray[np.uint8]
+from packit_sim.render.image_files import RGBImage, written
 
 SUFFIXES = (".mp4", ".gif")
 
@@ -50,7 +47,7 @@ def require(path: Path | str) -> None:
             ) from error
 
 
-def write(path: str | os.PathLike[str], pictures: Iterable[Picture], fps: int) -> int:
+def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) -> int:
     """Writes pictures (H, W, 3) of one size as a film, whole or not at all; returns how many.
 
     A GIF tells times in hundredths of a second: its rate is the next that they allow. Raises what
@@ -69,7 +66,7 @@ def write(path: str | os.PathLike[str], pictures: Iterable[Picture], fps: int) -
     return count
 
 
-def _mp4(path: Path, pictures: Iterable[Picture], fps: int) -> int:
+def _mp4(path: Path, pictures: Iterable[RGBImage], fps: int) -> int:
     import imageio_ffmpeg
 
     count = 0
@@ -98,7 +95,7 @@ def _mp4(path: Path, pictures: Iterable[Picture], fps: int) -> int:
     return count
 
 
-def _gif(path: Path, pictures: Iterable[Picture], fps: int) -> int:
+def _gif(path: Path, pictures: Iterable[RGBImage], fps: int) -> int:
     kept = [_packed(picture) for picture in pictures]
     if not kept:
         return 0
@@ -123,7 +120,7 @@ def _palette(kept: Sequence[bytes]) -> Image.Image:
     return Image.fromarray(np.concatenate(pixels)).quantize(255, method=Image.Quantize.MEDIANCUT)
 
 
-def _packed(picture: Picture) -> bytes:
+def _packed(picture: RGBImage) -> bytes:
     """A picture as PNG: a film's fill the memory otherwise."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", compress_level=1)

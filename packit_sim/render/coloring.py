@@ -34,7 +34,7 @@ UNKNOWN: Color = (0.72, 0.72, 0.72)
 
 
 @dataclass(frozen=True)
-class Key:
+class ColorKey:
     """A legend of names, each with its colour."""
 
     title: str
@@ -42,7 +42,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Scale:
+class ColorScale:
     """A legend of numbers: what the ends of the ramp of colours stand for."""
 
     title: str
@@ -50,7 +50,7 @@ class Scale:
     high: str
 
 
-Legend = Key | Scale
+Legend = ColorKey | ColorScale
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def by_category(items: Sequence[Item]) -> Colors:
     colors = {name: _tinted(n % shades) for n, name in enumerate(names)}
     return Colors(
         tuple(colors[item.shape.category] for item in items),
-        Key("category", tuple((name or "none", colors[name]) for name in names)),
+        ColorKey("category", tuple((name or "none", colors[name]) for name in names)),
     )
 
 
@@ -104,7 +104,7 @@ def by_order(items: Sequence[Item]) -> Colors:
     """The order of placing, from the first to the last."""
     last = max(1, len(items) - 1)
     shares = tuple(ramp(n / last) for n in range(len(items)))
-    return Colors(shares, Scale("order of placing", "first", "last"))
+    return Colors(shares, ColorScale("order of placing", "first", "last"))
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,9 @@ class ByNumber:
             ramp((self.numbers[n] - low) / width) if n in self.numbers else UNKNOWN
             for n in range(len(items))
         )
-        return Colors(colors, Scale(self.title, format(low, self.spec), format(high, self.spec)))
+        return Colors(
+            colors, ColorScale(self.title, format(low, self.spec), format(high, self.spec))
+        )
 
 
 COLORINGS: Mapping[str, Coloring] = {

@@ -5,20 +5,18 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from packit_sim.render.coloring import Color, Key, Legend, Scale, ramp
+from packit_sim.render.coloring import Color, ColorKey, ColorScale, Legend, ramp
+from packit_sim.render.image_files import RGBImage
 from packit_sim.render.lettering import font_of, line_height, plain, shortened
 from packit_sim.render.looks import RGB
-
-Picture = npt.NDArray[np.uint8]
 
 _STEPS = 64
 """Stripes in the ramp of a scale."""
 
 
-def beside(image: Picture, legend: Legend, background: RGB) -> Picture:
+def beside(image: RGBImage, legend: Legend, background: RGB) -> RGBImage:
     """A picture (H, W, 3) with a legend at its right, in a strip of its own: (H, W', 3)."""
     height = len(image)
     font = font_of(min(10 + height // 100, 26))
@@ -35,7 +33,7 @@ def beside(image: Picture, legend: Legend, background: RGB) -> Picture:
         draw.text((x, y), line, fill=ink, font=font, anchor="lm")
 
     write(step / 2, step, legend.title)
-    if isinstance(legend, Key):
+    if isinstance(legend, ColorKey):
         shown = max(1, height // step - 3)
         for n, (name, color) in enumerate(legend.entries[:shown], start=2):
             y = n * step + step / 4
@@ -54,7 +52,7 @@ def beside(image: Picture, legend: Legend, background: RGB) -> Picture:
 
 
 def _texts(legend: Legend) -> list[str]:
-    if isinstance(legend, Scale):
+    if isinstance(legend, ColorScale):
         return [legend.title, legend.low, legend.high]
     return [legend.title, *(name for name, _ in legend.entries)]
 

@@ -18,16 +18,16 @@ SOLUTION = "ground truth"
 
 
 @dataclass(frozen=True)
-class View:
+class Example:
     """A box as one packed it.
 
-    model: its number among the page's models. total: the return. told: the rest in a few words.
+    model: its number among the page's models. total: the return. summary: the rest in a few words.
     """
 
     by: str
     model: int
     total: float
-    told: str
+    summary: str
 
     @property
     def shown(self) -> str:
@@ -36,12 +36,12 @@ class View:
 
 
 @dataclass(frozen=True)
-class Exhibit:
-    """A task. rank: such as "best"; views: of the gallery's agent first, then of all others."""
+class TaskExamples:
+    """A task. rank: such as "best"; examples: of the gallery's agent first, then of all others."""
 
     task: int
     rank: str
-    views: tuple[View, ...]
+    examples: tuple[Example, ...]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Gallery:
     """Exhibits of the tasks of one agent, its best first, and the models that they show."""
 
     agent: str
-    exhibits: tuple[Exhibit, ...]
+    tasks: tuple[TaskExamples, ...]
     models: Models
 
 
@@ -93,31 +93,31 @@ def gallery(
     shown = chosen(runs, agent)
     others = [one for one in runs.played if one is not shown]
     models = Models()
-    exhibits = []
+    chosen_tasks = []
     for rank, rollout in extremes(shown.rollouts, each):
         task = tasks.get(rollout.task_digest)
-        views = []
+        examples = []
         for one in (shown, *others):
             found = [r for r in one.rollouts if r.task_digest == rollout.task_digest]
-            views += [_view(one.name, r, task, library, models) for r in found]
+            examples += [_example(one.name, r, task, library, models) for r in found]
         if task is not None:
-            views.append(_solution(task, library, models))
-        exhibits.append(Exhibit(rollout.task, rank, tuple(views)))
-    return Gallery(shown.name, tuple(exhibits), models)
+            examples.append(_solution(task, library, models))
+        chosen_tasks.append(TaskExamples(rollout.task, rank, tuple(examples)))
+    return Gallery(shown.name, tuple(chosen_tasks), models)
 
 
-def _view(
+def _example(
     name: str, rollout: Rollout, task: Task | None, library: ShapeLibrary, models: Models
-) -> View:
+) -> Example:
     pack = rollout.pack
     count = f"{len(pack.items)}" if task is None else f"{len(pack.items)} of {len(task.items)}"
-    told = f"{count} items, density {pack.density:.3f}; ended: {rollout.end}"
-    return View(name, _model(pack, rollout.total, library, models), rollout.total, told)
+    summary = f"{count} items, density {pack.density:.3f}; ended: {rollout.end}"
+    return Example(name, _model(pack, rollout.total, library, models), rollout.total, summary)
 
 
-def _solution(task: Task, library: ShapeLibrary, models: Models) -> View:
-    told = f"{len(task.pack.items)} items, density {task.pack.density:.3f}"
-    return View(SOLUTION, _model(task.pack, 1.0, library, models), 1.0, told)
+def _solution(task: Task, library: ShapeLibrary, models: Models) -> Example:
+    summary = f"{len(task.pack.items)} items, density {task.pack.density:.3f}"
+    return Example(SOLUTION, _model(task.pack, 1.0, library, models), 1.0, summary)
 
 
 def _model(pack: Pack, total: float, library: ShapeLibrary, models: Models) -> int:

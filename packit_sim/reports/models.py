@@ -19,6 +19,12 @@ from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 TRIANGLES = 1500
 """Of a shape on the page: it is looked at in a hand's breadth."""
 
+VERTEX_TYPE = np.dtype("<u2")
+"""Of coordinates on the lattice of a shape's bounding box."""
+
+FACE_TYPE = np.dtype("<u4")
+"""Of indices of vertices: a shape that cannot be reduced may have more than 65,536."""
+
 _REDUCED = Simplification(max_triangles=TRIANGLES, max_error=1.0)
 _AS_IT_IS = Simplification(max_triangles=None, max_error=1.0)
 
@@ -60,12 +66,16 @@ class Models:
         return len(self._boxes) - 1
 
     def to_json(self) -> dict[str, Any]:
-        """In JSON's types: shapes, and boxes of them.
+        """Return the shapes and boxes in JSON's types, as `viewer.js` reads them.
 
-        A shape: extents (3,) of its bounding box, which is centred; vertices, base64 of (n, 3)
-        uint16 on the lattice of that box; faces, base64 of (m, 3) uint16. A box: size (3,) in box
-        units; items, each with the number of its shape, a name, a pose (3, 4) by rows that puts
-        the shape into the box, its share of the reward, and a colour by each rule.
+        Returns
+        -------
+        dict[str, Any]
+            "shapes" and "boxes". A shape: extents (3,) of its bounding box, which is centred;
+            vertices, base64 of (n, 3) uint16 on the lattice of that box; faces, base64 of (m, 3)
+            uint32. A box: size (3,) in box units; items, each with the number of its shape, a name,
+            a (3, 4) shape-to-box matrix by rows, its share of the reward, and a colour by each
+            rule.
         """
         return {"shapes": self._shapes, "boxes": self._boxes}
 
@@ -83,6 +93,6 @@ def _compact(shape: Shape) -> dict[str, Any]:
         mesh, _ = _AS_IT_IS(shape)
     return {
         "extents": np.round(mesh.extents, 6).tolist(),
-        "vertices": b64encode(mesh.vertices.astype("<u2").tobytes()).decode(),
-        "faces": b64encode(mesh.faces.astype("<u4").tobytes()).decode(),
+        "vertices": b64encode(mesh.vertices.astype(VERTEX_TYPE).tobytes()).decode(),
+        "faces": b64encode(mesh.faces.astype(FACE_TYPE).tobytes()).decode(),
     }

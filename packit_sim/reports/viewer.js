@@ -67,10 +67,10 @@
       later();
     };
     if (!renderer) {
-      const told = document.createElement("p");
-      told.className = "failed";
-      told.textContent = "This browser has no WebGL: the model can't be shown.";
-      canvas.replaceWith(told);
+      const notice = document.createElement("p");
+      notice.className = "failed";
+      notice.textContent = "This browser has no WebGL: the model can't be shown.";
+      canvas.replaceWith(notice);
     }
     by.addEventListener("change", fill);
     step.addEventListener("input", arrange);
@@ -90,8 +90,8 @@
       const option = by.selectedOptions[0];
       const box = data.boxes[Number(by.value)];
       figure.querySelector(".total").textContent = option.dataset.total;
-      figure.querySelector(".told").textContent = option.dataset.told;
-      canvas.setAttribute("aria-label", `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.told}. Drag, or use the arrow keys, to turn it.`);
+      figure.querySelector(".summary").textContent = option.dataset.summary;
+      canvas.setAttribute("aria-label", `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.summary}. Drag, or use the arrow keys, to turn it.`);
       step.max = box.items.length; // first, since it bounds the value
       step.value = box.items.length;
       items = null;

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from packit_sim.engine.occupancy import Load
 from packit_sim.geometry.lattice import Triple
-from packit_sim.viewer.boxes import ShownBox, corners
-from packit_sim.viewer.pages import LOOPBACK, Page
+from packit_sim.viewer.box_view import BoxView, corners
+from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
 if TYPE_CHECKING:
     import viser
@@ -17,7 +17,7 @@ class Viewer:
     """A box and its items on a web page of their own, in box units, z up.
 
     The page follows each `update`, in every browser that has it open. host, port: where it listens
-    (see `Page`). Close it, or use it in a `with`; one left open ends with the process. Raises
+    (see `WebPage`). Close it, or use it in a `with`; one left open ends with the process. Raises
     RenderError where viser is not installed, and where host and port can't be had.
     """
 
@@ -25,12 +25,12 @@ class Viewer:
     """Where a browser on this machine finds the page."""
 
     def __init__(self, box: Load, *, host: str = LOOPBACK, port: int | None = None) -> None:
-        self._page = Page(host, port)
+        self._page = WebPage(host, port)
         self.address = self._page.address
         self._cells: Triple | None = None
         try:
             self._page.server.gui.main_panel.minimize()
-            self._shown = ShownBox(self._page.server)
+            self._shown = BoxView(self._page.server)
             self.update(box)
         except BaseException:
             self.close()

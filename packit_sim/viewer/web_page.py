@@ -32,7 +32,7 @@ _ASPECT = 4 / 3
 _PRINTING = threading.Lock()
 
 
-class Page:
+class WebPage:
     """An empty scene on a web page of its own, z up.
 
     It asks nothing from outside, and nothing is printed: tell the user the `address`. host: the

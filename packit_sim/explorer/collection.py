@@ -19,7 +19,7 @@ from packit_sim.libraries.library import ShapeLibrary
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class PackView:
     """A packed box and what was left outside.
 
     title: tells it from the others. name: what stands over the box. facts: names and values, as
@@ -67,7 +67,7 @@ class _Entry:
     is_truth: bool = False
 
 
-class Collection:
+class PackCollection:
     """Exhibits in a row, each made when it is asked for.
 
     packs: of a dataset, or results. tasks: the packs that results were played on: they tell what
@@ -98,7 +98,7 @@ class Collection:
         split: str | None = None,
         tasks: Path | str | None = None,
         tasks_split: str | None = None,
-    ) -> Collection:
+    ) -> PackCollection:
         """A dataset or a file of results (see `dataset_file`), and the tasks that were played."""
         packs = read_packs(dataset_file(source, split))
         played = [] if tasks is None else read_packs(dataset_file(tasks, tasks_split))
@@ -107,7 +107,7 @@ class Collection:
     def __len__(self) -> int:
         return len(self._entries)
 
-    def __getitem__(self, number: int) -> Exhibit:
+    def __getitem__(self, number: int) -> PackView:
         """Raises PackItError where the collection has no such exhibit, or the library no shape."""
         if not 0 <= number < len(self):
             raise PackItError(f"there is no pack {number}: choose 0 to {len(self) - 1}")
@@ -121,7 +121,7 @@ class Collection:
         reached = pack.made.get("return")
         if not outside and isinstance(reached, float) and reached > 0:
             volume /= reached
-        return Exhibit(
+        return PackView(
             self.titles[number],
             _name(entry),
             _facts(pack, len(placed) + len(outside)),

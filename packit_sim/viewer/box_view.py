@@ -44,7 +44,7 @@ _GLASS = 0.12
 
 
 @dataclass(frozen=True)
-class Display:
+class DisplaySettings:
     """How the items of a box are shown.
 
     step: how many, from the first on; None for all. explode: how far they are moved apart, as a
@@ -61,10 +61,10 @@ class Display:
     solid: float = 1.0
 
 
-DEFAULT_DISPLAY = Display()
+DEFAULT_DISPLAY = DisplaySettings()
 
 
-class ShownBox:
+class BoxView:
     """A box in a scene, and its items as meshes that follow it.
 
     name: of its node in the scene, "" for none of its own. on_click: told the number of an item
@@ -92,7 +92,7 @@ class ShownBox:
         """Viser's handle of each item, in the order of placing."""
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
-    def show(self, box: Load, display: Display = DEFAULT_DISPLAY) -> None:
+    def show(self, box: Load, display: DisplaySettings = DEFAULT_DISPLAY) -> None:
         """Shows the box as it stands; items that stayed are left alone."""
         with self._server.atomic():
             if box.cells != self._cells:
@@ -151,7 +151,7 @@ class ShownBox:
         self._cut = cut
 
     def _show_item(
-        self, key: tuple[int, ItemInBox], pose: Pose, color: Color, display: Display
+        self, key: tuple[int, ItemInBox], pose: Pose, color: Color, display: DisplaySettings
     ) -> None:
         number, placed = key
         inside = display.step is None or number < display.step

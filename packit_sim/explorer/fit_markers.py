@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.explorer.questions import Question
+from packit_sim.explorer.fit_query import FitQuery
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.poses import Pose
 from packit_sim.render.coloring import PALETTE, Color
-from packit_sim.viewer.boxes import rgb
+from packit_sim.viewer.box_view import rgb
 from packit_sim.viewer.surfaces import surface
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _POINT, _SMALL = 0.007, 0.003
 """Sides of dots, in box units: at the item's height, and elsewhere."""
 
 
-class ShownAnswer:
+class FitMarkers:
     """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits.
 
     Dots at the item's own height are larger.
@@ -37,32 +37,32 @@ class ShownAnswer:
     def __init__(self, server: viser.ViserServer, name: str) -> None:
         self._server = server
         self._name = name
-        self._question: Question | None = None
+        self._query: FitQuery | None = None
         self._item: viser.MeshHandle | None = None
 
-    def show(self, question: Question, location: Triple) -> None:
-        """Shows the item of the question at a location."""
-        placed = PlacedItem(question.item, location)
-        color = _BLOCKED if question.blockers(location) else _FITS
-        if question is not self._question or self._item is None:
+    def show(self, query: FitQuery, location: Triple) -> None:
+        """Shows the item of the query at a location."""
+        placed = PlacedItem(query.item, location)
+        color = _BLOCKED if query.blockers(location) else _FITS
+        if query is not self._query or self._item is None:
             self.remove()
-            self._question = question
+            self._query = query
             self._item = self._add(placed)
-        level = np.isclose(question.centers[:, 2], placed.center[2])
-        self._add_dots("level", question.centers[level], _FITS, _POINT)
+        level = np.isclose(query.centers[:, 2], placed.center[2])
+        self._add_dots("level", query.centers[level], _FITS, _POINT)
         self._item.position = placed.center
         self._item.color = rgb(color)
 
     def remove(self) -> None:
         """Takes it out of the scene."""
-        if self._question is not None:
+        if self._query is not None:
             self._server.scene.remove_by_name(self._name)
-        self._question = self._item = None
+        self._query = self._item = None
 
     def _add(self, placed: PlacedItem) -> viser.MeshHandle:
-        assert self._question is not None
+        assert self._query is not None
         self._server.scene.add_frame(self._name, show_axes=False)
-        self._add_dots("dots", self._question.centers, _ELSEWHERE, _SMALL)
+        self._add_dots("dots", self._query.centers, _ELSEWHERE, _SMALL)
         mesh = surface(placed.item.shape)
         return self._server.scene.add_mesh_simple(
             f"{self._name}/item",

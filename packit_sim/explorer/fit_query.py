@@ -16,7 +16,7 @@ from packit_sim.geometry.shapes import Item
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class FitQuery:
     """An item in a rotation, and a box that it may have room in.
 
     box: is not to change as long as the question is asked.
