@@ -106,7 +106,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
     rest = missing * float(np.median(seconds[-max(generations // 4, 1) :])) if missing > 0 else 0.0
     return {
         "seed": seed,
-        "size": evolution.best.made["size"],
+        "size": evolution.size,
         "items": len(evolution.best.items),
         "density": evolution.best.density,
         "generations": generations,

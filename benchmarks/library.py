@@ -27,7 +27,7 @@ from trimesh import creation
 
 from benchmarks.placement import RESULTS, summaries
 from packit_sim import Item, Shape, ShapeLibrary
-from packit_sim.generation.chromosomes import SCALES
+from packit_sim.datasets.evolution_settings import SCALES
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.simplification import Simplification

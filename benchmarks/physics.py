@@ -181,7 +181,7 @@ def main() -> None:
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
     packs: list[Pack] = read_packs(dataset_file(arguments.packs, arguments.split))
-    boxes = [BoxState(pack.cells, pack.placed(library)) for pack in packs[: arguments.limit]]
+    boxes = [pack.contents(library) for pack in packs[: arguments.limit]]
     shapes = {p.item.shape.id: p.item.shape for box in boxes for p in box.placed}
     settings = PhysicsSettings()
     pieces = decompositions(

@@ -32,10 +32,11 @@ from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_ma
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve
 from packit_sim.core import caches
 from packit_sim.core.counters import Counters, counters
+from packit_sim.datasets.evolution_settings import SCALES
 from packit_sim.engine import feasibility
 from packit_sim.engine.collision import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
-from packit_sim.generation.chromosomes import SCALES, Chromosome, crossover, mutate
+from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
 from packit_sim.generation.pack_creator import PackCreator, draw_pool
 from packit_sim.generation.strategies import select
 from packit_sim.geometry.lattice import BOX_CELLS
@@ -61,10 +62,10 @@ class Pool:
     def evolved(cls, library: ShapeLibrary, seed: int) -> Pool:
         """Without the largest two scales, so that no single item fills half the box."""
         settings = EvolutionSettings(generations=10, scales=SCALES[:3])
-        pack = evolve(library, seed, settings).best
+        evolution = evolve(library, seed, settings)
         ids = draw_pool(library, settings.pool, np.random.default_rng(seed))
         shapes = tuple(library[id] for id in ids)
-        return cls(seed, shapes, float(pack.made["size"]), pack.replay(library))
+        return cls(seed, shapes, evolution.size, evolution.best.replay(library))
 
     def packed(self, density: float) -> Box:
         """Items of the pack, where they stand: as many as there may be, or a little denser."""

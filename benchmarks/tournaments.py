@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from deap import algorithms, base, tools
 
-from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.generation.strategies import Search
 from packit_sim.geometry import rotations
 

@@ -14,6 +14,7 @@ from packit_sim._version import __version__
 if TYPE_CHECKING:
     from packit_sim.box import Box as Box
     from packit_sim.core.errors import PackItError as PackItError
+    from packit_sim.datasets.evolution_settings import EvolutionSettings as EvolutionSettings
     from packit_sim.datasets.original import read_original as read_original
     from packit_sim.datasets.packs import Pack as Pack
     from packit_sim.datasets.packs import Task as Task
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from packit_sim.game.agents import Agent as Agent
     from packit_sim.game.episode import Episode as Episode
     from packit_sim.game.episode import Stage as Stage
-    from packit_sim.generation.chromosomes import EvolutionSettings as EvolutionSettings
     from packit_sim.generation.evolution import evolve as evolve
     from packit_sim.geometry.shapes import Item as Item
     from packit_sim.geometry.shapes import Shape as Shape
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "box": ("Box",),
     "core.errors": ("PackItError",),
+    "datasets.evolution_settings": ("EvolutionSettings",),
     "datasets.original": ("read_original",),
     "datasets.packs": (
         "Pack",
@@ -76,7 +77,6 @@ _HOMES = {
     "explorer.explorer": ("Explorer",),
     "game.agents": ("Agent",),
     "game.episode": ("Episode", "Stage"),
-    "generation.chromosomes": ("EvolutionSettings",),
     "generation.evolution": ("evolve",),
     "geometry.shapes": ("Item", "Shape"),
     "libraries.library": ("ShapeLibrary",),

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from packit_sim.cli.app import app
 from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.datasets.provenance import Played
 from packit_sim.evaluation.results import Rollout, write_results
 from packit_sim.game.episode import End
 from packit_sim.libraries.library import ShapeLibrary
@@ -39,25 +40,25 @@ def packit(*arguments: object) -> str:
 
 
 def rollout(agent: str, task: int, items: int, rules: Rules = PACKIT, **more: Any) -> Rollout:
-    """The first so many items of the ground truth; more: what the results tell besides."""
+    """The first so many items of the ground truth; more: other fields of its provenance."""
     whole = tasks()[task]
     truth = whole.pack
     volumes = [one.item.volume for one in truth.placed(everyday())[:items]]
     total = sum(volumes) / whole.volume
     end = End.COMPLETE if items >= len(truth.items) else End.NO_LOCATION
-    made = {
-        "results": 1,
-        "by": agent,
-        "task": task,
-        "task_digest": whole.digest,
-        "seed": 0,
-        "easy": rules.easy,
-        "kinematic": rules.kinematic,
-        "return": total,
-        "end": str(end),
-    }
-    pack = replace(truth, items=truth.items[:items], density=sum(volumes), made={**made, **more})
-    return Rollout(agent, task, whole.digest, 0, rules, total, end, pack, 0.5)
+    played = Played(
+        agent=agent,
+        task=task,
+        task_digest=whole.digest,
+        seed=0,
+        rules=rules,
+        total=total,
+        end=str(end),
+        seconds=0.5,
+        **more,
+    )
+    items_placed = truth.items[:items]
+    return Rollout(replace(truth, items=items_placed, density=sum(volumes), provenance=played))
 
 
 def results(file: Path, agents: Mapping[str, Sequence[int]]) -> Path:

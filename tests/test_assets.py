@@ -49,8 +49,9 @@ def test_a_file_is_the_one_that_its_manifest_describes(file: Path, everyday: Sha
     packs = read_packs(file)
     assert manifest["packs"] == len(packs)
     assert [ref["digest"] for ref in manifest["libraries"]] == [everyday.digest]
-    assert len({(pack.made["seed"], pack.made.get("after")) for pack in packs}) == len(packs)
-    assert len({json.dumps(pack.made["settings"]) for pack in packs}) == 1
+    evolved = [pack.provenance for pack in packs]
+    assert len({(one.seed, one.after) for one in evolved}) == len(packs)
+    assert len({one.settings for one in evolved}) == 1
 
 
 @pytest.mark.parametrize("file", FILES, ids=NAMES)

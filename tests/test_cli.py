@@ -74,7 +74,7 @@ def test_demo_does_the_whole_job_and_pybullet_sees_no_penetration(tmp_path) -> N
     for name in files:
         assert f"demo/{name}" in done.stdout and (tmp_path / "demo" / name).exists()
     results = read_packs(tmp_path / "demo" / "results.jsonl")
-    assert len(results) == len({pack.made["by"] for pack in results}) == 8
+    assert len(results) == len({pack.provenance.agent for pack in results}) == 8
     pictures = [pixels(tmp_path / "demo" / name) for name in files[2:]]
     assert all(picture.shape == (512, 512, 3) for picture in pictures)
     assert len({picture.tobytes() for picture in pictures}) == 3

@@ -17,9 +17,9 @@ import pytest
 from packit_sim.core import parallel
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack
 from packit_sim.generation import jobs
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.generation.jobs import GenerationJob, generate, under_way
 from packit_sim.libraries.library import ShapeLibrary
 

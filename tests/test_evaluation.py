@@ -82,7 +82,7 @@ def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path
     file = tmp_path / "results.jsonl"
     script = (
         "from packit_sim import ShapeLibrary\n"
-        "from packit_sim.experiments import evaluation, results\n"
+        "from packit_sim.evaluation import evaluation, results\n"
         "from packit_sim.datasets.packs import load_tasks\n"
         "from packit_sim.game.agents import Agent\n"
         "from pathlib import Path\n"
@@ -121,17 +121,19 @@ def test_results_of_something_else_are_refused_and_stay(agents, tasks, rollouts,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"results": 2}, "pack 1: field 'made.results' is 2: this version reads 1"),
-        ({"results": None}, "field 'made.results' is None"),
-        ({"task": "0"}, "'made.task' is '0': it must be of type int"),
-        ({"easy": 1}, "'made.easy' is 1: it must be of type bool"),
-        ({"return": None}, "'made.return' is None"),
-        ({"end": "tired"}, "'tired' is not a valid End"),
+        ({"kind": "game"}, "line 1: field 'provenance.kind' is 'game': choose from .*rollout"),
+        ({"kind": None}, "field 'provenance.kind' is None"),
+        ({"task": "0"}, "'provenance.task' is '0': expected int"),
+        ({"rules": {"easy": 1}}, "'provenance.rules.easy' is 1: expected bool"),
+        ({"return": None}, "'provenance.return' is None: expected float"),
+        ({"return": True}, "'provenance.return' is True: expected float"),
+        ({"end": "tired"}, "pack 1: field 'provenance.end' is 'tired': choose from all placed"),
+        ({"taks": 0}, "field 'provenance.taks' is unknown"),
     ],
 )
 def test_files_that_hold_no_results_are_named(rollouts, tmp_path, change, message) -> None:
-    line = json.loads(rollouts[0].to_pack().to_json())
-    line["made"].update(change)
+    line = json.loads(rollouts[0].pack.to_json())
+    line["provenance"].update(change)
     (tmp_path / "other.jsonl").write_text(json.dumps(line) + "\n")
     with pytest.raises(PackItError, match=f"other.jsonl, .*{message}"):
         read_results(tmp_path / "other.jsonl")

@@ -8,15 +8,9 @@ from hypothesis import strategies as st
 
 from packit_sim.box import Box
 from packit_sim.core.parallel import Workers
+from packit_sim.datasets.evolution_settings import SEARCHES, EvolutionSettings
 from packit_sim.datasets.packs import verify
-from packit_sim.generation.chromosomes import (
-    SEARCHES,
-    Chromosome,
-    EvolutionSettings,
-    crossover,
-    mutate,
-    order_crossover,
-)
+from packit_sim.generation.chromosomes import Chromosome, crossover, mutate, order_crossover
 from packit_sim.generation.evolution import Evolution, Generation, evolve
 from packit_sim.generation.pack_creator import PackCreator, Recipe, draw_pool
 from packit_sim.generation.strategies import search_of, select
@@ -122,9 +116,9 @@ def test_evolution_is_repeatable_and_its_packs_hold() -> None:
     assert first.best.density == first.densities[-1]
     assert [pack.density for pack in first.kept] == [first.densities[n] for n in (0, 2, 4)]
     assert verify(first.best, library) == []
-    made = first.best.made
-    assert made["seed"] == 7 and 0.75 <= made["size"] <= 1 and made["settings"]["pool"] == 8
-    factors = {round(i.scale / made["size"] ** 3, 9) for i in first.best.items}
+    evolved = first.best.provenance
+    assert evolved.seed == 7 and 0.75 <= evolved.size <= 1 and evolved.settings.pool == 8
+    factors = {round(i.scale / evolved.size**3, 9) for i in first.best.items}
     assert factors <= {0.25, 0.5, 1.0, 2.0, 4.0}
 
 

@@ -20,7 +20,8 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.packs import OutsideItem, Pack, dataset_file, read_packs, write_packs
+from packit_sim.datasets.packs import ItemRecord, Pack, dataset_file, read_packs, write_packs
+from packit_sim.datasets.provenance import Other, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.explorer import panels
 from packit_sim.explorer.collection import PackCollection
@@ -57,24 +58,16 @@ def result(pack: Pack, library: ShapeLibrary, number: int, kept: int, agent: str
     task = pack.task(library)
     items = pack.items[:kept]
     volume = sum(library[i.shape].volume * i.scale for i in items)
-    left = replace(
-        pack,
-        items=items,
-        density=volume,
-        made={
-            "results": 1,
-            "by": agent,
-            "task": number,
-            "task_digest": task.digest,
-            "seed": 0,
-            "easy": False,
-            "kinematic": False,
-            "return": volume / task.volume,
-            "end": str(End.NO_LOCATION),
-        },
+    played = Played(
+        agent=agent,
+        task=number,
+        task_digest=task.digest,
+        seed=0,
+        total=volume / task.volume,
+        end=str(End.NO_LOCATION),
+        seconds=1.0,
     )
-    told = {**left.made, "seconds": 1.0}
-    return Rollout.from_pack(replace(left, made=told)).to_pack()
+    return Rollout(replace(pack, items=items, density=volume, provenance=played)).pack
 
 
 @pytest.fixture(name="explorer")
@@ -299,7 +292,7 @@ def test_tasks_that_were_not_played_are_refused(packs: list[Pack], library: Shap
 def test_a_pack_that_cant_be_shown_is_told_and_the_page_goes_on(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
-    broken = replace(packs[1], outside=(OutsideItem("no-such-shape", 1.0),))
+    broken = replace(packs[1], outside=(ItemRecord("no-such-shape", 1.0),))
     with Explorer(PackCollection([packs[0], broken], library)) as explorer:
         explorer.controls._switch_pack(1)
         explorer.wait()
@@ -318,7 +311,7 @@ def test_an_empty_box_and_one_without_neighbours_are_shown(
 
 
 def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:
-    pack = replace(packs[0], made={"by": "<script>alert(1)</script>"})
+    pack = replace(packs[0], provenance=Other(author="<script>alert(1)</script>"))
     exhibit = PackCollection([pack], library)[0]
     assert "<script" not in panels.facts(exhibit)
     assert "&lt;b" in panels.legend(ColorKey("", (("<b>", PALETTE[0]),)))
@@ -472,6 +465,6 @@ def test_a_busy_port_is_told(packit) -> None:
 def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) -> None:
     path = tmp_path / "results.jsonl"
     write_packs(path, [result(packs[0], library, 0, 5, "a/b/c")])
-    assert json.loads(path.read_text())["made"]["by"] == "a/b/c"
+    assert json.loads(path.read_text())["provenance"]["agent"] == "a/b/c"
     process = packit(str(path), "--tasks", "starter", "--beside", "1")
     assert "results.jsonl is shown at" in process.stdout.readline()

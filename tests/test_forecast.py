@@ -2,8 +2,9 @@
 
 import pytest
 
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.datasets.provenance import UNKNOWN, Evolved
 from packit_sim.generation.jobs import Progress
 from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, told
 
@@ -11,9 +12,13 @@ SETTINGS = EvolutionSettings(generations=99, patience=20)
 """An evolution has 100 generations, the first included, or ends 20 after its best."""
 
 
-def pack(generation: object) -> Pack:
-    made = {"generation": generation}
-    return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), (), 0.0, made)
+def pack(generation: int | None) -> Pack:
+    provenance = (
+        UNKNOWN
+        if generation is None
+        else Evolved(seed=0, generation=generation, size=1.0, settings=SETTINGS)
+    )
+    return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), (), 0.0, provenance)
 
 
 def at(*generations: int) -> list[Progress]:
@@ -63,8 +68,8 @@ def test_a_checkpoint_of_a_finished_pack_is_let_be() -> None:
     assert forecast.seconds_left(at(90), 10.0) == 0
 
 
-def test_packs_that_tell_no_generation_count_as_the_longest() -> None:
-    forecast = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack("?")})
+def test_packs_without_a_recorded_generation_count_as_the_longest() -> None:
+    forecast = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack(None)})
     assert forecast.seconds_left([Progress(1, 49, 0.4)], 50.0) == pytest.approx(50)
 
 

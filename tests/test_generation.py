@@ -17,9 +17,9 @@ import trimesh
 import packit_sim.libraries.library
 from packit_sim.core.errors import BusyError, LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack, load_tasks, read_packs, verify
 from packit_sim.generation import jobs
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.generation.jobs import (
     GenerationError,
     GenerationJob,
@@ -62,7 +62,7 @@ def test_a_dataset_holds_its_packs_by_seed_and_nothing_else_is_left(
             order(library), tmp_path / "train.jsonl", workers, lambda *told: seen.append(told)
         )
     assert made == undisturbed == read_packs(tmp_path / "train.jsonl")
-    assert [pack.made["seed"] for pack in made] == [40, 41, 42]
+    assert [pack.provenance.seed for pack in made] == [40, 41, 42]
     assert sorted(number for number, _ in seen) == [0, 1, 2]
     assert all(verify(pack, library) == [] for pack in made)
     assert {item.shape for pack in made for item in pack.items} <= set(library.ids)
@@ -82,10 +82,10 @@ def test_more_packs_are_added_to_those_there_are(library, undisturbed, tmp_path)
 
 def test_the_way_can_be_kept(library, tmp_path) -> None:
     packs = generate(order(library, 2, history=True), tmp_path / "train.jsonl")
-    assert [(pack.made["seed"], pack.made["after"]) for pack in packs] == [
+    assert [(pack.provenance.seed, pack.provenance.after) for pack in packs] == [
         (seed, after) for seed in (40, 41) for after in (0, 2, 4, 6)
     ]
-    assert all(pack.made["generation"] <= pack.made["after"] for pack in packs)
+    assert all(pack.provenance.generation <= pack.provenance.after for pack in packs)
     with pytest.raises(GenerationError, match="other settings"):
         generate(order(library, 2), tmp_path / "train.jsonl")
 

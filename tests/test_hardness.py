@@ -2,17 +2,20 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from PIL import Image
 from typer.testing import CliRunner
 
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackItError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem, read_packs
-from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.paper import hardness
@@ -23,9 +26,9 @@ SMALL = EvolutionSettings(
 
 
 def pack(seed: int, after: int, density: float) -> Pack:
-    made = {"seed": seed, "after": after}
+    evolved = Evolved(seed=seed, generation=0, size=1.0, settings=SMALL, after=after)
     items = (PackedItem("cube", density, 0, (0, 0, 0)),)
-    return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), items, density, made)
+    return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), items, density, evolved)
 
 
 def test_an_evolution_that_ended_goes_on_counting_by_its_last_pack() -> None:
@@ -47,8 +50,9 @@ def test_an_evolution_that_ended_goes_on_counting_by_its_last_pack() -> None:
 
 
 def test_packs_without_a_history_are_refused() -> None:
-    single = Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), (), 0.0, {"seed": 3})
-    with pytest.raises(PackItError, match=r"dataset, pack 1 tells no generation .* --history"):
+    best = pack(3, 0, 0.2)
+    single = replace(best, provenance=structs.replace(best.provenance, after=None))
+    with pytest.raises(PackItError, match=r"dataset, pack 1 records no generation .* --history"):
         hardness.kept([pack(0, 0, 0.2), single], Path("dataset"))
 
 
@@ -69,7 +73,7 @@ def test_a_history_becomes_a_table_a_json_and_a_picture(dataset: Path, tmp_path:
     told = json.loads((tmp_path / "new" / "evolution.json").read_text())
     assert told["settings"] == SMALL.to_json()
     under_way = {p["generation"]: p["under_way"] for p in told["points"]}
-    after = Counter(p.made["after"] for p in read_packs(dataset / "test.jsonl"))
+    after = Counter(p.provenance.after for p in read_packs(dataset / "test.jsonl"))
     assert under_way == after and under_way[0] == 3
     densities = [point["density"]["mean"] for point in told["points"]]
     assert densities == sorted(densities)

@@ -46,7 +46,7 @@ def judged(played) -> list[Rollout]:
 
 
 def told(one: Rollout) -> dict[str, float]:
-    return {name: one.pack.made[name] for name in SCORES}
+    return {name: one.played.scores[name] for name in SCORES}
 
 
 def test_cubes_by_hand() -> None:
@@ -151,7 +151,7 @@ def test_evaluate_tells_scores_and_keeps_them(played, tmp_path, monkeypatch) -> 
     shown = packit("evaluate", *common, "--scores", "--pieces", "bisection")
     heading = re.compile(r"density +reward +stable +insertable +floating")
     assert heading.search(shown) and "boxes of 2 tasks" in shown
-    mean = sum(one.pack.made["stable"] for one in read_results(file)) / 2
+    mean = sum(one.played.scores["stable"] for one in read_results(file)) / 2
     assert f"{mean:.3f}" in shown.partition("insertable")[2]
     before = file.read_bytes()
     monkeypatch.setattr(judging, "_judged", None)
@@ -181,6 +181,6 @@ def test_a_report_has_a_column_for_each(played, judged, tmp_path) -> None:
     for name, meaning in SCORES.items():
         n, told_as = shown[name]
         assert told_as == meaning
-        mean = sum(one.pack.made[name] for one in judged[:2]) / 2
+        mean = sum(one.played.scores[name] for one in judged[:2]) / 2
         assert [row[n].text for row in table.rows] == [f"{mean:.3f}", ""]
     assert "pieces" not in shown

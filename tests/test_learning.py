@@ -30,7 +30,7 @@ from packit_agents.learning.training_settings import TrainingSettings, read_sett
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, load_tasks, write_packs
+from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, load_tasks, write_packs
 from packit_sim.engine import feasibility
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
@@ -448,7 +448,7 @@ def short_packs(library, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "packs.jsonl"
     ids, ref = library.ids, LibraryRef.of(library)
     scales = (0.02, 0.05, 0.1, 0.2)
-    items = [OutsideItem(shape, scales[n % 4]) for n, shape in enumerate(ids[:: len(ids) // 12])]
+    items = [ItemRecord(shape, scales[n % 4]) for n, shape in enumerate(ids[:: len(ids) // 12])]
     write_packs(
         path, [Pack(ref, BOX_CELLS, (), 0.0, outside=tuple(items[n : n + 4])) for n in (0, 4, 8)]
     )
@@ -522,7 +522,7 @@ def test_a_training_that_was_killed_resumes_exactly(
 def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings:
     """Settings of a short training on a single task of cubes."""
     creation.box((1, 1, 1)).export(folder / "cube.stl")
-    items = tuple(OutsideItem("cube", cube_of(side).scale) for side in sides)
+    items = tuple(ItemRecord("cube", cube_of(side).scale) for side in sides)
     pack = Pack(LibraryRef.of(ShapeLibrary.open(folder)), cells, (), 0.0, outside=items)
     write_packs(folder / "cubes.jsonl", [pack])
     return replace(

@@ -16,6 +16,7 @@ from trimesh import creation
 
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.original import Original, read_original
+from packit_sim.datasets.provenance import FromOriginal
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.evaluation import play
 from packit_sim.game.agents import Agent
@@ -91,15 +92,9 @@ def test_a_pack_becomes_a_task_that_says_where_it_is_from(read, library) -> None
     assert all(item.rotation == 0 for item in task.items)
     assert task.solution == () and task.pack.items == () and task.cells == (100, 100, 100)
     assert task.pack.library.digest == library.digest
-    assert task.pack.made == {
-        "by": "the original PackIt",
-        "file": "0_te",
-        "pack": 1,
-        "efficiency": 0.4,
-        "shape_scale": 0.8,
-        "rotations": [0, 0, 0],
-        "left_out": 0,
-    }
+    assert task.pack.provenance == FromOriginal(
+        file="0_te", pack=1, efficiency=0.4, shape_scale=0.8, rotations=(0, 0, 0), left_out=0
+    )
     assert original.report() == "2 packs: 2 whole; 0 items without a shape"
 
 
@@ -111,7 +106,7 @@ def test_the_scale_is_the_cube_of_the_recorded_factor(read) -> None:
     assert np.linalg.norm(item.extents) == pytest.approx(1.2699208)
     del recorded["shapeScale"]  # the factor is complete without it
     task = read(recorded).tasks[0]
-    assert task.items == (item,) and task.pack.made["shape_scale"] is None
+    assert task.items == (item,) and task.pack.provenance.shape_scale is None
 
 
 @pytest.mark.parametrize(
@@ -125,7 +120,9 @@ def test_the_scale_is_the_cube_of_the_recorded_factor(read) -> None:
     ],
 )
 def test_rotations_by_hand(read, quaternion, rotation) -> None:
-    assert read(pack(f"{MUG}/mug0", turn=quaternion)).tasks[0].pack.made["rotations"] == [rotation]
+    assert read(pack(f"{MUG}/mug0", turn=quaternion)).tasks[0].pack.provenance.rotations == (
+        rotation,
+    )
 
 
 def test_the_24_rotations_of_their_table_are_ours(read) -> None:
@@ -139,7 +136,7 @@ def test_the_24_rotations_of_their_table_are_ours(read) -> None:
         for quaternion, turn in turns:
             q, matrix = product(quaternion, q), turn @ matrix
         task = read(pack(f"{MUG}/mug2", turn=tuple(np.round(q, 7).tolist()))).tasks[0]
-        (rotation,) = task.pack.made["rotations"]
+        (rotation,) = task.pack.provenance.rotations
         x, y, z = np.abs(matrix) @ extents
         assert task.items[0].turned(rotation).extents == pytest.approx((x, z, y))
         found.add(rotation)
@@ -169,7 +166,7 @@ def test_rotations_stand_in_the_order_of_the_tasks_items(read) -> None:
     recorded["rotations"][1] = {"x": 0, "y": HALF, "z": 0, "w": HALF}
     task = read(recorded).tasks[0]
     assert task.items[0].shape.id == "chair/chair"
-    assert task.pack.made["rotations"] == [3, 0, 0]
+    assert task.pack.provenance.rotations == (3, 0, 0)
 
 
 def test_tasks_can_be_played(read) -> None:
@@ -222,7 +219,7 @@ def test_a_name_in_another_case_is_found_and_the_exact_one_comes_first(read) -> 
 def test_a_source_without_a_shape_is_told_and_its_pack_left_out(read, source, reason) -> None:
     bad = pack(f"{MUG}/mug1", source)
     original = read(GOOD, bad)
-    assert [task.pack.made["pack"] for task in original.tasks] == [0]
+    assert [task.pack.provenance.pack for task in original.tasks] == [0]
     (unresolved,) = original.unresolved
     assert (unresolved.file, unresolved.pack, unresolved.item) == ("0_te", 1, 1)
     assert unresolved.source == bad["sources"][1] and reason in unresolved.reason
@@ -243,7 +240,7 @@ def test_a_pack_can_be_kept_without_them(read) -> None:
     original = read(pack(f"{CHAIR}/throne", f"{MUG}/mug1"), pack("1/2"), GOOD, partial=True)
     whole, part = original.tasks[1], original.tasks[0]
     assert [item.shape.id for item in part.items] == ["mug/mug1"]
-    assert part.pack.made["left_out"] == 1 and whole.pack.made["left_out"] == 0
+    assert part.pack.provenance.left_out == 1 and whole.pack.provenance.left_out == 0
     assert original.report().startswith(
         "3 packs: 1 whole, 1 without some of their items, 1 left out; 2 items without a shape\n"
     )
@@ -261,7 +258,7 @@ def test_the_files_of_a_folder_are_read_by_their_numbers(library, tmp_path) -> N
     (tmp_path / "0_te_log").write_text("Generation: 1 Efficiency: 0.1")
     (tmp_path / ".hidden").write_text("nothing")
     original = read_original(tmp_path, library)
-    assert [task.pack.made["file"] for task in original.tasks] == ["0_te", "2_te", "10_te"]
+    assert [task.pack.provenance.file for task in original.tasks] == ["0_te", "2_te", "10_te"]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from packit_sim.datasets.packs import (
     verify,
     write_packs,
 )
+from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -37,7 +38,7 @@ def pack(library: ShapeLibrary) -> Pack:
         location = box.blbf(item)
         assert location is not None
         box.place(item, location)
-    return Pack.of(box, LibraryRef.of(library), by="a test", seed=3)
+    return Pack.of(box, LibraryRef.of(library), Other(author="a test", notes="seed 3"))
 
 
 def test_reading_back_is_the_identity(pack, tmp_path) -> None:
@@ -53,7 +54,7 @@ def test_reading_back_is_the_identity(pack, tmp_path) -> None:
 
 def test_replay_reproduces_the_pack(pack, library) -> None:
     box = pack.replay(library)
-    assert Pack.of(box, LibraryRef.of(library), **pack.made) == pack
+    assert Pack.of(box, LibraryRef.of(library), pack.provenance) == pack
     assert verify(pack, library) == []
 
 
@@ -67,7 +68,7 @@ def test_a_task_holds_the_items_outside_in_canonical_orientation(pack, library) 
     box = Box(task.cells)
     for index, rotation, location in task.solution:
         box.place(Item(task.items[index].shape, task.items[index].scale, rotation), location)
-    assert Pack.of(box, pack.library, **pack.made) == pack
+    assert Pack.of(box, pack.library, pack.provenance) == pack
 
 
 def _tampered(pack: Pack, **changes) -> Pack:
@@ -115,24 +116,27 @@ def _without(line: str, key: str) -> str:
     ("broken", "message"),
     [
         (lambda line: line[:-20], "not JSON"),
-        (lambda line: "[]", "a pack is a JSON object, not list"),
-        (lambda line: line.replace('"format":1', '"format":99'), "'format' is 99: .* reads 1"),
+        (lambda line: "[]", "a pack must be a JSON object, not list"),
+        (
+            lambda line: line.replace('"format":2', '"format":99'),
+            "'format' is 99: .* reads 1 and 2",
+        ),
         (lambda line: _without(line, "density"), "'density' is missing"),
         (lambda line: _without(line, "library"), "'library' is missing"),
         (lambda line: line.replace('"scale":', '"size":', 1), r"'items\[0\].scale' is missing"),
         (
             lambda line: line.replace('"rotation":', '"rotation":9', 1),
-            r"rotation' is 9\d+: .* 0 to 23",
+            r"rotation' is 9\d+: expected int <= 23",
         ),
         (
             lambda line: line.replace('"rotation":', '"rotation":true,"r":', 1),
-            "must be of type int",
+            "expected int, got bool",
         ),
         (lambda line: line.replace('"location":[', '"location":[77,', 1), r"items\[0\].location"),
         (lambda line: line.replace('"cells":[100,', '"cells":[99,'), "'cells': .* multiple of 4"),
-        (lambda line: line.replace('"scale":0', '"scale":-0', 1), "more than 0"),
-        (lambda line: line.replace('"density":', '"density":NaN,"d":'), "NaN is no number"),
-        (lambda line: line.replace('"scale":', '"scale":1e999,"s":', 1), "more than 0"),
+        (lambda line: line.replace('"scale":0', '"scale":-0', 1), "expected float > 0"),
+        (lambda line: line.replace('"density":', '"density":NaN,"d":'), "not JSON"),
+        (lambda line: line.replace('"scale":', '"scale":1e999,"s":', 1), "number out of range"),
         (lambda line: "\xff\xfe", "not JSON"),
     ],
 )

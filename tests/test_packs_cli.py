@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from PIL import Image
 from trimesh import creation
 from typer.testing import CliRunner, Result
@@ -17,6 +18,7 @@ from typer.testing import CliRunner, Result
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError, PackItError
 from packit_sim.datasets import datasheet
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.original import read_original
 from packit_sim.datasets.packs import (
     LibraryRef,
@@ -26,8 +28,8 @@ from packit_sim.datasets.packs import (
     read_packs,
     write_packs,
 )
+from packit_sim.datasets.provenance import UNKNOWN, Evolved, Other, Provenance
 from packit_sim.datasets.statistics import DatasetStatistics, dataset_files, take
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render.plots import COLORS, MissingMatplotlibError
@@ -72,11 +74,13 @@ def blocks(tmp_path_factory: pytest.TempPathFactory) -> ShapeLibrary:
     return ShapeLibrary.open(f"folder:{folder}")
 
 
-def made(library: ShapeLibrary, *items: tuple[str, float, int], **told: object) -> Pack:
+def made(
+    library: ShapeLibrary, *items: tuple[str, float, int], provenance: Provenance = UNKNOWN
+) -> Pack:
     """A pack of items (shape, scale, rotation), all of them somewhere."""
     placed = tuple(PackedItem(*item, (0, 0, 0)) for item in items)
     density = sum(library[shape].volume * scale for shape, scale, _ in items)
-    return Pack(LibraryRef.of(library), (100, 100, 100), placed, density, told)
+    return Pack(LibraryRef.of(library), (100, 100, 100), placed, density, provenance)
 
 
 @pytest.fixture(scope="module")
@@ -89,13 +93,14 @@ def counted(blocks: ShapeLibrary, tmp_path_factory: pytest.TempPathFactory) -> P
             ("toy/cube", 0.125, 0),
             ("brick", 0.25, 5),
             ("toy/cube", 0.03125, 23),
-            generation=4,
-            size=0.5,
+            provenance=Evolved(seed=0, generation=4, size=0.5, settings=SMALL),
         ),
-        made(blocks, ("toy/cube", 0.216, 1), generation=10, size=0.6),
         made(
-            blocks, *[("brick", 1.0, 0), ("toy/dice", 1.0, 3)], generation="unknown", size="large"
+            blocks,
+            ("toy/cube", 0.216, 1),
+            provenance=Evolved(seed=1, generation=10, size=0.6, settings=SMALL),
         ),
+        made(blocks, ("brick", 1.0, 0), ("toy/dice", 1.0, 3), provenance=Other(author="hand")),
     ]
     write_packs(folder / "train.jsonl", train)
     write_packs(folder / "test.jsonl", [made(blocks, ("brick", 0.5, 7))])
@@ -271,11 +276,16 @@ def test_what_has_no_command_says_so(evolved: Path) -> None:
     one = replace(part, packs=part.packs[1:])
     assert "--packs 1 --seed 8" in (one.command("everyday", "x") or "")
     assert "--library 'shapenet:a b'" in (one.command("shapenet:a b", "x") or "")
-    elite = {**part.packs[0].made["settings"], "elite": 3}
-    for change in ({"seed": 9}, {"by": "hand"}, {"settings": elite}):
-        other = [replace(pack, made={**pack.made, **change}) for pack in part.packs[1:]]
-        assert replace(part, packs=[part.packs[0], *other]).command("everyday", "x") is None
-    kept = [replace(pack, made={**pack.made, "after": 2}) for pack in part.packs]
+    first, second = (pack.provenance for pack in part.packs)
+    elite = replace(first.settings, elite=3)
+    for other in (
+        structs.replace(second, seed=9),
+        Other(author="hand"),
+        structs.replace(second, settings=elite),
+    ):
+        changed = [part.packs[0], replace(part.packs[1], provenance=other)]
+        assert replace(part, packs=changed).command("everyday", "x") is None
+    kept = [replace(p, provenance=structs.replace(p.provenance, after=2)) for p in part.packs]
     assert "--history --out" in (replace(part, packs=kept).command("everyday", "x") or "")
 
 

@@ -14,24 +14,28 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from msgspec import structs
 from trimesh import creation, transformations
 
 from packit_sim import Agent
-from packit_sim.core.errors import InfeasibleError
-from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.core.errors import InfeasibleError, PackFormatError
+from packit_sim.datasets.packs import LibraryRef, Pack, Task, verify
+from packit_sim.datasets.verification import verify_dataset
 from packit_sim.engine import bodies
 from packit_sim.engine.feasibility import first
 from packit_sim.envs.env import PackItEnv
-from packit_sim.evaluation.results import ResultsError, Rollout
+from packit_sim.evaluation.results import Rollout, read_results, write_results
 from packit_sim.game.episode import End, Episode
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries import stored
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import Lying, SettlingBox
 from packit_sim.rules import PACKIT
 from packit_sim.viewer.viewer import Viewer
-from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, cube_of
+from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of
 
 SETTINGS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
 CELLS: Triple = (40, 40, 40)
@@ -321,10 +325,39 @@ def test_what_is_not_possible_is_said() -> None:
         env_of(cube_of(10), kinematic=True)
     with pytest.raises(ValueError, match="friction -1 is not possible"):
         gym.make("PackItPhysics-v0", physics=PhysicsSettings(friction=-1))
-    episode = Episode(task_of(cube_of(10)), box=SettlingBox(CELLS, SETTINGS))
+
+
+def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
+    path = tmp_path / "zoo"
+    stored.write(path, "zoo", "1", [stored.entry(shape) for shape in ZOO])
+    library = ShapeLibrary.open(path)
+    items = (
+        Item(library["ball"], 0.05),
+        Item(library["cube"], 0.02, 5),
+        Item(library["ring"], 0.05),
+    )
+    truth = Pack(LibraryRef.of(library), CELLS, (), 0.0)
+    episode = Episode(Task(items, truth, ()), box=SettlingBox(CELLS, SETTINGS))
     Agent.from_name("largest-first/aligned/blbf").play(episode, np.random.default_rng(0))
-    with pytest.raises(ResultsError, match="SettlingBox can't be told as a pack"):
-        Rollout.of(episode, "someone", 0, 0, PACKIT, 0.0)
+    rollout = Rollout.of(episode, "someone", 0, 0, PACKIT, 0.0)
+    write_results(tmp_path / "results.jsonl", [rollout])
+    (read,) = read_results(tmp_path / "results.jsonl")
+    assert read == rollout and not read.pack.is_on_grid
+    assert read.pack.density == episode.box.density
+    for before, after in zip(episode.box.placed, read.pack.placed(library), strict=True):
+        assert after.item == before.item
+        assert after.pose == pytest.approx(before.pose, abs=1e-12)
+    report = verify_dataset(tmp_path / "results.jsonl", library)
+    assert report.holds and report.settled == len(items)
+    assert "3 items that settled" in report.not_judged
+    with pytest.raises(PackFormatError, match="3 of the pack's 3 items settled off the grid"):
+        read.pack.replay(library)
+    assert read.pack.task(library).solution == ()
+    ball = read.pack.items[0]
+    sunk = structs.replace(ball, pose=structs.replace(ball.pose, position=(0.2, 0.2, -0.1)))
+    broken = replace(read.pack, items=(sunk, *read.pack.items[1:]))
+    assert "item 0 ('ball') is not inside the box" in verify(broken, library)[0]
+    assert "density is recorded" in verify(replace(read.pack, density=0.5), library)[0]
 
 
 def test_rewards_add_up_to_what_counts() -> None:

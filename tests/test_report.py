@@ -79,8 +79,10 @@ def test_agents_without_a_task_in_common_are_not_compared(tmp_path) -> None:
 
 def test_whatever_else_results_tell_in_numbers_is_a_column(tmp_path) -> None:
     file = tmp_path / "scored.jsonl"
-    scored = [rollout("a/b/c", n, 3, stable=share, note="x") for n, share in enumerate((0.25, 0.5))]
-    halves = [rollout("d/e/f", 0, 3, stable=1.0), rollout("d/e/f", 1, 3)]
+    scored = [
+        rollout("a/b/c", n, 3, scores={"stable": share}) for n, share in enumerate((0.25, 0.5))
+    ]
+    halves = [rollout("d/e/f", 0, 3, scores={"stable": 1.0}), rollout("d/e/f", 1, 3)]
     write_results(file, [*scored, *halves])
     played = Runs.read([file]).played
     table = tables.more_scores(played)

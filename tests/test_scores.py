@@ -13,6 +13,7 @@ from packit_sim import Pack, ShapeLibrary, write_packs
 from packit_sim.box import Box
 from packit_sim.cli.app import app
 from packit_sim.datasets.packs import LibraryRef
+from packit_sim.datasets.provenance import Other, Played
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.quality import QualityScores, pack_quality
@@ -50,9 +51,10 @@ def test_the_command_judges_what_agents_packed(tmp_path: Path) -> None:
     box = Box()
     for id in library.ids[:2]:
         box.fill(Item(library[id], 0.1))
+    mine = Played(agent="mine", task=0, task_digest="", seed=0, total=0.75, end="no room")
     packs = [
-        Pack.of(box, LibraryRef.of(library), by="mine", **{"return": 0.75}),
-        Pack.of(box, LibraryRef.of(library), by="yours"),
+        Pack.of(box, LibraryRef.of(library), mine),
+        Pack.of(box, LibraryRef.of(library), Other(author="yours")),
     ]
     write_packs(tmp_path / "packs.jsonl", packs)
     out = tmp_path / "scores.json"

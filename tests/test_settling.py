@@ -22,8 +22,8 @@ from packit_sim.physics import settling, world
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.penetration import penetrations, wall_penetrations
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
-from packit_sim.physics.settling import INSIDE, Settled, settle, settle_each
+from packit_sim.physics.settings import INSIDE, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settling import Settled, settle, settle_each
 from packit_sim.physics.stability import stability
 from packit_sim.physics.world import World
 from packit_sim.render.layouts import Layout

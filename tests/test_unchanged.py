@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack, load_tasks, read_packs
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.judging import is_judged
 from packit_sim.evaluation.results import Rollout, read_results
 from packit_sim.game.agents import Agent
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.generation.evolution import Evolution
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 

@@ -13,6 +13,7 @@ from trimesh import creation
 
 from packit_sim import EvolutionSettings, evolve
 from packit_sim.box import Box
+from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.packings import verify_packing, winding_number
 from packit_sim.datasets.packs import (
@@ -23,6 +24,7 @@ from packit_sim.datasets.packs import (
     read_packs,
     write_packs,
 )
+from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.engine import feasibility
 from packit_sim.geometry.shapes import Item
@@ -79,14 +81,9 @@ def _filled(library: ShapeLibrary, split: str, seed: int, size: float) -> Pack:
         location = box.blbf(item)
         assert location is not None
         box.place(item, location)
-    settings = {
-        "pool": 4,
-        "scales": (0.25, 0.5, 1, 2, 4),
-        "size_range": (0.4, 0.5),
-        "cells": box.cells,
-    }
-    made = {"by": "evolution", "seed": seed, "generation": 0, "size": size, "settings": settings}
-    return Pack.of(box, LibraryRef.of(library), **made)
+    settings = EvolutionSettings(pool=4, size_range=(0.4, 0.5))
+    evolved = Evolved(seed=seed, generation=0, size=size, settings=settings)
+    return Pack.of(box, LibraryRef.of(library), evolved)
 
 
 def _written(folder: Path, files: Files) -> Path:
@@ -101,7 +98,7 @@ def _write(path: Path, packs: list[Raw]) -> None:
     path.write_text("".join(json.dumps(pack) + "\n" for pack in packs))
     libraries = {json.dumps(pack["library"]): pack["library"] for pack in packs}
     manifest = {
-        "format": 1,
+        "format": 2,
         "version": "0",
         "packs": len(packs),
         "sha256": "",
@@ -166,9 +163,8 @@ def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_p
         if len(locations):
             places.append(feasibility.first(feasibility.oracle(box, item)))
             box.place(item, rng.choice(locations))
-    write_packs(
-        tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library), by="evolution", seed=0)]
-    )
+    evolved = Evolved(seed=0, generation=0, size=1.0, settings=EvolutionSettings(cells=box.cells))
+    write_packs(tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library), evolved)])
     told = _told(verify_dataset(tmp_path, library))
     for n, (placed, first) in enumerate(zip(box.placed, places, strict=True)):
         wrong = f"item {n} ({placed.item.shape.id!r}) stands at {placed.location}, but"
@@ -180,10 +176,12 @@ def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_p
 
 def test_kept_packs_of_a_seed_and_attempts_at_a_task_may_be_alike(packs, library, tmp_path) -> None:
     raw = json.loads(packs["train"][0].to_json())
-    kept = [{**raw, "made": {**raw["made"], "after": after}} for after in (0, 50)]
+    kept = [{**raw, "provenance": {**raw["provenance"], "after": after}} for after in (0, 50)]
     _write(tmp_path / "kept.jsonl", kept)
     assert verify_dataset(tmp_path / "kept.jsonl", library).holds
-    played = [{**raw, "made": {"by": agent, "seed": 0, "task": 3}} for agent in ("one", "two")]
+    fields = {"task": 3, "task_digest": "", "seed": 0, "total": 0.5, "end": "no room"}
+    rollouts = [Played(agent=agent, **fields) for agent in ("one", "two")]
+    played = [{**raw, "provenance": typed_json.builtins(one)} for one in rollouts]
     _write(tmp_path / "played.jsonl", played)
     assert verify_dataset(tmp_path / "played.jsonl", library).holds
 
@@ -214,12 +212,12 @@ def swap(split: str, one: int, other: int) -> Change:
     return change
 
 
-def repeat(split: str, to: str, **made: Any) -> Change:
+def repeat(split: str, to: str, **changes: Any) -> Change:
     """Writes a split's first pack once more at the end of a split."""
 
     def change(files: Files) -> None:
         again = copy.deepcopy(files[split][0])
-        again["made"].update(made)
+        again["provenance"].update(changes)
         files[to].append(again)
 
     return change
@@ -229,7 +227,7 @@ def reversed_twin(files: Files) -> None:
     """The first pack once more, by somebody else, its items the other way round."""
     twin = copy.deepcopy(files["train"][0])
     twin["items"].reverse()
-    twin["made"] = {"by": "somebody"}
+    twin["provenance"] = {"kind": "other", "author": "somebody"}
     files["train"].append(twin)
 
 
@@ -275,22 +273,34 @@ TAMPERED: dict[str, tuple[Change, str]] = {
     ),
     "at a scale of no settings": (
         put("test", 0, "items.2.scale", lambda scale: 1.001 * scale),
-        r"item 2 \('plate'\) has scale .* none of its settings' \[0.25, 0.5, 1, 2, 4\] at size 0.5",
+        r"item 2 \('plate'\) has scale .* its settings' \[0.25, 0.5, 1.0, 2.0, 4.0\] at size 0.5",
     ),
-    "a giant": (put("train", 0, "items.0.scale", 1e60), r"items\[0\].scale.*1e\+60.*at most"),
+    "a giant": (
+        put("train", 0, "items.0.scale", 1e60),
+        r"items\[0\].scale.*1e\+60: expected float <= 697",
+    ),
     "a speck": (put("train", 0, "items.0.scale", 1e-300), r"item 0 .* none of its settings'"),
     "turned": (
         put("test", 1, "items.2.rotation", lambda rotation: (rotation + 8) % 24),
         r"test.jsonl, pack 1: item 2 \('plate'\)",
     ),
-    "a negative scale": (put("train", 1, "items.0.scale", -0.5), "line 2: .*scale.*more than 0"),
-    "a scale in words": (put("train", 1, "items.0.scale", "1"), r"items\[0\].scale.*type float"),
-    "rotation 24": (put("train", 0, "items.0.rotation", 24), "line 1: .*rotation.*0 to 23"),
+    "a negative scale": (
+        put("train", 1, "items.0.scale", -0.5),
+        "line 2: .*scale.*expected float > 0",
+    ),
+    "a scale in words": (
+        put("train", 1, "items.0.scale", "1"),
+        r"items\[0\].scale' is '1': expected float",
+    ),
+    "rotation 24": (
+        put("train", 0, "items.0.rotation", 24),
+        "line 1: .*rotation.*expected int <= 23",
+    ),
     "a location off the grid": (
         put("train", 0, "items.0.location", [0, 25, 0]),
         "outside the grid",
     ),
-    "a location between nodes": (put("train", 0, "items.0.location", [0, 0.5, 0]), "whole numbers"),
+    "a location between nodes": (put("train", 0, "items.0.location", [0, 0.5, 0]), "expected int"),
     "an unknown shape": (put("train", 0, "items.0.shape", "zebra"), "no shape 'zebra' in library"),
     "a shape of another split": (
         put("train", 0, "items.0.shape", "tilted-cube"),
@@ -304,7 +314,7 @@ TAMPERED: dict[str, tuple[Change, str]] = {
         r"\[100, 100, 104\] cells, its settings say \[100, 100, 100\]",
     ),
     "cells of no box": (put("test", 0, "cells", [100, 100, 102]), "'cells'.*multiple of 4"),
-    "another format": (put("test", 0, "format", 2), "test.jsonl, pack 0: line 1: .*'format' is 2"),
+    "another format": (put("test", 0, "format", 3), "test.jsonl, pack 0: line 1: .*'format' is 3"),
     "an item removed": (
         lambda files: files["train"][0]["items"].pop(0),
         "density is recorded as",
@@ -320,7 +330,7 @@ TAMPERED: dict[str, tuple[Change, str]] = {
         put("test", 0, "density", lambda density: density + 1e-6),
         "test.jsonl, pack 0: density is recorded as",
     ),
-    "density as text": (put("test", 0, "density", "0.5"), "'density' is '0.5'.*type float"),
+    "density as text": (put("test", 0, "density", "0.5"), "'density' is '0.5'.*expected float"),
     "the same pack twice": (repeat("train", "train", seed=7), "pack 2: .* the same as pack 0"),
     "the same pack the other way round": (reversed_twin, "pack 2: it is the same as pack 0"),
     "the same pack in two splits": (
@@ -328,24 +338,58 @@ TAMPERED: dict[str, tuple[Change, str]] = {
         "train.jsonl, pack 0: it is the same as pack 2 of test.jsonl",
     ),
     "the same seed twice": (
-        put("train", 1, "made.seed", 0),
+        put("train", 1, "provenance.seed", 0),
         "pack 1: its seed 0 is that of pack 0",
     ),
-    "a seed in words": (put("train", 1, "made.seed", "one"), "'made.seed' is 'one'.*whole number"),
-    "no seed": (lambda files: files["train"][1]["made"].pop("seed"), "'made.seed' is None"),
-    "settings in words": (put("train", 0, "made.settings", "usual"), "'made.settings' is 'usual'"),
-    "a pool in words": (put("train", 0, "made.settings.pool", "50"), "settings.pool' is '50'"),
-    "scales in words": (put("train", 0, "made.settings.scales", [1, "2"]), "scales' is .*above 0"),
-    "no size": (lambda files: files["train"][0]["made"].pop("size"), "none of .* at size 1.0"),
-    "an infinite size": (put("train", 0, "made.size", 10**400), "'made.size' is 1.*more than 0"),
-    "a size out of range": (put("train", 0, "made.settings.size_range", [0.1, 0.2]), "size 0.5 is"),
-    "a range of sizes in words": (
-        put("train", 0, "made.settings.size_range", "all"),
-        "two numbers",
+    "a seed in words": (
+        put("train", 1, "provenance.seed", "one"),
+        "'provenance.seed' is 'one': expected int",
     ),
-    "told to be of another split": (put("train", 0, "made.split", "test"), "of several splits"),
-    "told to be of no split": (put("train", 0, "made.split", "dev"), "told to be of split 'dev'"),
-    "a record in words": (put("train", 0, "made", []), "'made' is .*type dict"),
+    "a seed that is a bool": (put("train", 1, "provenance.seed", True), "seed' is True: .*int"),
+    "no seed": (
+        lambda files: files["train"][1]["provenance"].pop("seed"),
+        "'provenance.seed' is missing",
+    ),
+    "settings in words": (
+        put("train", 0, "provenance.settings", "usual"),
+        "'provenance.settings' is 'usual': expected object",
+    ),
+    "a pool in words": (put("train", 0, "provenance.settings.pool", "50"), "pool' is '50'"),
+    "a pool of none": (put("train", 0, "provenance.settings.pool", 0), "pool = 0 is not possible"),
+    "scales in words": (
+        put("train", 0, "provenance.settings.scales", [1, "2"]),
+        r"settings.scales\[1\]' is '2'",
+    ),
+    "no size": (
+        lambda files: files["train"][0]["provenance"].pop("size"),
+        "'provenance.size' is missing",
+    ),
+    "an infinite size": (put("train", 0, "provenance.size", 10**400), "size' .*out of range"),
+    "a size out of range": (
+        put("train", 0, "provenance.settings.size_range", [0.1, 0.2]),
+        "size 0.5 is",
+    ),
+    "a range of sizes in words": (
+        put("train", 0, "provenance.settings.size_range", "all"),
+        "size_range' is 'all': expected array",
+    ),
+    "recorded to be of another split": (
+        put("train", 0, "provenance.split", "test"),
+        "of several splits",
+    ),
+    "recorded to be of no split": (
+        put("train", 0, "provenance.split", "dev"),
+        "'provenance.split' is 'dev': choose from test, train, validation",
+    ),
+    "a provenance in words": (put("train", 0, "provenance", []), "'provenance' is .*object"),
+    "a provenance of no kind": (
+        put("train", 0, "provenance.kind", "magic"),
+        "'provenance.kind' is 'magic': choose from evolution, ",
+    ),
+    "a location and a pose": (
+        put("train", 0, "items.0.pose", {"position": [0, 0, 0], "wxyz": [1, 0, 0, 0]}),
+        "an item must have either a location or a pose",
+    ),
     "a file with a name of no split": (add_file("dev"), "dev.jsonl: .* can't have this name"),
     "a file for the whole beside splits": (add_file("packs"), "packs.jsonl: .* can't have this"),
 }
@@ -411,21 +455,24 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "no end of line": (bytes_of(lambda data: data[:-1]), "train.jsonl: its last line has no end"),
     "a line of garbage": (
         bytes_of(lambda data: b"\x80\xff\x00\n" + data),
-        "train.jsonl, pack 0: line 1: .*can't decode",
+        "train.jsonl, pack 0: line 1: not JSON",
     ),
-    "a line of brackets": (bytes_of(lambda data: b"[" * 100_000 + b"\n" + data), "recursion"),
+    "a line of brackets": (
+        bytes_of(lambda data: b"[" * 100_000 + b"\n" + data),
+        "line 1: a pack must",
+    ),
     "a line with a long number": (
         bytes_of(lambda data: b'{"format":' + b"9" * 5000 + b"}\n" + data),
-        "line 1: .*integer string conversion",
+        "line 1: field 'format' is ",
     ),
     "a line that is no pack": (bytes_of(lambda data: data + b"3\n"), "line 3: .* object, not int"),
     "NaN for density": (
         bytes_of(lambda data: data.replace(b'"density": 0', b'"density": NaN, "d": 0', 1)),
-        "line 1: NaN is no number",
+        "line 1: not JSON",
     ),
     "a density beyond floats": (
         bytes_of(lambda data: data.replace(b'"density": 0', b'"density": 1e999, "d": 0', 1)),
-        "density is recorded as inf",
+        "field 'density' is .*out of range",
     ),
     "a field twice": (
         bytes_of(lambda data: data.replace(b'"density"', b'"density": 0.9, "density"', 1)),
@@ -439,20 +486,20 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a wrong digest": (manifest_with(sha256="0" * 64), "manifest.json: field 'sha256' is '000"),
     "a wrong number": (manifest_with(packs=3), "'packs' is 3, of train.jsonl it is 2"),
-    "a number that is none": (manifest_with(packs=2.0), "'packs' is 2.0, of train.jsonl it is 2"),
+    "a number that is none": (manifest_with(packs=2.0), "'packs' is 2.0: expected int"),
     "no digest": (without("sha256"), "train.manifest.json: field 'sha256' is missing"),
     "no number": (without("packs"), "field 'packs' is missing"),
     "no libraries": (without("libraries"), "field 'libraries' is missing"),
-    "no version": (without("version"), "field 'version' is None"),
-    "a wrong library": (manifest_with(libraries=[]), r"'libraries' is \[\], of train.jsonl it is"),
+    "no version": (without("version"), "field 'version' is missing"),
+    "a wrong library": (manifest_with(libraries=[]), r"'libraries' is \(\), of train.jsonl it is"),
     "a manifest of another format": (manifest_with(format=9), "'format' is 9"),
     "a manifest of another split": (manifest_with(split="test"), "several splits: 'train', 'test'"),
     "no manifest": (
         lambda folder: (folder / "train.manifest.json").unlink(),
-        "train.jsonl: its manifest train.manifest.json: No such file",
+        "train.jsonl: it has no manifest train.manifest.json",
     ),
     "no JSON for a manifest": (manifest_text("{"), "train.manifest.json: not JSON"),
-    "a list for a manifest": (manifest_text("[]"), "manifest is a JSON object, not list"),
+    "a list for a manifest": (manifest_text("[]"), "a manifest must be a JSON object, not list"),
     "a manifest alone": (
         lambda folder: (folder / "train.jsonl").unlink(),
         "train.manifest.json: there is no file that this manifest describes",
@@ -496,7 +543,9 @@ def test_a_library_without_splits_is_told_once_a_pack(packs, tmp_path) -> None:
     library = ShapeLibrary.open(meshes)
     box = Box()
     box.place(Item(library["cube"], 0.1), (0, 0, 0))
-    write_packs(tmp_path / "train.jsonl", [Pack.of(box, LibraryRef.of(library), split="train")])
+    write_packs(
+        tmp_path / "train.jsonl", [Pack.of(box, LibraryRef.of(library), Other(split="train"))]
+    )
     report = verify_dataset(tmp_path / "train.jsonl", library)
     assert len(report.problems) == 1 and "has no splits" in _told(report)
 

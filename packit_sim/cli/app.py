@@ -40,6 +40,7 @@ from packit_sim.cli.report_commands import report_command
 from packit_sim.cli.reproduction_commands import reproduce_command
 from packit_sim.cli.viewer_commands import view_command
 from packit_sim.core.errors import PackItError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import (
     Pack,
@@ -51,7 +52,6 @@ from packit_sim.datasets.packs import (
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.scene import Scene
 
@@ -168,6 +168,8 @@ def verify_command(
     for problem in report.problems:
         console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
     console.print(verdict)
+    if report.not_judged:
+        console.print(report.not_judged, soft_wrap=True)
     if not report.holds:
         raise typer.Exit(1)
 

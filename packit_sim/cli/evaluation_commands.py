@@ -214,7 +214,7 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
     table = _table("", "density", "reward", *SCORES)
     for number, rollouts in enumerate(own, start=1):
         score = Score.of(rollouts[0].agent, rollouts)
-        told = [Estimate.of([r.pack.made[name] for r in rollouts]) for name in SCORES]
+        told = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
         cells = [interval(estimate, ".3f", ".2f") for estimate in (score.density, score.reward)]
         cells += [interval(estimate, ".3f", ".2f") for estimate in told]
         table.add_row(str(number), *cells)

@@ -19,10 +19,10 @@ from packit_sim.cli.console import (
 from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.cli.generation_commands import evolve_shown
 from packit_sim.cli.picture_commands import PackOption, picked, stoppable
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, load_tasks, read_packs
 from packit_sim.datasets.statistics import dataset_files
 from packit_sim.game.agents import Agent
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.paper import figures
 from packit_sim.paper.reproduction import HEURISTIC

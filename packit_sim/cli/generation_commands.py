@@ -23,9 +23,10 @@ from packit_sim.cli.console import (
 )
 from packit_sim.core.errors import PackItError
 from packit_sim.core.parallel import Workers
+from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
 from packit_sim.datasets.packs import WHOLE, Pack, read_packs
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation import time_estimates
-from packit_sim.generation.chromosomes import EvolutionSettings, SearchName
 from packit_sim.generation.evolution import Evolution, Generation, evolve
 from packit_sim.generation.jobs import GenerationJob, generate, under_way
 from packit_sim.generation.time_estimates import TimeEstimate
@@ -145,7 +146,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
             left = time_estimates.told(expected.seconds_left(under_way(file), clock()))
             progress.console.print(
                 f"pack {number}: density {pack.density:.3f}, {len(pack.items)} items, "
-                f"generation {pack.made['generation']}" + (f"; {left}" if left else ""),
+                f"{_generation(pack)}" + (f"; {left}" if left else ""),
                 highlight=False,
             )
             progress.update(whole, advance=1, note=left)
@@ -164,5 +165,13 @@ def _done(order: GenerationJob, file: Path) -> dict[int, Pack]:
     if not file.exists():
         return {}
     packs = read_packs(file, manifest=False)
-    seeds = [(pack.made.get("seed"), pack) for pack in packs]
-    return {seed - order.seed: pack for seed, pack in seeds if isinstance(seed, int)}
+    return {
+        pack.provenance.seed - order.seed: pack
+        for pack in packs
+        if isinstance(pack.provenance, Evolved)
+    }
+
+
+def _generation(pack: Pack) -> str:
+    assert isinstance(pack.provenance, Evolved)
+    return f"generation {pack.provenance.generation}"

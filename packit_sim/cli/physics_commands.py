@@ -25,6 +25,7 @@ from packit_sim.cli.console import (
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.files import replace_text
 from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.datasets.provenance import Played
 from packit_sim.engine.compaction import compact
 from packit_sim.engine.disassembly import MOVES
 from packit_sim.libraries.library import ShapeLibrary
@@ -86,8 +87,8 @@ def score_command(
     rows = []
     for pack, box in _boxes(packs, split, library, limit, out):
         found = pack_quality(box, settings, distance=distance, moves=moves)
-        reward = pack.made.get("return")
-        numbers = {} if reward is None else {"reward": float(reward)}
+        played = pack.provenance
+        numbers = {"reward": played.total} if isinstance(played, Played) else {}
         more = {"floating": found.floating, "interlocked": found.disassembly.interlocked}
         rows.append((pack, {**numbers, **found.row()}, more))
     _show(rows)
@@ -108,7 +109,7 @@ def _boxes(
     with progress_bars() as progress:
         bar = progress.add_task("packs", total=len(read), note="")
         for pack in read:
-            yield pack, BoxState(pack.cells, pack.placed(opened))
+            yield pack, pack.contents(opened)
             progress.advance(bar)
 
 
@@ -133,7 +134,7 @@ def _mean(rows: Sequence[Mapping[str, float]], name: str) -> str:
 
 
 def _maker(pack: Pack) -> str:
-    return str(pack.made.get("by", "packs"))
+    return pack.provenance.producer
 
 
 def _write(out: Path | None, packs: str, rows: Sequence[Row]) -> None:

@@ -24,6 +24,7 @@ from packit_sim.cli.console import (
 from packit_sim.cli.shape_commands import CategoryOption, selection
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.datasets.provenance import Played
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item
 from packit_sim.libraries.library import ShapeLibrary
@@ -240,11 +241,10 @@ def _shown(
         items = list(pack.task(library).items)
         size = np.array(pack.cells) * CELL
         return unplaced(items, pack.cells), Layout.standing(items, size), rule
-    placed = pack.placed(library)
-    reached = pack.made.get("return")
-    if color == "share" and isinstance(reached, float) and reached > 0:
-        rule = ByShare(sum(one.item.volume for one in placed) / reached)
-    box = Contents(pack.cells, placed)
+    box = pack.contents(library)
+    played = pack.provenance
+    if color == "share" and isinstance(played, Played) and played.total > 0:
+        rule = ByShare(sum(one.item.volume for one in box.placed) / played.total)
     return box, None, _by_stability(box) if color == "stability" else rule
 
 

@@ -27,6 +27,7 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets import statistics
 from packit_sim.datasets.packs import Task, load_tasks, read_packs
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
@@ -170,7 +171,8 @@ def _evolution(dataset: str, run: Run) -> None:
     text = hardness.markdown(points)
     console.print(f"\n[bold]{title}[/]", Markdown(text))
     hardness.draw(points, title, run.out / f"{EVOLUTION}.png")
-    settings = next(pack.made.get("settings") for pack in packs)
+    evolved = packs[0].provenance
+    settings = evolved.settings.to_json() if isinstance(evolved, Evolved) else None
     content = {"settings": settings, "points": [asdict(point) for point in points]}
     source = f"{dataset}: {len(evolutions)} evolutions"
     run.write(EVOLUTION, source, f"## {title}\n\n{text}", content)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shlex
 import textwrap
 from collections import Counter
@@ -13,17 +12,19 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from packit_sim.core.errors import PackFormatError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import (
     WHOLE,
     LibraryRef,
+    Manifest,
     Pack,
     dataset_path,
     manifest_path,
     read_packs,
 )
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.datasets.statistics import DatasetStatistics, dataset_files
-from packit_sim.datasets.verification import EVOLVED
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.libraries.library import ShapeLibrary
 
 OPTIONS = {
@@ -70,17 +71,20 @@ class Part:
 
     @property
     def seeds(self) -> list[int]:
-        """Of the evolutions, sorted; none where the packs don't tell."""
-        told = {pack.made.get("seed") for pack in self.packs}
-        return sorted(seed for seed in told if isinstance(seed, int))
+        """Of the evolutions, sorted; none where the packs did not evolve."""
+        return sorted({one.seed for one in self._evolved})
 
     @property
     def settings(self) -> Mapping[str, Any] | None:
         """Of the evolutions, where all are the same and all that these packs are of."""
-        told = [pack.made.get("settings") for pack in self.packs]
-        evolved = all(pack.made.get("by") == EVOLVED for pack in self.packs)
-        same = all(settings == told[0] for settings in told)
-        return told[0] if evolved and same and isinstance(told[0], dict) else None
+        different = {one.settings for one in self._evolved}
+        if len(self._evolved) < len(self.packs) or len(different) != 1:
+            return None
+        return different.pop().to_json()
+
+    @property
+    def _evolved(self) -> list[Evolved]:
+        return [one.provenance for one in self.packs if isinstance(one.provenance, Evolved)]
 
     def command(self, library: str, out: str) -> str | None:
         """The `packit generate` that makes this part anew; None where there is no such."""
@@ -98,7 +102,7 @@ class Part:
             words += ["--library", library]
         for name, value in other.items():
             words += [OPTIONS[name], *map(str, value if isinstance(value, list) else [value])]
-        if "after" in self.packs[0].made:
+        if self._evolved[0].after is not None:
             words.append("--history")
         return shlex.join([*words, "--out", out])
 
@@ -279,10 +283,9 @@ def _shared(parts: Sequence[Part], library: ShapeLibrary) -> str:
 def _version(file: Path) -> str | None:
     """The manifest's, where there is one."""
     try:
-        told = json.loads(manifest_path(file).read_text()).get("version")
-    except (OSError, ValueError, AttributeError):
+        return Manifest.read(manifest_path(file)).version
+    except PackFormatError:
         return None
-    return told if isinstance(told, str) else None
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
-from packit_sim.datasets.packs import LibraryRef, OutsideItem, Pack, Task
+from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
+from packit_sim.datasets.provenance import FromOriginal
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import Item
@@ -93,7 +94,11 @@ class Original:
 
     def summary(self) -> str:
         """One line: how many packs were read, kept whole, kept in part and left out."""
-        partial = sum(1 for task in self.tasks if task.pack.made["left_out"])
+        partial = sum(
+            1
+            for task in self.tasks
+            if isinstance(task.pack.provenance, FromOriginal) and task.pack.provenance.left_out
+        )
         counts = {
             "whole": len(self.tasks) - partial,
             "without some of their items": partial,
@@ -122,10 +127,9 @@ def read_original(
     """Tasks of the original PackIt's pack file, or of all those in a folder.
 
     A task holds our items in canonical orientation, and the benchmark's box. It has no solution,
-    and all items of its pack are outside: the original's places are not on our grid. `pack.made`
-    says where it is from (file, pack), and what else was recorded (efficiency; shape_scale;
-    rotations: ours, one for each of the task's items; left_out: how many have no shape). Written by
-    `write_packs`, the packs of the tasks are a dataset that `load_tasks` reads.
+    and all items of its pack are outside: the original's places are not on our grid. The pack's
+    provenance, `FromOriginal`, has what else was recorded. Written by `write_packs`, the packs of
+    the tasks are a dataset that `load_tasks` reads.
 
     partial: whether a pack is kept where some of its items have no shape; else it is left out.
     on_pack is called with the name of the file and the number of each pack that was read.
@@ -193,17 +197,16 @@ class _Shapes:
             except PackItError as error:
                 problems.append(Unresolved(file, number, n, entry.source, str(error)))
         items.sort(key=lambda pair: (pair[0].shape.id, pair[0].scale))
-        made = {
-            "by": "the original PackIt",
-            "file": file,
-            "pack": number,
-            "efficiency": recorded.efficiency,
-            "shape_scale": recorded.shape_scale,
-            "rotations": [rotation for _, rotation in items],
-            "left_out": len(problems),
-        }
-        outside = tuple(OutsideItem(item.shape.id, item.scale) for item, _ in items)
-        pack = Pack(LibraryRef.of(self._library), BOX_CELLS, (), 0.0, made, outside)
+        origin = FromOriginal(
+            file=file,
+            pack=number,
+            efficiency=recorded.efficiency,
+            shape_scale=recorded.shape_scale,
+            rotations=tuple(rotation for _, rotation in items),
+            left_out=len(problems),
+        )
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item, _ in items)
+        pack = Pack(LibraryRef.of(self._library), BOX_CELLS, (), 0.0, origin, outside)
         return pack.task(self._library), problems
 
     def _item(self, entry: _RecordedItem) -> Item:

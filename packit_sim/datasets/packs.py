@@ -1,6 +1,6 @@
-"""Packs and tasks: a packed box as text, and the same taken apart for an agent to pack again.
+"""Packs and tasks: a packed box as text, and the same unpacked for an agent to pack again.
 
-A dataset is a JSON Lines file, one pack a line, beside a manifest with its number of packs and its
+A dataset is a JSON Lines file, one pack a line, next to a manifest with its number of packs and its
 SHA-256.
 """
 
@@ -9,24 +9,37 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
 
 from packit_sim._version import __version__
-from packit_sim.box import Box
+from packit_sim.box import Box, BoxState
+from packit_sim.core import typed_json
 from packit_sim.core.errors import InfeasibleError, PackFormatError, UnknownShapeError
 from packit_sim.core.files import replace_text
+from packit_sim.datasets import format_1
+from packit_sim.datasets.provenance import UNKNOWN, Count, Provenance, RotationIndex
 from packit_sim.engine import feasibility
-from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
+from packit_sim.engine.base_box import BaseBox
+from packit_sim.engine.bodies import PosedItem
+from packit_sim.engine.occupancy import ItemInBox, PlacedItem
+from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
+from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.splits import Split
+from packit_sim.physics.settings import INSIDE
 
-FORMAT = 1
-"""Version of the pack format, written with each pack."""
+FORMAT = 2
+"""Version of the format of packs, results and manifests that this module writes."""
+
+FORMATS = (format_1.FORMAT, FORMAT)
+"""The versions that this module reads."""
 
 MAX_SCALE = (MAX_CELLS / CELLS_PER_UNIT) ** 3 * 3**1.5
 """Of an item that any box can hold: a shape's longest extent is at least 1 / sqrt(3)."""
@@ -39,6 +52,8 @@ WHOLE = "packs"
 
 DENSITY_SLACK = 1e-9
 """How far a recorded density may be from the replayed one: rounding of sums."""
+
+Scale = Annotated[float, Meta(gt=0, le=MAX_SCALE)]
 
 
 @dataclass(frozen=True)
@@ -54,54 +69,147 @@ class LibraryRef:
         return cls(library.name, library.version, library.digest)
 
 
-@dataclass(frozen=True)
-class PackedItem:
-    """One item of a pack: its shape's id, its scale (a ratio of volumes), rotation and location."""
+class FreePose(Struct, frozen=True):
+    """A rigid pose off the grid, as recorded.
+
+    Attributes
+    ----------
+    position : tuple of float
+        The translation x, y, z in box units.
+    wxyz : Quaternion
+        The rotation from the canonical shape, as a unit quaternion w, x, y, z.
+    """
+
+    position: tuple[float, float, float]
+    wxyz: Quaternion
+
+
+class ItemRecord(Struct, frozen=True):
+    """One item of a task that is not in the box.
+
+    Attributes
+    ----------
+    shape : str
+        The id of its shape.
+    scale : float
+        Its scale, a ratio of volumes.
+    """
 
     shape: str
-    scale: float
-    rotation: int
-    location: Triple
+    scale: Scale
 
 
-@dataclass(frozen=True)
-class OutsideItem:
-    """One item that has no place in a pack: its shape's id and its scale."""
+class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
+    """One item of a pack: on the grid at a location, or off the grid with a pose.
 
-    shape: str
-    scale: float
+    Attributes
+    ----------
+    rotation : int
+        The index of the rotation in which it was placed, 0 to 23.
+    location : tuple of int, optional
+        The grid node of its cell box's minimum corner, for an item on the grid.
+    pose : FreePose, optional
+        Where it came to rest, for an item that settled.
+    counted : bool
+        Whether its volume counts for the density: items that settled count while they are inside
+        the box and stable.
+    """
+
+    rotation: RotationIndex
+    location: Triple | None = None
+    pose: FreePose | None = None
+    counted: bool = True
+
+    def __post_init__(self) -> None:
+        if (self.location is None) == (self.pose is None):
+            raise ValueError("an item must have either a location or a pose")
+
+    @classmethod
+    def of(cls, inside: ItemInBox) -> PackedItem:
+        """Record an item that is in a box."""
+        item = inside.item
+        fields = item.shape.id, item.scale, item.rotation
+        if isinstance(inside, PlacedItem):
+            return cls(*fields, inside.location)
+        pose = Pose.from_matrix(inside.pose, float(np.cbrt(item.scale)))
+        x, y, z = pose.position.tolist()
+        counted = bool(getattr(inside, "counts", True))
+        return cls(*fields, None, FreePose((x, y, z), pose.wxyz), counted)
+
+    def placed(self, item: Item) -> PlacedItem | PosedItem:
+        """Return the given item where this record says."""
+        if self.location is not None:
+            return PlacedItem(item, self.location)
+        assert self.pose is not None
+        pose = Pose(np.array(self.pose.position), self.pose.wxyz)
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose.axes * np.cbrt(item.scale)
+        matrix[:3, 3] = pose.position
+        return PosedItem(item, matrix)
+
+
+class _Header(Struct):
+    format: Any = None
 
 
 @dataclass(frozen=True)
 class Pack:
-    """A packed box: what was placed where, in the order of placing, and how it was made.
+    """A packed box: what was placed where, in the order of placing, and where it comes from.
 
-    cells: the box's, an axis. density: placed volume over the box's volume. made: free-form record
-    of how (agent or evolution, seed, generation, settings), JSON values only. outside: what its
-    task holds besides its items: all, where no pack is known, as of the original PackIt's tasks.
+    Attributes
+    ----------
+    library : LibraryRef
+        The library of its shapes.
+    cells : tuple of int
+        The box's cells along x, y and z.
+    items : tuple of PackedItem
+        The placed items, in the order of placing.
+    density : float
+        The volume of the items that count over the box's volume.
+    provenance : Provenance
+        How the pack came to be.
+    outside : tuple of ItemRecord
+        What its task holds besides its items: all, where no pack is known, as of the original
+        PackIt's tasks.
     """
 
     library: LibraryRef
     cells: Triple
     items: tuple[PackedItem, ...]
-    density: float
-    made: Mapping[str, Any] = field(default_factory=dict)
-    outside: tuple[OutsideItem, ...] = ()
+    density: Annotated[float, Meta(ge=0)]
+    provenance: Provenance = UNKNOWN
+    outside: tuple[ItemRecord, ...] = ()
 
     @classmethod
-    def of(cls, box: Box, library: LibraryRef, **made: Any) -> Pack:
-        """What is in a box now, of shapes of a library; `made` in JSON's types."""
-        items = tuple(
-            PackedItem(p.item.shape.id, p.item.scale, p.item.rotation, p.location)
-            for p in box.placed
-        )
-        return cls(library, box.cells, items, box.density, json.loads(json.dumps(made)))
+    def of(cls, box: BaseBox, library: LibraryRef, provenance: Provenance = UNKNOWN) -> Pack:
+        """Record what is in a box now.
 
-    def placed(self, library: ShapeLibrary) -> tuple[PlacedItem, ...]:
-        """The items in their places, unchecked.
+        Parameters
+        ----------
+        box : BaseBox
+            A `Box`, or a `SettlingBox`, whose items get poses instead of locations.
+        library : LibraryRef
+            The library of the items' shapes.
+        provenance : Provenance, default: UNKNOWN
+            How the pack came to be.
+        """
+        items = tuple(PackedItem.of(inside) for inside in box.placed)
+        return cls(library, box.cells, items, float(box.density), provenance)
 
-        Raises PackFormatError where the library is not the pack's, UnknownShapeError for an id
-        that it doesn't hold.
+    @property
+    def is_on_grid(self) -> bool:
+        """Whether all items have a location on the grid."""
+        return all(item.location is not None for item in self.items)
+
+    def placed(self, library: ShapeLibrary) -> tuple[PlacedItem | PosedItem, ...]:
+        """Return the items in their places, unchecked.
+
+        Raises
+        ------
+        PackFormatError
+            If the library is not the pack's.
+        UnknownShapeError
+            If the library does not have a shape.
         """
         if self.library != LibraryRef.of(library):
             raise PackFormatError(
@@ -109,82 +217,162 @@ class Pack:
                 f"({self.library.digest[:12]}), this is {library.name!r} {library.version} "
                 f"({library.digest[:12]})"
             )
-        return tuple(
-            PlacedItem(Item(library[i.shape], i.scale, i.rotation), i.location) for i in self.items
-        )
+        return tuple(i.placed(Item(library[i.shape], i.scale, i.rotation)) for i in self.items)
+
+    def contents(self, library: ShapeLibrary) -> BoxState:
+        """Return the box's state on the grid, unchecked.
+
+        Raises
+        ------
+        PackFormatError
+            If items settled off the grid, and whatever `placed` raises.
+        """
+        placed = self.placed(library)
+        on_grid = tuple(one for one in placed if isinstance(one, PlacedItem))
+        if len(on_grid) < len(placed):
+            raise PackFormatError(
+                f"{len(placed) - len(on_grid)} of the pack's {len(placed)} items settled off the "
+                "grid: this needs a pack whose items are on the grid"
+            )
+        return BoxState(self.cells, on_grid)
 
     def replay(self, library: ShapeLibrary) -> Box:
-        """A box packed anew, item by item. Raises InfeasibleError at the first that can't stand."""
+        """Pack a box anew, item by item.
+
+        Raises
+        ------
+        InfeasibleError
+            At the first item that is not feasible.
+        PackFormatError
+            If items settled off the grid, and whatever `placed` raises.
+        """
         box = Box(self.cells)
-        for placed in self.placed(library):
+        for placed in self.contents(library).placed:
             box.place(placed.item, placed.location)
         return box
 
     def task(self, library: ShapeLibrary) -> Task:
-        """The pack taken apart, its items in an order that tells nothing of the pack's."""
+        """Return the task of the pack, its items in an order independent of the pack's."""
         items = [p.item.turned(0) for p in self.placed(library)]
         items += [Item(library[i.shape], i.scale) for i in self.outside]
         order = sorted(range(len(items)), key=lambda n: (items[n].shape.id, items[n].scale, n))
+        steps = tuple(
+            (order.index(n), item.rotation, item.location)
+            for n, item in enumerate(self.items)
+            if item.location is not None
+        )
         return Task(
             items=tuple(items[n] for n in order),
             pack=self,
-            solution=tuple(
-                (order.index(n), item.rotation, item.location) for n, item in enumerate(self.items)
-            ),
+            solution=steps if self.is_on_grid else (),
         )
 
     def to_json(self) -> str:
-        """One line of JSON; floats keep every bit."""
-        fields = {"format": FORMAT, "version": __version__, **asdict(self)}
-        if not self.outside:
-            del fields["outside"]
-        return json.dumps(fields, separators=(",", ":"), allow_nan=False)
+        """Write the pack as one line of JSON; floats keep every bit."""
+        fields = {
+            "format": FORMAT,
+            "version": __version__,
+            "library": self.library,
+            "cells": self.cells,
+            "items": self.items,
+            "density": self.density,
+            "provenance": self.provenance,
+        }
+        if self.outside:
+            fields["outside"] = self.outside
+        return typed_json.encode(fields)
 
     @classmethod
-    def from_json(cls, line: str) -> Pack:
-        """Reads one line. Raises PackFormatError that names the field that is wrong."""
+    def from_json(cls, line: bytes | str) -> Pack:
+        """Read one line, of this format or of version 1.
+
+        Raises
+        ------
+        PackFormatError
+            If the line is no pack: the message names the field that is wrong.
+        """
+        number = typed_json.decode(line, _Header, PackFormatError, "a pack").format
+        if number not in FORMATS or isinstance(number, bool):
+            known = " and ".join(map(str, FORMATS))
+            raise PackFormatError(f"field 'format' is {number!r:.40}: this version reads {known}")
+        if number == FORMAT:
+            pack = typed_json.decode(line, cls, PackFormatError, "a pack")
+        else:
+            raw = typed_json.decode(line, dict[str, Any], PackFormatError, "a pack")
+            pack = typed_json.convert(format_1.pack(raw), cls, PackFormatError, "a pack")
+        pack._check()
+        return pack
+
+    def _check(self) -> None:
+        """Raises PackFormatError where cells or locations are not possible."""
         try:
-            raw = json.loads(line, parse_constant=_refuse_constant)
-        except PackFormatError:
-            raise
-        except (ValueError, RecursionError, OverflowError) as error:
-            raise PackFormatError(f"not JSON: {error}") from None
-        if not isinstance(raw, dict):
-            raise PackFormatError(f"a pack is a JSON object, not {type(raw).__name__}")
-        if raw.get("format") != FORMAT:
-            raise PackFormatError(
-                f"field 'format' is {raw.get('format')!r}: this version reads {FORMAT}"
-            )
-        library = _get(raw, "library", dict)
-        try:
-            cells = box_cells(_get(raw, "cells", list))
+            box_cells(self.cells)
         except ValueError as error:
             raise PackFormatError(f"field 'cells': {error}") from None
-        density = _get(raw, "density", float)
-        return cls(
-            LibraryRef(
-                *(_get(library, key, str, "library") for key in ("name", "version", "digest"))
-            ),
-            cells,
-            tuple(
-                _packed_item(raw_item, f"items[{n}]", cells)
-                for n, raw_item in enumerate(_get(raw, "items", list))
-            ),
-            density,
-            _get(raw, "made", dict),
-            tuple(
-                _outside_item(raw_item, f"outside[{n}]")
-                for n, raw_item in enumerate(_get(raw, "outside", list) if "outside" in raw else ())
-            ),
-        )
+        for n, item in enumerate(self.items):
+            if item.location is None:
+                continue
+            try:
+                feasibility.checked_location(self.cells, item.location)
+            except InfeasibleError as error:
+                raise PackFormatError(f"field 'items[{n}].location': {error}") from None
+
+
+class Manifest(Struct, frozen=True, omit_defaults=True):
+    """What is recorded next to a file of packs.
+
+    Attributes
+    ----------
+    format : int
+        The version of the file's format.
+    version : str
+        The version of PackIt-Sim that wrote the file.
+    packs : int
+        The number of packs.
+    sha256 : str
+        The SHA-256 of the file.
+    libraries : tuple of LibraryRef
+        The libraries of the packs, in the order of their first pack.
+    split : Split, optional
+        The split of the library whose shapes the packs hold.
+    """
+
+    format: int
+    version: str
+    packs: Count
+    sha256: str
+    libraries: tuple[LibraryRef, ...]
+    split: Split | None = None
+
+    @classmethod
+    def read(cls, path: Path) -> Manifest:
+        """Read a manifest.
+
+        Raises
+        ------
+        PackFormatError
+            If it can't be read, or is no manifest; the message does not name the file.
+        """
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise PackFormatError(str(error.strerror)) from None
+        return typed_json.decode(data, cls, PackFormatError, "a manifest")
 
 
 @dataclass(frozen=True)
 class Task:
-    """A pack taken apart: what stands outside the box, in canonical orientation.
+    """A pack unpacked: items outside the box, in canonical orientation.
 
-    items: sorted by shape and scale. pack: the ground truth.
-    solution: (index into items, rotation, location) for each of the pack's items, in its order.
+    Attributes
+    ----------
+    items : tuple of Item
+        The items, sorted by shape and scale.
+    pack : Pack
+        The ground truth.
+    solution : tuple of tuple
+        (index into items, rotation, location) for each of the pack's items, in its order; empty
+        where items settled off the grid.
     """
 
     items: tuple[Item, ...]
@@ -203,33 +391,57 @@ class Task:
 
     @property
     def digest(self) -> str:
-        """Tells it from other tasks: of the library, the box's cells, and the items."""
+        """The digest of the library, the box's cells and the items: different for other tasks."""
         items = [(item.shape.id, item.scale) for item in self.items]
-        told = (self.pack.library.digest, self.cells, items)
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+        facts = (self.pack.library.digest, self.cells, items)
+        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 
 def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
-    """What is wrong with a pack, as sentences; nothing is where it holds.
+    """Check a pack.
 
-    Replays it item by item against the oracle, without the engine that made it.
+    Items on the grid are replayed one by one against the oracle, without the engine that packed
+    them. Of items that settled off the grid it is checked that those that count are inside the
+    box; whether they overlap, or rest, is not judged.
+
+    Parameters
+    ----------
+    pack : Pack
+        The pack to check.
+    library : ShapeLibrary
+        The library of its shapes.
+
+    Returns
+    -------
+    list of str
+        A sentence for each problem; empty for a pack that holds.
     """
     try:
         items = pack.placed(library)
     except (PackFormatError, UnknownShapeError) as error:
         return [str(error)]
     problems = []
-    inside: dict[int, PlacedItem] = {}
+    before: dict[int, PlacedItem] = {}
+    size = np.array(pack.cells) * CELL
     for n, candidate in enumerate(items):
         what = f"item {n} ({candidate.item.shape.id!r})"
+        if isinstance(candidate, PosedItem):
+            vertices = candidate.vertices
+            inside = (vertices > -INSIDE).all() and (vertices < size + INSIDE).all()
+            if pack.items[n].counted and not inside:
+                problems.append(f"{what} is not inside the box, within {INSIDE} box units")
+            continue
         if not feasibility.is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        blocking = [n for n, other in inside.items() if feasibility.conflicts(other, candidate)]
+        blocking = [n for n, other in before.items() if feasibility.conflicts(other, candidate)]
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
-        inside[n] = candidate
-    density = sum(p.item.volume for p in items) / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
+        before[n] = candidate
+    volume = sum(
+        p.item.volume for p, record in zip(items, pack.items, strict=True) if record.counted
+    )
+    density = volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if not abs(density - pack.density) <= DENSITY_SLACK:
         problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")
     return problems
@@ -286,16 +498,12 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     path = Path(path)
     packs = list(packs)
     text = "".join(pack.to_json() + "\n" for pack in packs)
-    manifest = {
-        "format": FORMAT,
-        "version": __version__,
-        "packs": len(packs),
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "libraries": [asdict(ref) for ref in dict.fromkeys(pack.library for pack in packs)],
-    }
+    libraries = tuple(dict.fromkeys(pack.library for pack in packs))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    manifest = Manifest(FORMAT, __version__, len(packs), digest, libraries)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_text(path, text)
-    replace_text(manifest_path(path), json.dumps(manifest, indent=1) + "\n")
+    replace_text(manifest_path(path), json.dumps(typed_json.builtins(manifest), indent=1) + "\n")
 
 
 def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
@@ -313,8 +521,8 @@ def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
         if not line.strip():
             continue
         try:
-            packs.append(Pack.from_json(line.decode()))
-        except (PackFormatError, UnicodeDecodeError) as error:
+            packs.append(Pack.from_json(line))
+        except PackFormatError as error:
             raise PackFormatError(f"{path}, line {number}: {error}") from None
     if not packs:
         raise PackFormatError(f"{path} holds no packs")
@@ -325,9 +533,9 @@ def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
 
 def _check_manifest(manifest: Path, path: Path, data: bytes) -> None:
     try:
-        digest = json.loads(manifest.read_text())["sha256"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise PackFormatError(f"{manifest} is no manifest: {error!r}") from None
+        digest = Manifest.read(manifest).sha256
+    except PackFormatError as error:
+        raise PackFormatError(f"{manifest} is no manifest: {error}") from None
     if digest != hashlib.sha256(data).hexdigest():
         raise PackFormatError(
             f"{path} is not the file that {manifest.name} describes: its SHA-256 differs"
@@ -337,45 +545,3 @@ def _check_manifest(manifest: Path, path: Path, data: bytes) -> None:
 def manifest_path(path: Path) -> Path:
     """Where the manifest of a dataset stands."""
     return path.with_suffix(".manifest.json")
-
-
-def _refuse_constant(name: str) -> float:
-    raise PackFormatError(f"{name} is no number that a pack can hold")
-
-
-def _packed_item(raw: Any, where: str, cells: Triple) -> PackedItem:
-    outside = _outside_item(raw, where)
-    rotation = _get(raw, "rotation", int, where)
-    if not 0 <= rotation < rotations.COUNT:
-        raise PackFormatError(
-            f"field '{where}.rotation' is {rotation!r}: it must be 0 to {rotations.COUNT - 1}"
-        )
-    try:
-        location = feasibility.checked_location(cells, _get(raw, "location", list, where))
-    except InfeasibleError as error:
-        raise PackFormatError(f"field '{where}.location': {error}") from None
-    return PackedItem(outside.shape, outside.scale, rotation, location)
-
-
-def _outside_item(raw: Any, where: str) -> OutsideItem:
-    if not isinstance(raw, dict):
-        raise PackFormatError(f"field '{where}' is {raw!r}: it must be an object")
-    scale = _get(raw, "scale", float, where)
-    if not 0 < scale <= MAX_SCALE:
-        raise PackFormatError(
-            f"field '{where}.scale' is {scale!r}: it must be more than 0, and {MAX_SCALE:g} at most"
-        )
-    return OutsideItem(_get(raw, "shape", str, where), scale)
-
-
-def _get(raw: Mapping[str, Any], key: str, kind: type, where: str = "") -> Any:
-    """A field of the right JSON type; a whole number will do for a float, a bool for neither."""
-    name = f"{where}.{key}" if where else key
-    if key not in raw:
-        raise PackFormatError(f"field {name!r} is missing")
-    value = raw[key]
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise PackFormatError(f"field {name!r} is {value!r}: it must be of type {kind.__name__}")
-    return value

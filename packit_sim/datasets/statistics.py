@@ -15,6 +15,7 @@ import numpy.typing as npt
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.packs import Pack, dataset_file, dataset_path, read_packs
+from packit_sim.datasets.provenance import Evolved, Sampled
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.libraries.library import ShapeLibrary
@@ -92,14 +93,18 @@ class DatasetStatistics:
         items = [(pack, item) for pack in packs for item in pack.items]
         turned = np.bincount([item.rotation for _, item in items], minlength=rotations.COUNT)
         categories = library.source.categories
+        evolved = [pack.provenance for pack in packs if isinstance(pack.provenance, Evolved)]
+        sizes = [_size(pack) for pack in packs]
         return cls(
             split,
             items=np.array([len(pack.items) for pack in packs]),
             densities=np.array([pack.density for pack in packs]),
-            generations=np.array(_told(packs, "generation"), dtype=np.int64),
-            sizes=np.array(_told(packs, "size"), dtype=np.float64),
+            generations=np.array([e.generation for e in evolved], dtype=np.int64),
+            sizes=np.array([s for s in sizes if s is not None], dtype=np.float64),
             volumes=np.array(volumes),
-            scales=_ranked(_rounded(item.scale / _size(pack) ** 3) for pack, item in items),
+            scales=_ranked(
+                _rounded(item.scale / (_size(pack) or 1.0) ** 3) for pack, item in items
+            ),
             shapes=_ranked(item.shape for _, item in items),
             categories=_ranked(categories[item.shape] for _, item in items),
             rotations=turned,
@@ -197,15 +202,9 @@ def take(
     )
 
 
-def _told(packs: Sequence[Pack], name: str) -> list[Any]:
-    """The numbers by this name among how packs were made: it is free-form, others are let be."""
-    found = [pack.made.get(name) for pack in packs]
-    return [n for n in found if isinstance(n, int | float) and not isinstance(n, bool)]
-
-
-def _size(pack: Pack) -> float:
-    """The linear size factor on all of a pack's items."""
-    return next((size for size in _told([pack], "size") if size > 0), 1.0)
+def _size(pack: Pack) -> float | None:
+    """The linear size factor on all of a pack's items, if it is recorded."""
+    return pack.provenance.size if isinstance(pack.provenance, Evolved | Sampled) else None
 
 
 def _rounded(scale: float) -> float:

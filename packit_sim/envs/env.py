@@ -21,13 +21,13 @@ from gymnasium import spaces
 from packit_sim.box import Box
 from packit_sim.core.counters import counters
 from packit_sim.core.errors import ArgumentError, StateError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.feasibility import Contents
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.game.agents import Policy, load_policy
 from packit_sim.game.episode import EASY_ORDER, ORDER, Episode, Stage, State
-from packit_sim.generation.chromosomes import EvolutionSettings
 from packit_sim.generation.task_sampler import TaskSampler
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes

@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 from itertools import starmap
 from pathlib import Path
 
+from msgspec import structs
+
 from packit_sim.box import BoxState
 from packit_sim.core.parallel import Workers
 from packit_sim.evaluation.results import ResultsError, Rollout, opened
@@ -23,9 +25,6 @@ SCORES: Mapping[str, str] = {
 }
 """The fields of `QualityScores`, by their names in results files, and what each means."""
 
-PIECES = "pieces"
-"""The name under which results tell what made shapes convex pieces, a `Method`."""
-
 
 def judge(
     rollouts: Sequence[Rollout],
@@ -36,7 +35,7 @@ def judge(
     workers: Workers | None = None,
     file: Path | None = None,
 ) -> list[Rollout]:
-    """The same rollouts, each with `SCORES` in what its pack tells of itself, in `made`.
+    """The same rollouts, each with `SCORES` in its provenance.
 
     Those that have them are not judged again, unless their shapes became convex pieces in another
     way. file: which holds the rollouts, and gets the scores as they come. Raises PhysicsError where
@@ -55,15 +54,16 @@ def judge(
                     "it was changed meanwhile"
                 )
         jobs = [
-            (n, BoxState(rollout.pack.cells, rollout.pack.placed(library)), pieces)
+            (n, rollout.pack.contents(library), pieces)
             for n, rollout in enumerate(rollouts)
             if not is_judged(rollout, pieces)
         ]
         judged = starmap(_judged, jobs) if workers is None else workers.as_done(_judged, jobs)
         for n, verdict in judged:
-            pack = found[n].pack
-            told = {**pack.made, PIECES: pieces, **asdict(verdict)}
-            found[n] = replace(found[n], pack=replace(pack, made=told))
+            pack, played = found[n].pack, found[n].played
+            scores = {**played.scores, **asdict(verdict)}
+            judged_now = structs.replace(played, scores=scores, pieces=pieces)
+            found[n] = Rollout(replace(pack, provenance=judged_now))
             on_judged(found[n])
             ledger.add([found[n]])
     return found
@@ -71,8 +71,8 @@ def judge(
 
 def is_judged(rollout: Rollout, pieces: Method) -> bool:
     """Whether a rollout has all scores, of shapes that became convex pieces in this way."""
-    made = rollout.pack.made
-    return made.get(PIECES) == pieces and all(name in made for name in SCORES)
+    played = rollout.played
+    return played.pieces == pieces and all(name in played.scores for name in SCORES)
 
 
 def _judged(number: int, box: BoxState, pieces: Method) -> tuple[int, QualityScores]:

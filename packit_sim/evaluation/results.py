@@ -1,7 +1,7 @@
-"""What agents made of tasks: rollouts, and files of them.
+"""Results: boxes as agents left them, and files of them.
 
-A file of results is a file of packs (see `packs`), the boxes as the agents left them: each tells in
-`made` how it came to be, so that it can be repeated, and can be verified and drawn like any pack.
+A file of results is a file of packs (see `packs`) whose provenance is `Played`, so that it can be
+verified and drawn like any dataset.
 """
 
 from __future__ import annotations
@@ -9,48 +9,54 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from packit_sim.box import Box
+from msgspec import structs
+
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed
 from packit_sim.datasets.packs import Pack, Task, read_packs, write_packs
+from packit_sim.datasets.provenance import Played
 from packit_sim.game.episode import End, Episode
 from packit_sim.rules import Rules
 
-RESULTS_FORMAT = 1
-"""Version of what `made` of a rollout's pack holds, which it tells as "results"."""
-
 CHECKPOINT_SECONDS = 5.0
-"""What is new is written so often; what a kill can lose, and the work under way."""
+"""New results are written this often: a kill loses no more, and the episodes being played."""
 
 
 class ResultsError(PackItError, ValueError):
     """A file that holds no results, or results of something else."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rollout:
-    """One episode that was played.
+    """One episode that was played; two are equal whatever time they took.
 
-    agent: its name. task: the number of the task. task_digest: tells it from others. seed: of the
-    evaluation. total: the return. end: why it was over. pack: the box as the agent left it.
-    weights: of an agent that learned, see `Agent.weights`. seconds: that it took, on a machine that
-    may have done other things as well; two rollouts are equal whatever it was.
+    Parameters
+    ----------
+    pack : Pack
+        The box as the agent left it, with a provenance of `Played`.
+
+    Raises
+    ------
+    ResultsError
+        If the pack was not played.
     """
 
-    agent: str
-    task: int
-    task_digest: str
-    seed: int
-    rules: Rules
-    total: float
-    end: End
     pack: Pack
-    seconds: float = field(compare=False)
-    weights: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pack.provenance, Played):
+            raise ResultsError(
+                f"it is no rollout, its provenance is {self.pack.provenance.producer!r}: results "
+                "are written by `packit evaluate --out`"
+            )
+        if self.played.end not in list(End):
+            choices = ", ".join(End)
+            raise ResultsError(
+                f"field 'provenance.end' is {self.played.end!r}: choose from {choices}"
+            )
 
     @classmethod
     def of(
@@ -63,85 +69,124 @@ class Rollout:
         seconds: float,
         weights: str | None = None,
     ) -> Rollout:
-        """The record of an episode that is over.
+        """Record an episode that is over.
 
-        Raises ResultsError where items settled: a pack's stand on the grid.
+        Parameters
+        ----------
+        episode : Episode
+            The episode.
+        agent : str
+            The name of the agent.
+        number : int
+            The number of the task.
+        seed : int
+            The seed of the evaluation.
+        rules : Rules
+            The rules that were played.
+        seconds : float
+            The duration of the episode.
+        weights : str, optional
+            The digest of the agent's weights, for an agent that learned.
         """
         assert episode.end is not None
-        if not isinstance(episode.box, Box):
-            raise ResultsError(
-                f"what lies in a {type(episode.box).__name__} can't be told as a pack, "
-                "whose items stand on the grid"
-            )
-        made = {
-            "results": RESULTS_FORMAT,
-            "by": agent,
-            "task": number,
-            "task_digest": episode.task.digest,
-            "seed": seed,
-            "easy": rules.easy,
-            "kinematic": rules.kinematic,
-            "return": episode.total,
-            "end": str(episode.end),
-            **({} if weights is None else {"weights": weights}),
-        }
-        pack = Pack.of(episode.box, episode.task.pack.library, **made)
-        return cls(
-            agent,
-            number,
-            episode.task.digest,
-            seed,
-            rules,
-            episode.total,
-            episode.end,
-            pack,
-            seconds,
-            weights,
+        played = Played(
+            agent=agent,
+            task=number,
+            task_digest=episode.task.digest,
+            seed=seed,
+            rules=rules,
+            total=float(episode.total),
+            end=str(episode.end),
+            seconds=round(seconds, 6),
+            weights=weights,
         )
+        return cls(Pack.of(episode.box, episode.task.pack.library, played))
 
-    def to_pack(self) -> Pack:
-        """The pack with all that `from_pack` reads."""
-        return replace(self.pack, made={**self.pack.made, "seconds": round(self.seconds, 6)})
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Rollout):
+            return NotImplemented
+        return self._timeless == other._timeless
 
-    @classmethod
-    def from_pack(cls, pack: Pack) -> Rollout:
-        """Raises ResultsError where the pack is no rollout's, or of another version."""
-        made = dict(pack.made)
-        if made.get("results") != RESULTS_FORMAT:
-            raise ResultsError(
-                f"field 'made.results' is {made.get('results')!r}: this version reads "
-                f"{RESULTS_FORMAT}, which `packit evaluate --out` writes"
-            )
-        seconds = _get(made, "seconds", float)
-        del made["seconds"]
-        return cls(
-            _get(made, "by", str),
-            _get(made, "task", int),
-            _get(made, "task_digest", str),
-            _get(made, "seed", int),
-            Rules(_get(made, "easy", bool), _get(made, "kinematic", bool)),
-            _get(made, "return", float),
-            End(_get(made, "end", str)),
-            replace(pack, made=made),
-            seconds,
-            _get(made, "weights", str) if "weights" in made else None,
-        )
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def _timeless(self) -> Pack:
+        return replace(self.pack, provenance=structs.replace(self.played, seconds=0.0))
+
+    @property
+    def played(self) -> Played:
+        """How it was played."""
+        assert isinstance(self.pack.provenance, Played)
+        return self.pack.provenance
+
+    @property
+    def agent(self) -> str:
+        """The name of the agent."""
+        return self.played.agent
+
+    @property
+    def task(self) -> int:
+        """The number of the task."""
+        return self.played.task
+
+    @property
+    def task_digest(self) -> str:
+        """The digest of the task."""
+        return self.played.task_digest
+
+    @property
+    def seed(self) -> int:
+        """The seed of the evaluation."""
+        return self.played.seed
+
+    @property
+    def rules(self) -> Rules:
+        """The rules that were played."""
+        return self.played.rules
+
+    @property
+    def total(self) -> float:
+        """The return of the episode."""
+        return self.played.total
+
+    @property
+    def end(self) -> End:
+        """Why the episode ended."""
+        return End(self.played.end)
+
+    @property
+    def seconds(self) -> float:
+        """The duration of the episode."""
+        return self.played.seconds
+
+    @property
+    def weights(self) -> str | None:
+        """The digest of the agent's weights, None for an agent that did not learn."""
+        return self.played.weights
 
 
 def read_results(path: Path | str) -> list[Rollout]:
-    """Raises ResultsError, or PackFormatError, that name the file, the line and what is wrong."""
+    """Read a file of results.
+
+    Raises
+    ------
+    ResultsError
+        If a pack is no rollout; the message names the file and the pack.
+    PackFormatError
+        If the file can't be read as packs; the message names the file and the line.
+    """
     rollouts = []
     for number, pack in enumerate(read_packs(path), start=1):
         try:
-            rollouts.append(Rollout.from_pack(pack))
-        except ValueError as error:
+            rollouts.append(Rollout(pack))
+        except ResultsError as error:
             raise ResultsError(f"{path}, pack {number}: {error}") from None
     return rollouts
 
 
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
-    """Writes them, whole or not at all."""
-    write_packs(path, [rollout.to_pack() for rollout in rollouts])
+    """Write a file of results, whole or not at all."""
+    write_packs(path, [rollout.pack for rollout in rollouts])
 
 
 class ResultsStore:
@@ -230,12 +275,3 @@ def check_same(
                 raise ResultsError(
                     f"{path} holds results with {name} {theirs}, not {ours}: choose another file"
                 )
-
-
-def _get(made: Mapping[str, Any], key: str, kind: type) -> Any:
-    value = made.get(key)
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
-        raise ResultsError(f"field 'made.{key}' is {value!r}: it must be of type {kind.__name__}")
-    return value

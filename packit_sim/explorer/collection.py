@@ -11,8 +11,9 @@ from packit_sim.box import BoxState
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, Task, dataset_file, read_packs
+from packit_sim.datasets.provenance import UNKNOWN, Evolved, Played
 from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.evaluation.results import RESULTS_FORMAT, ResultsError, Rollout
+from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
@@ -113,14 +114,14 @@ class PackCollection:
             raise PackItError(f"there is no pack {number}: choose 0 to {len(self) - 1}")
         entry = self._entries[number]
         pack = entry.pack
-        placed = pack.placed(self._library)
+        placed = pack.contents(self._library).placed
         outside = tuple(Item(self._library[one.shape], one.scale) for one in pack.outside)
         if self._tasks and entry.task is not None and not entry.is_truth:
             outside = _left(self._task(entry), placed)
         volume = sum(item.volume for item in (*(p.item for p in placed), *outside))
-        reached = pack.made.get("return")
-        if not outside and isinstance(reached, float) and reached > 0:
-            volume /= reached
+        played = pack.provenance if isinstance(pack.provenance, Played) else None
+        if not outside and played is not None and played.total > 0:
+            volume /= played.total
         return PackView(
             self.titles[number],
             _name(entry),
@@ -129,7 +130,7 @@ class PackCollection:
             placed,
             outside,
             volume or 1.0,
-            bool(pack.made.get("kinematic")),
+            played is not None and played.rules.kinematic,
         )
 
     def rivals(self, number: int) -> tuple[int, ...]:
@@ -142,10 +143,10 @@ class PackCollection:
     def _task(self, entry: _Entry) -> Task:
         assert entry.task is not None
         task = self._tasks[entry.task].task(self._library)
-        told = Rollout.from_pack(entry.pack).task_digest
-        if task.digest != told:
+        digest = Rollout(entry.pack).task_digest
+        if task.digest != digest:
             raise ResultsError(
-                f"the results are of another task {entry.task} ({told}) than the dataset has "
+                f"the results are of another task {entry.task} ({digest}) than the dataset has "
                 f"({task.digest}): choose the dataset that was played"
             )
         return task
@@ -153,9 +154,7 @@ class PackCollection:
 
 def _task_of(pack: Pack) -> int | None:
     """The number of the task that a result is of; None for a pack that is no result."""
-    if pack.made.get("results") != RESULTS_FORMAT:
-        return None
-    return Rollout.from_pack(pack).task
+    return pack.provenance.task if isinstance(pack.provenance, Played) else None
 
 
 def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
@@ -172,12 +171,12 @@ def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
 
 
 def _name(entry: _Entry) -> str:
-    made = entry.pack.made
+    played = entry.pack.provenance
     if entry.is_truth:
         return "the pack that the task was made of"
-    if entry.task is None:
+    if not isinstance(played, Played):
         return f"density {entry.pack.density:.3f}"
-    return f"{made['by']}: {made['return']:.3f}"
+    return f"{played.agent}: {played.total:.3f}"
 
 
 def _title(entry: _Entry) -> str:
@@ -188,15 +187,18 @@ def _title(entry: _Entry) -> str:
 
 def _facts(pack: Pack, items: int) -> tuple[tuple[str, str], ...]:
     """What a pack says of itself."""
-    made = pack.made
+    origin = pack.provenance
     rows = [
         ("items", f"{len(pack.items)} of {items} in the box"),
         ("density", f"{pack.density:.3f}"),
         ("box", " x ".join(f"{c / 100:g}" for c in pack.cells)),
     ]
-    names = {"return": "return", "end": "ended", "generation": "generation", "seed": "seed"}
-    for key, name in {"by": "by", **names}.items():
-        if key in made:
-            value = made[key]
-            rows.append((name, f"{value:.3f}" if isinstance(value, float) else str(value)))
+    if origin != UNKNOWN:
+        rows.append(("by", origin.producer))
+    if isinstance(origin, Played):
+        rows += [("return", f"{origin.total:.3f}"), ("ended", origin.end)]
+    if isinstance(origin, Evolved):
+        rows.append(("generation", str(origin.generation)))
+    if isinstance(origin, Played | Evolved):
+        rows.append(("seed", str(origin.seed)))
     return tuple(rows)

@@ -8,10 +8,13 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 
 from packit_sim.core.errors import ArgumentError, StateError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.datasets.provenance import Evolved
+from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.generation.pack_creator import PackCreator, Recipe
 from packit_sim.generation.strategies import search_of
 from packit_sim.libraries.library import ShapeLibrary
@@ -41,7 +44,7 @@ class Evolution:
 
     The same library, seed and settings lead to the same packs, in however many parts, on however
     many workers. best: the densest pack. kept: the best after generation 0 and every
-    `keep_every`, which made["after"] tells; made["generation"] is that in which it was found.
+    `keep_every`, see `Evolved`.
     densities: the best one after each generation. evaluated: chromosomes so far.
     """
 
@@ -57,6 +60,11 @@ class Evolution:
         self.evaluated = 0
         self.densities: list[float] = []
         self.kept: list[Pack] = []
+
+    @property
+    def size(self) -> float:
+        """The linear factor on all items of its packs."""
+        return self._recipe.size
 
     @property
     def best(self) -> Pack:
@@ -87,8 +95,8 @@ class Evolution:
             self._stale += 1
         self.densities.append(self._best.density)
         if number % self.settings.keep_every == 0:
-            made = {**self._best.made, "after": number}
-            self.kept.append(replace(self._best, made=made))
+            after = structs.replace(self._best.provenance, after=number)
+            self.kept.append(replace(self._best, provenance=after))
         return Generation(number, self.evaluated, self._best.density, self._best)
 
     def to_json(self) -> dict[str, Any]:
@@ -136,11 +144,7 @@ class Evolution:
         return Pack.of(
             _creator(self._recipe).pack(chromosome),
             LibraryRef.of(self._recipe.library),
-            by="evolution",
-            seed=self.seed,
-            generation=number,
-            size=self._recipe.size,
-            settings=self.settings.to_json(),
+            Evolved(seed=self.seed, generation=number, size=self.size, settings=self.settings),
         )
 
 

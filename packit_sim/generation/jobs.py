@@ -21,8 +21,9 @@ from typing import Any
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.parallel import Workers
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
-from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.evolution import Evolution
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -195,21 +196,19 @@ def _finished(order: GenerationJob, file: Path) -> dict[int, list[Pack]]:
     if not file.exists():
         return {}
     done: dict[int, list[Pack]] = {}
-    wanted = order.to_json()
     for number, pack in enumerate(read_packs(file, manifest=False)):
-        made = pack.made
-        same = (
-            asdict(pack.library) == wanted["library"]
-            and made.get("settings") == wanted["settings"]
-            and isinstance(made.get("seed"), int)
-            and ("after" in made) == order.history
-        )
-        if not same:
+        found = pack.provenance
+        if (
+            not isinstance(found, Evolved)
+            or pack.library != LibraryRef.of(order.library)
+            or found.settings != order.settings
+            or (found.after is not None) != order.history
+        ):
             raise GenerationError(
                 f"{file}, pack {number} was made with another library or other settings: "
                 "choose another folder"
             )
-        done.setdefault(made["seed"], []).append(pack)
+        done.setdefault(found.seed, []).append(pack)
     return done
 
 

@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 
 from packit_sim.box import Box
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.engine.feasibility import ORIGIN
-from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary

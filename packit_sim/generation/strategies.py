@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings, crossover, mutate
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
 
 
 class Search(ABC):

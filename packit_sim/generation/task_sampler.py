@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.generation.chromosomes import Chromosome, EvolutionSettings
+from packit_sim.datasets.provenance import Sampled
+from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.generation.pack_creator import Recipe
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -30,5 +32,5 @@ class TaskSampler:
             recipe = Recipe.drawn(self.library, self.settings, rng)
             box = recipe.creator().pack(Chromosome.random(self.settings, rng))
             if box.placed:
-                made = {"by": "random chromosome", "size": recipe.size}
-                return Pack.of(box, LibraryRef.of(self.library), **made).task(self.library)
+                sampled = Sampled(size=recipe.size)
+                return Pack.of(box, LibraryRef.of(self.library), sampled).task(self.library)

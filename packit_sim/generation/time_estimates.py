@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack
-from packit_sim.generation.chromosomes import EvolutionSettings
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.jobs import Progress
 
 ENOUGH = 20
@@ -37,7 +37,7 @@ class TimeEstimate:
     done: Mapping[int, Pack] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._lengths = {n: self._length(pack.made) for n, pack in self.done.items()}
+        self._lengths = {n: self._length(pack) for n, pack in self.done.items()}
         self._before = {p.number: p.generation + 1 for p in self.before}
         self._worked = self._finished = 0
         self._crew = max(1, min(self.workers, self.packs - len(self._lengths)))
@@ -48,7 +48,7 @@ class TimeEstimate:
 
     def finish(self, number: int, pack: Pack) -> None:
         """Counts a pack that was finished just now."""
-        length = self._length(pack.made)
+        length = self._length(pack)
         self._lengths[number] = length
         self._worked += max(0, length - self._before.get(number, 0))
         self._finished += 1
@@ -72,10 +72,12 @@ class TimeEstimate:
         longer = [length for length in tuple(self._lengths.values()) if length > done]
         return sum(longer) / len(longer) if longer else max(self.settings.generations + 1, done)
 
-    def _length(self, made: Mapping[str, Any]) -> int:
+    def _length(self, pack: Pack) -> int:
         """How many generations it took, by that of the best pack: patience ran out, or all did."""
-        best, last = made.get("generation"), self.settings.generations
-        return (min(best + self.settings.patience, last) if isinstance(best, int) else last) + 1
+        last = self.settings.generations
+        if isinstance(pack.provenance, Evolved):
+            last = min(pack.provenance.generation + self.settings.patience, last)
+        return last + 1
 
 
 def told(seconds: float | None) -> str:

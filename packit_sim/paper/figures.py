@@ -15,6 +15,7 @@ import numpy.typing as npt
 from packit_sim.box import Box, BoxState
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, Task
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.engine.feasibility import Contents
 from packit_sim.evaluation.results import Rollout
 from packit_sim.geometry import rotations
@@ -60,7 +61,7 @@ def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
     outside = _shot(
         unplaced(task.items, task.cells), _WHITE, Layout.standing(task.items, size), 5 / 3
     )
-    inside = _shot(BoxState(pack.cells, pack.placed(library)))
+    inside = _shot(pack.contents(library))
     with plots.drawn(path, [["outside"] * 5 + ["inside"] * 3], 12, 4.9) as (_, axes):
         _show(axes["outside"], outside, f"A task: {len(task.items)} items and an empty box")
         _show(axes["inside"], inside, f"Packed by evolution: density {pack.density:.2f}")
@@ -68,7 +69,7 @@ def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
 
 def draw_looks(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
     """A pack in many looks, each with what `packit render` is told to have it."""
-    box = BoxState(pack.cells, pack.placed(library))
+    box = pack.contents(library)
     middle = float(pack.cells[1]) * CELL / 2
     looks = {
         "(usual)": Look(),
@@ -139,8 +140,13 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
 
 def first_evolution(packs: Sequence[Pack]) -> list[Pack]:
     """Of the packs of several evolutions those of the first, in the order of their generations."""
-    seed = packs[0].made.get("seed")
-    return [pack for pack in packs if pack.made.get("seed") == seed]
+    seed = _seed(packs[0])
+    return [pack for pack in packs if _seed(pack) == seed]
+
+
+def _seed(pack: Pack) -> int | None:
+    """The seed of its evolution."""
+    return pack.provenance.seed if isinstance(pack.provenance, Evolved) else None
 
 
 def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | str) -> None:
@@ -149,16 +155,18 @@ def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | st
     Of many the first, each twice as far as the one before it, and the last. Raises PackItError
     where one does not tell.
     """
-    for pack in packs:
-        if not isinstance(pack.made.get("after"), int):
-            raise PackItError("packs of an evolution must tell `after`: generate them --history")
+    after = [pack.provenance.after for pack in packs if isinstance(pack.provenance, Evolved)]
+    if len(after) < len(packs) or None in after:
+        raise PackItError(
+            "packs of an evolution must record `provenance.after`: generate them with --history"
+        )
     last = len(packs) - 1
-    shown = [packs[n] for n in range(len(packs)) if n in (0, last) or n.bit_count() == 1]
+    shown = [n for n in range(len(packs)) if n in (0, last) or n.bit_count() == 1]
     names = [f"{n}" for n in range(len(shown))]
     with plots.drawn(path, [names], 3.2 * len(shown), 3.7) as (_, axes):
-        for name, pack in zip(names, shown, strict=True):
-            shot = _shot(BoxState(pack.cells, pack.placed(library)))
-            _show(axes[name], shot, f"Generation {pack.made['after']}")
+        for name, n in zip(names, shown, strict=True):
+            pack = packs[n]
+            _show(axes[name], _shot(pack.contents(library)), f"Generation {after[n]}")
             axes[name].set_xlabel(f"density {pack.density:.3f}, {len(pack.items)} items")
 
 
@@ -217,7 +225,7 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
 
 def _left(rollout: Rollout, task: Task, library: ShapeLibrary) -> tuple[BoxState, Layout]:
     """A box as an agent left it, and what it left outside, beside it."""
-    placed = rollout.pack.placed(library)
+    placed = rollout.pack.contents(library).placed
     outside = list(task.items)
     for one in placed:
         outside.remove(one.item.turned(0))

@@ -18,6 +18,7 @@ import numpy as np
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack
+from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.evaluation import SLACK
 from packit_sim.render import plots
 
@@ -47,13 +48,13 @@ def kept(packs: Sequence[Pack], file: Path) -> Evolutions:
     """Raises PackItError where the packs were made without --history."""
     evolutions: dict[int, dict[int, Pack]] = defaultdict(dict)
     for number, pack in enumerate(packs):
-        seed, after = pack.made.get("seed"), pack.made.get("after")
-        if not (isinstance(seed, int) and isinstance(after, int)):
+        evolved = pack.provenance
+        if not (isinstance(evolved, Evolved) and evolved.after is not None):
             raise PackItError(
-                f"{file}, pack {number} tells no generation (made.after): its dataset must be made "
-                "by packit generate --history"
+                f"{file}, pack {number} records no generation (provenance.after): generate its "
+                "dataset with `packit generate --history`"
             )
-        evolutions[seed][after] = pack
+        evolutions[evolved.seed][evolved.after] = pack
     return evolutions
 
 

@@ -11,6 +11,10 @@ Method = Literal["coacd", "bisection"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 
+INSIDE = 0.005
+"""Box units by which an item may reach out of the box and still be inside: a contact gives way a
+little, and pieces fall short of the mesh by about as much."""
+
 
 @dataclass(frozen=True)
 class DecompositionSettings:

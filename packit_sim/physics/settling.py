@@ -14,12 +14,8 @@ from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Floats, Piece
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS, World
-
-INSIDE = 0.005
-"""Box units by which an item may reach out of the box and still be inside: a contact gives way a
-little, and pieces fall short of the mesh by about as much."""
 
 _LOOK = 10
 """Steps of time from one look at the speeds to the next."""

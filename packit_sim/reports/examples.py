@@ -122,6 +122,6 @@ def _solution(task: Task, library: ShapeLibrary, models: Models) -> Example:
 
 def _model(pack: Pack, total: float, library: ShapeLibrary, models: Models) -> int:
     """total: the return, which is the share of the task's volume that the pack holds."""
-    placed = pack.placed(library)
+    placed = pack.contents(library).placed
     volume = sum(one.item.volume for one in placed)
     return models.add(pack.cells, placed, volume / total if total > 0 else 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +11,6 @@ from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare
 from packit_sim.evaluation.judging import SCORES
 from packit_sim.evaluation.results import Rollout
 from packit_sim.reports.runs import EvaluationRun, TrainingRun
-
-_OWN = frozenset(
-    ("results", "by", "task", "task_digest", "seed", "easy", "kinematic", "return", "end")
-)
-"""What each rollout's pack tells in `made`; numbers beside these are scores of other kinds."""
 
 
 @dataclass(frozen=True)
@@ -199,17 +193,12 @@ def settings(learned: Sequence[TrainingRun]) -> Table:
 
 
 def _more_scores(rollouts: Sequence[Rollout]) -> Mapping[str, Estimate]:
-    first, *rest = (rollout.pack.made for rollout in rollouts)
-    names = [name for name in first if name not in _OWN and _is_number(first[name])]
+    first, *rest = (rollout.played.scores for rollout in rollouts)
     return {
-        name: Estimate.of([float(made[name]) for made in (first, *rest)])
-        for name in names
-        if all(_is_number(made.get(name)) for made in rest)
+        name: Estimate.of([float(scores[name]) for scores in (first, *rest)])
+        for name in first
+        if all(name in scores for scores in rest)
     }
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _compared(one: EvaluationRun, other: EvaluationRun) -> tuple[Cell, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_sim.datasets.packs import OutsideItem, Pack, Task
+from packit_sim.datasets.packs import ItemRecord, Pack, Task
 from packit_sim.libraries.library import ShapeLibrary
 
 
@@ -30,5 +30,5 @@ class Mixture:
         both = first.items + second.items
         taken = rng.random(len(both)) < 0.5
         items = [item for item, is_taken in zip(both, taken, strict=True) if is_taken]
-        outside = tuple(OutsideItem(item.shape.id, item.scale) for item in items or both[:1])
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item in items or both[:1])
         return Pack(first.pack.library, first.cells, (), 0.0, outside=outside).task(self.library)

@@ -1,0 +1,143 @@
+"""JSON read into typed records by `msgspec`, with one clear error for what does not fit."""
+
+from __future__ import annotations
+
+import json
+import re
+import reprlib
+from collections.abc import Iterator
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from packit_sim.core.errors import PackItError
+
+T = TypeVar("T")
+
+_WHERE = re.compile(r"(?s)(?P<problem>.*?)(?: - at `\$(?P<path>.*)`)?")
+_NAMED = re.compile(r"Object (missing required|contains unknown) field `(.+)`")
+_STEPS = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+
+
+def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str = "it") -> T:
+    """Read JSON text as a typed record.
+
+    Parameters
+    ----------
+    data : bytes or str
+        The text, in UTF-8.
+    kind : type
+        A dataclass, a `msgspec.Struct` or any other type that msgspec knows.
+    error : type of PackItError
+        What to raise.
+    what : str, default: "it"
+        The name of the whole text in messages, such as "a pack".
+
+    Raises
+    ------
+    PackItError
+        Of the given type, if the text is not JSON, or not of this kind. NaN and Infinity are not
+        JSON, and a bool is not a number. The message names the field, its value and what is valid.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError as problem:
+        raise error(_sentence(str(problem), _parsed(data), kind, what)) from None
+    except (ValueError, RecursionError) as problem:
+        raise error(f"not JSON: {problem}") from None
+
+
+def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it") -> T:
+    """Read a value of JSON's types as a typed record; the rest is as of `decode`."""
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as problem:
+        raise error(_sentence(str(problem), raw, kind, what)) from None
+
+
+def builtins(record: Any) -> Any:
+    """Return a record in JSON's types."""
+    return msgspec.to_builtins(record)
+
+
+def encode(record: Any) -> str:
+    """Write a record as one line of JSON; floats keep every bit.
+
+    Raises
+    ------
+    ValueError
+        If the record holds NaN or an infinite number.
+    """
+    return json.dumps(builtins(record), separators=(",", ":"), allow_nan=False)
+
+
+def _parsed(data: bytes | str) -> Any:
+    """The JSON text without types, None where it is beyond reading."""
+    try:
+        return msgspec.json.decode(data)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _sentence(text: str, raw: Any, kind: Any, what: str) -> str:
+    """Turn msgspec's message into ours."""
+    match = _WHERE.fullmatch(text)
+    assert match is not None
+    problem, path = match["problem"], (match["path"] or "").removesuffix("[...]")
+    named = _NAMED.fullmatch(problem)
+    if named is not None:
+        field = f"{path}.{named[2]}".lstrip(".")
+        return f"field {field!r} is {'missing' if named[1].startswith('missing') else 'unknown'}"
+    problem = problem.replace("`", "")
+    if not path:
+        if problem.startswith("Expected object"):
+            return f"{what} must be a JSON object, not {type(raw).__name__}"
+        return problem
+    field = path.lstrip(".")
+    if problem.startswith("Invalid"):
+        choices = ", ".join(dict.fromkeys(_choices(kind, path)))
+        return f"field {field!r} is {_value(raw, path)}: choose from {choices}"
+    if problem.startswith("Expected") or problem.endswith("out of range"):
+        return f"field {field!r} is {_value(raw, path)}: {problem[0].lower()}{problem[1:]}"
+    return f"field {field!r}: {problem}"  # by a record's own check
+
+
+def _choices(kind: Any, path: str) -> Iterator[str]:
+    """The valid values of the field at a path: of literals, enums and tags."""
+    nodes = list(_alternatives(inspect.type_info(kind)))
+    for key, index in _STEPS.findall(path):
+        below: list[Any] = []
+        for node in nodes:
+            if index:
+                below += getattr(node, "item_types", ()) or [getattr(node, "item_type", None)]
+            elif key == getattr(node, "tag_field", None):
+                yield str(node.tag)
+            else:
+                below += [f.type for f in getattr(node, "fields", ()) if f.encode_name == key]
+        nodes = [one for node in below for one in _alternatives(node)]
+    for node in nodes:
+        yield from map(str, getattr(node, "values", ()))
+        if isinstance(node, inspect.EnumType):
+            yield from (str(member.value) for member in node.cls)
+
+
+def _alternatives(node: Any) -> Iterator[Any]:
+    """A type, or each of a union's, without what only restricts them."""
+    if isinstance(node, inspect.Metadata):
+        yield from _alternatives(node.type)
+    elif isinstance(node, inspect.UnionType):
+        for one in node.types:
+            yield from _alternatives(one)
+    else:
+        yield node
+
+
+def _value(raw: Any, path: str) -> str:
+    """The value at a path such as `.items[3].rotation`, as messages show it."""
+    try:
+        for key, index in _STEPS.findall(path):
+            raw = raw[int(index)] if index else raw[key]
+    except (KeyError, IndexError, TypeError):
+        return "wrong"
+    return reprlib.repr(raw)

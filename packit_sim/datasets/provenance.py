@@ -1,0 +1,177 @@
+"""Where packs come from: one typed record each, stored with the pack."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, TypeAlias
+
+from msgspec import Meta, Struct, field
+
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.geometry import rotations
+from packit_sim.libraries.splits import Split
+from packit_sim.physics.settings import Method
+from packit_sim.rules import PACKIT, Rules
+
+Count = Annotated[int, Meta(ge=0)]
+Positive = Annotated[float, Meta(gt=0)]
+Seconds = Annotated[float, Meta(ge=0)]
+RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]
+
+
+class _Record(
+    Struct,
+    frozen=True,
+    kw_only=True,
+    omit_defaults=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+):
+    """What all records have.
+
+    Attributes
+    ----------
+    split : Split, optional
+        The split of the library whose shapes the pack holds, if it is known.
+    """
+
+    split: Split | None = None
+
+    @property
+    def producer(self) -> str:
+        """What or who packed it, as tables name it."""
+        return str(self.__struct_config__.tag)
+
+
+class Evolved(_Record, frozen=True, kw_only=True, tag="evolution"):
+    """A pack found by evolution: each item stands at its bottom-left-back-fill location.
+
+    Attributes
+    ----------
+    seed : int
+        The seed of the evolution.
+    generation : int
+        The generation in which the pack was found.
+    size : float
+        The linear factor on all items of the pack.
+    settings : EvolutionSettings
+        The settings of the evolution.
+    after : int, optional
+        The generation after which the pack was the best so far, for packs of a history.
+    """
+
+    seed: Count
+    generation: Count
+    size: Positive
+    settings: EvolutionSettings
+    after: Count | None = None
+
+
+class Sampled(_Record, frozen=True, kw_only=True, tag="random chromosome"):
+    """A pack of a random chromosome.
+
+    Attributes
+    ----------
+    size : float
+        The linear factor on all items of the pack.
+    """
+
+    size: Positive
+
+
+class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
+    """A box as an agent left it.
+
+    Attributes
+    ----------
+    agent : str
+        The name of the agent.
+    task : int
+        The number of the task in its dataset.
+    task_digest : str
+        The digest of the task.
+    seed : int
+        The seed of the evaluation.
+    rules : Rules
+        The rules that were played.
+    total : float
+        The return of the episode, "return" in files.
+    end : str
+        Why the episode ended, one of `End`.
+    seconds : float
+        The duration of the episode; other work on the machine may have lengthened it.
+    weights : str, optional
+        The digest of the agent's weights, for an agent that learned.
+    scores : mapping of str to number
+        Other scores of the box by name, such as those of `packit evaluate --scores`.
+    pieces : Method, optional
+        How shapes became convex pieces for these scores.
+    """
+
+    agent: str
+    task: int
+    task_digest: str
+    seed: int
+    rules: Rules = PACKIT
+    total: float = field(name="return")
+    end: str
+    seconds: Seconds = 0.0
+    weights: str | None = None
+    scores: Mapping[str, int | float] = {}
+    pieces: Method | None = None
+
+    @property
+    def producer(self) -> str:
+        return self.agent
+
+
+class FromOriginal(_Record, frozen=True, kw_only=True, tag="the original PackIt"):
+    """A pack of the original PackIt's files, of which only the items are known.
+
+    Attributes
+    ----------
+    file : str
+        The name of the file.
+    pack : int
+        The number of the pack in the file, from 0.
+    efficiency : float
+        As recorded in the file.
+    shape_scale : float, optional
+        As recorded in the file.
+    rotations : tuple of int
+        The rotations of the task's items, as ours.
+    left_out : int
+        How many items have no shape in the library.
+    """
+
+    file: str
+    pack: Count
+    efficiency: float
+    shape_scale: float | None = None
+    rotations: tuple[RotationIndex, ...]
+    left_out: Count = 0
+
+
+class Other(_Record, frozen=True, kw_only=True, tag="other"):
+    """Any other pack, made by hand or by another tool.
+
+    Attributes
+    ----------
+    author : str
+        Who or what made the pack.
+    notes : str
+        Anything else that is known of it.
+    """
+
+    author: str = ""
+    notes: str = ""
+
+    @property
+    def producer(self) -> str:
+        return self.author or "packs"
+
+
+Provenance: TypeAlias = Evolved | Sampled | Played | FromOriginal | Other
+
+UNKNOWN = Other()
+"""The provenance of a pack of which nothing is known."""
