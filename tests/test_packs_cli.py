@@ -424,8 +424,12 @@ def test_a_pack_may_leave_items_of_its_task_outside(blocks: ShapeLibrary) -> Non
     ]
     assert task.solution == ((1, 7, (0, 0, 0)),)
     for field, value, told in (
-        ("outside", {}, "'outside' is {}: it must be of type list"),
-        ("outside", [{"shape": "brick", "scale": 0}], r"'outside\[0\].scale' is 0.0"),
+        ("outside", {}, "'outside' is {}: expected array"),
+        (
+            "outside",
+            [{"shape": "brick", "scale": 0}],
+            r"'outside\[0\].scale' is 0: expected float > 0",
+        ),
         ("outside", [{"scale": 1}], r"'outside\[0\].shape' is missing"),
     ):
         with pytest.raises(PackFormatError, match=told):

@@ -25,14 +25,19 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
 
     Parameters
     ----------
-    data : bytes or str
+    data : bytes | str
         The text, in UTF-8.
-    kind : type
+    kind : type[T]
         A dataclass, a `msgspec.Struct` or any other type that msgspec knows.
-    error : type of PackItError
+    error : type[PackItError]
         What to raise.
-    what : str, default: "it"
+    what : str
         The name of the whole text in messages, such as "a pack".
+
+    Returns
+    -------
+    T
+        The record.
 
     Raises
     ------
@@ -62,13 +67,7 @@ def builtins(record: Any) -> Any:
 
 
 def encode(record: Any) -> str:
-    """Write a record as one line of JSON; floats keep every bit.
-
-    Raises
-    ------
-    ValueError
-        If the record holds NaN or an infinite number.
-    """
+    """Write a record as one line of JSON; floats keep every bit, and must be finite."""
     return json.dumps(builtins(record), separators=(",", ":"), allow_nan=False)
 
 

@@ -22,7 +22,7 @@ def pack(raw: Mapping[str, Any]) -> dict[str, Any]:
 
     Parameters
     ----------
-    raw : mapping
+    raw : Mapping[str, Any]
         The pack in JSON's types, unchecked.
 
     Returns

@@ -190,8 +190,13 @@ class Pack:
             A `Box`, or a `SettlingBox`, whose items get poses instead of locations.
         library : LibraryRef
             The library of the items' shapes.
-        provenance : Provenance, default: UNKNOWN
+        provenance : Provenance
             How the pack came to be.
+
+        Returns
+        -------
+        Pack
+            The pack, whose density is the box's.
         """
         items = tuple(PackedItem.of(inside) for inside in box.placed)
         return cls(library, box.cells, items, float(box.density), provenance)
@@ -203,6 +208,16 @@ class Pack:
 
     def placed(self, library: ShapeLibrary) -> tuple[PlacedItem | PosedItem, ...]:
         """Return the items in their places, unchecked.
+
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        tuple of PlacedItem or PosedItem
+            The items on the grid, or off it, in the order of placing.
 
         Raises
         ------
@@ -222,6 +237,16 @@ class Pack:
     def contents(self, library: ShapeLibrary) -> BoxState:
         """Return the box's state on the grid, unchecked.
 
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        BoxState
+            What is in the box.
+
         Raises
         ------
         PackFormatError
@@ -238,6 +263,16 @@ class Pack:
 
     def replay(self, library: ShapeLibrary) -> Box:
         """Pack a box anew, item by item.
+
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        Box
+            The packed box.
 
         Raises
         ------
@@ -285,6 +320,16 @@ class Pack:
     @classmethod
     def from_json(cls, line: bytes | str) -> Pack:
         """Read one line, of this format or of version 1.
+
+        Parameters
+        ----------
+        line : bytes | str
+            The JSON text of a pack.
+
+        Returns
+        -------
+        Pack
+            The pack, whose fields are in range by themselves.
 
         Raises
         ------
@@ -347,6 +392,16 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
     @classmethod
     def read(cls, path: Path) -> Manifest:
         """Read a manifest.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+
+        Returns
+        -------
+        Manifest
+            What it records.
 
         Raises
         ------

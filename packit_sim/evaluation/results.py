@@ -85,8 +85,13 @@ class Rollout:
             The rules that were played.
         seconds : float
             The duration of the episode.
-        weights : str, optional
+        weights : str | None
             The digest of the agent's weights, for an agent that learned.
+
+        Returns
+        -------
+        Rollout
+            The record.
         """
         assert episode.end is not None
         played = Played(
@@ -167,6 +172,16 @@ class Rollout:
 
 def read_results(path: Path | str) -> list[Rollout]:
     """Read a file of results.
+
+    Parameters
+    ----------
+    path : Path | str
+        The file.
+
+    Returns
+    -------
+    list of Rollout
+        The rollouts, in the order of the file.
 
     Raises
     ------
