@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+import packit_sim
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets import packs
 from packit_sim.datasets.packs import write_packs
 from packit_sim.paper.reproduction import HEURISTIC, TABLES
 from packit_sim.physics.convex import decomposition, disk_cache
@@ -103,7 +103,7 @@ def test_the_code_for_physics_runs(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
     write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
-    monkeypatch.setattr(packs, "dataset_file", lambda name: tmp_path / "few.jsonl")
+    monkeypatch.setattr(packit_sim, "dataset_file", lambda name: tmp_path / "few.jsonl")
     names: dict[str, Any] = {}
     exec(compile(examples("physics.md")[0], "physics.md", "exec"), names)
     assert len(names["settled"].items) == len(names["box"].placed) == 3

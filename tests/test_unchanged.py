@@ -113,6 +113,7 @@ def test_packs_evolve_as_recorded(everyday, split) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("split", ["train", "validation", "test"])
+@pytest.mark.timeout(900)  # seconds on a machine with nothing else to do
 def test_shipped_packs_evolve_as_recorded(everyday, split) -> None:
     (recorded,) = read_packs(RECORDS / "packs" / f"everyday-v1-{split}.jsonl")
     (made,) = provenance(f"everyday-v1-{split}")

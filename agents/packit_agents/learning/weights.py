@@ -60,10 +60,10 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
             f"this one reads {FORMAT!r}, version '{VERSION}'"
         )
     try:
-        fields = json.loads(told["network"])
-        fields.pop("heads", None)  # of the attention network, which was removed
-        settings = NetworkSettings(**fields)
-        prospects, made = int(told["prospects"]), json.loads(told["made"])
+        fields, made = json.loads(told["network"]), json.loads(told["made"])
+        for stored in (fields, made.get("settings", {}).get("network", {})):
+            stored.pop("heads", None)  # of the attention network, which was removed
+        settings, prospects = NetworkSettings(**fields), int(told["prospects"])
         net = network(settings, prospects)
         net.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
