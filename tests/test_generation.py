@@ -236,13 +236,14 @@ def test_a_full_disk_stops_it_and_loses_nothing(
     ]
 
 
-def test_a_damaged_checkpoint_begins_its_pack_anew(library, undisturbed, tmp_path) -> None:
+def test_a_damaged_checkpoint_begins_its_pack_anew(library, undisturbed, tmp_path, caplog) -> None:
     file = tmp_path / "train.jsonl"
     folder = work_folder(file)
     folder.mkdir()
     checkpoint(folder, 0).write_text('{"seed": 40, "setti')
     checkpoint(folder, 1).write_bytes(b"\0" * 100)
     assert generate(order(library), file) == undisturbed
+    assert "00001.json is damaged: pack 1 starts again" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.logging import RichHandler
 from rich.markup import escape
 from rich.table import Table
 
@@ -61,9 +63,7 @@ DEMO_SEED = 7
 DEMO_SIZE = (0.65, 0.65)
 """The demo's size factor: about 25 items fill a box, and a short evolution gets somewhere."""
 
-app = typer.Typer(
-    help="Pack real 3D shapes into a box, exactly.", no_args_is_help=True, add_completion=False
-)
+app = typer.Typer(no_args_is_help=True, add_completion=False)
 app.add_typer(shapes_cli.app, name="shapes")
 app.add_typer(packs_cli.app, name="packs")
 app.command("generate")(generate_command)
@@ -80,6 +80,24 @@ app.command("compact")(compact_command)
 app.command("score")(score_command)
 for _command in entry_points(group="packit_sim.commands"):
     app.command(_command.name)(_command.load())
+
+
+@app.callback()
+def configure(
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "--verbose", "-v", count=True, help="Log progress to stderr; twice: also details."
+        ),
+    ] = 0,
+) -> None:
+    """Pack real 3D shapes into a box, exactly."""
+    if verbose:
+        handler = RichHandler(console=Console(stderr=True), show_path=False)
+        for name in ("packit_sim", "packit_agents"):
+            logger = logging.getLogger(name)
+            logger.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
+            logger.handlers = [handler]
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 import zlib
 from collections.abc import Callable, Iterable, Sequence
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers
     from packit_sim.envs.env import PackItEnv
     from packit_sim.envs.vector import PackItVectorEnv
+
+_log = logging.getLogger(__name__)
 
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""
@@ -110,6 +113,16 @@ def evaluate(
             missing = [agent for agent in agents if (agent.name, number) not in ledger]
             if missing:
                 jobs.append((missing, task, number, seed, rules))
+        playing = sum(len(missing) for missing, *_ in jobs)
+        known = len(agents) * len(tasks) - playing
+        _log.info(
+            "%d agents, %d tasks: %d results exist, %d to play",
+            len(agents),
+            len(tasks),
+            known,
+            playing,
+        )
+        started = time.monotonic()
         played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
         for rollouts in played:
             for rollout in rollouts:
@@ -118,8 +131,10 @@ def evaluate(
                         f"weights of {rollout.agent} were written anew while it played: "
                         f"{rollout.weights}, not {weights[rollout.agent]}"
                     )
+                _log.debug("task %d, %s: return %.3f", rollout.task, rollout.agent, rollout.total)
                 on_rollout(rollout)
             ledger.add(rollouts)
+        _log.info("%d results in %.1f s", playing, time.monotonic() - started)
         return [ledger[agent.name, number] for agent in agents for number in range(len(tasks))]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import starmap
@@ -16,6 +18,8 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
+
+_log = logging.getLogger(__name__)
 
 SCORES: Mapping[str, str] = {
     "stable": "share of the placed volume that stays where it is when all is let go",
@@ -58,6 +62,8 @@ def judge(
             for n, rollout in enumerate(rollouts)
             if not is_judged(rollout, pieces)
         ]
+        _log.info("%d of %d results are left to judge", len(jobs), len(found))
+        started = time.monotonic()
         judged = starmap(_judged, jobs) if workers is None else workers.as_done(_judged, jobs)
         for n, verdict in judged:
             pack, played = found[n].pack, found[n].played
@@ -66,6 +72,7 @@ def judge(
             found[n] = Rollout(replace(pack, provenance=judged_now))
             on_judged(found[n])
             ledger.add([found[n]])
+    _log.info("%d results judged in %.1f s", len(jobs), time.monotonic() - started)
     return found
 
 

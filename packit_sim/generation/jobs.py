@@ -8,6 +8,7 @@ the same order goes on from there, and ends in the same packs as without a stop.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import time
@@ -26,6 +27,8 @@ from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.evolution import Evolution
 from packit_sim.libraries.library import ShapeLibrary
+
+_log = logging.getLogger(__name__)
 
 CHECKPOINT_SECONDS = 5.0
 """Work that a kill can lose, and the time of a generation."""
@@ -96,14 +99,18 @@ def generate(
         if done:
             write_packs(file, _in_order(done))
         missing = [n for n in range(order.packs) if order.seed + n not in done]
+        _log.info("%s: %d of %d packs are left to evolve", file, len(missing), order.packs)
+        started = time.monotonic()
         jobs = ((order, order.to_json(), folder.absolute(), n, os.getpid()) for n in missing)
         made = starmap(_made, jobs) if workers is None else workers.as_done(_made, jobs)
         for number, packs in made:
             done[order.seed + number] = packs
             write_packs(file, _in_order(done))
             checkpoint(folder, number).unlink(missing_ok=True)
+            _log.info("pack %d: density %.3f", number, packs[-1].density)
             on_pack(number, packs[-1])
         shutil.rmtree(folder)
+    _log.info("%s: finished in %.1f s", file, time.monotonic() - started)
     return _in_order(done)
 
 
@@ -148,6 +155,9 @@ def _made(
     state = _read(path) if keeps else None
     if state:
         evolution.restore(state)
+        _log.info("pack %d: resumes after %d generations", number, len(evolution.densities))
+    elif keeps and path.exists():
+        _log.warning("%s is damaged: pack %d starts again", path, number)
     written = time.monotonic()
     while not evolution.is_over:
         evolution.step()

@@ -6,9 +6,11 @@ file, however broken, takes the import down.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import resource
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import TimeoutError
 from dataclasses import dataclass, field, replace
@@ -25,6 +27,8 @@ from packit_sim.geometry.similarity import groups
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import stored
 from packit_sim.libraries.sources import Candidate, ShapeInfo
+
+_log = logging.getLogger(__name__)
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -103,14 +107,20 @@ def import_library(
     stored.require_replaceable(Path(path).absolute())
     outcomes: list[Outcome] = []
     kept: list[tuple[QuantizedMesh, ShapeInfo]] = []
+    _log.info("importing %d meshes with %d processes", len(candidates), settings.workers)
+    started = time.monotonic()
     for outcome, mesh in _prepared(_with_ids(candidates), settings):
         outcomes.append(outcome)
+        if outcome.problem is not None:
+            _log.info("%s is skipped: %s", outcome.name, outcome.problem)
         if mesh is not None and outcome.info is not None:
             kept.append((mesh, outcome.info))
         if done is not None:
             done(outcome)
     if not kept:
         return outcomes
+    if skipped := len(outcomes) - len(kept):
+        _log.warning("%d of %d meshes are skipped", skipped, len(outcomes))
     if any(candidate.group is None for candidate in candidates):
         kept = _grouped(kept)
 
@@ -124,6 +134,7 @@ def import_library(
         }
 
     stored.write(path, name, version, kept, split)
+    _log.info("%s: %d shapes in %.1f s", path, len(kept), time.monotonic() - started)
     infos = {info.id: info for _, info in kept}
     return [replace(outcome, info=infos.get(outcome.id)) for outcome in outcomes]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -42,6 +43,8 @@ from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.evaluation.evaluation import evaluate_batched
 from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, Point
 from packit_sim.libraries.library import ShapeLibrary
+
+_log = logging.getLogger(__name__)
 
 RECENT = 200
 """Episodes whose mean return is told."""
@@ -148,10 +151,16 @@ class Training:
         with claimed(self.folder / ".lock", self.folder):
             if not self.is_over:
                 left = self.settings.steps - self.steps
+                begins = "resumes" if self.steps else "starts"
+                _log.info(
+                    "%s: %s at step %d of %d", self.folder, begins, self.steps, self.settings.steps
+                )
+                started = time.monotonic()
                 watch = _Watch(self, on_progress)
                 self._model.learn(left, watch, reset_num_timesteps=self.steps == 0)
                 self._model.lessons.clear()
                 self.look()
+                _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
         on_progress(Progress(self.steps, self.reward, self.best))
 
     def close(self) -> None:
@@ -228,6 +237,7 @@ class Training:
         before = self.best
         point = Point(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
         self.curve.append(point)
+        _log.info("step %d: validation reward %.3f", point.steps, point.validation.mean)
         if before is None or point.validation.mean > before.validation.mean:
             self._write_weights("best", point)
         self._write_weights("last", point)
