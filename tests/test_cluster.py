@@ -176,13 +176,13 @@ def test_a_single_worker_is_on_the_cluster(cluster) -> None:
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nowhere"])
 def test_where_no_cluster_is_there_is_none_to_join(address) -> None:
     pytest.importorskip("ray", reason="the extra `cluster` is not installed")
-    with pytest.raises(WorkersError, match=f"no Ray cluster to join at '{address}'"):
+    with pytest.raises(WorkersError, match=f"there is no Ray cluster at '{address}'"):
         Workers(backend="ray", address=address)
 
 
 def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None:
     cluster.add_node(num_cpus=1)
-    monkeypatch.setattr(parallel, "MOST_LOSSES", 1)
+    monkeypatch.setattr(parallel, "MAX_RETRIES", 1)
 
     def fail(error: Exception | None) -> None:
         if error is None:
@@ -193,14 +193,16 @@ def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None
         for error, told in (
             (LibraryError("no library"), f"{os.uname().nodename}: no library"),
             (ImportError("no module"), f"{os.uname().nodename}: no module"),
-            (None, "the cluster gave a job up: The worker died"),
+            (None, "the cluster gave up a job: The worker died"),
         ):
             with pytest.raises(WorkersError, match=told):
                 workers.map(fail, [(error,)])
         with pytest.raises(AssertionError, match="ours"):
             list(workers.as_done(fail, [(AssertionError("ours"),)]))
         monkeypatch.setattr(parallel, "__version__", "0.0.0")
-        with pytest.raises(WorkersError, match=r"PackIt-Sim is \d+\.\d+\.\d+ here, not 0\.0\.0"):
+        with pytest.raises(
+            WorkersError, match=r"PackIt-Sim has version \d+\.\d+\.\d+ here, not 0\.0\.0"
+        ):
             workers.map(fail, [(None,)])
 
 
@@ -219,7 +221,7 @@ def test_the_command_is_stopped_and_goes_on(cluster, order, tmp_path) -> None:
         wait_for(lambda: under_way(file) or file.exists())
         process.send_signal(signal.SIGINT)
         told, _ = process.communicate(timeout=60)
-    assert process.returncode == 130 and "the same command goes on from here" in told
+    assert process.returncode == 130 and "repeat the command to resume" in told
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout
     assert "".join(told.split()).endswith("train.jsonl:3packs")
     assert file.read_bytes() == (tmp_path / "local" / "train.jsonl").read_bytes()

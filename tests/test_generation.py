@@ -315,7 +315,7 @@ def test_a_library_at_a_path_travels_with_all_of_the_path(tmp_path, monkeypatch)
 def test_a_killed_worker_is_told_in_a_line() -> None:
     with Workers(2) as workers:
         for ask in (workers.map, lambda *jobs: list(workers.as_done(*jobs))):
-            with pytest.raises(WorkersError, match="the same command goes on from here"):
+            with pytest.raises(WorkersError, match="repeat the command to resume"):
                 ask(os._exit, [(1,), (1,)])
 
 

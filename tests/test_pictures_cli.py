@@ -136,7 +136,7 @@ def test_colours_tell_what_moves_when_a_box_is_let_go(packit, tmp_path) -> None:
         likeness = bright @ hue / np.linalg.norm(bright, axis=1)
         assert (likeness > 0.995).sum() > 100
     done = packit("render", *told, "--task")
-    assert done.code == 2 and "only a packed box can be let go" in done.err
+    assert done.code == 2 and "--color stability needs a packed box" in done.err
 
 
 def test_shapes_of_a_library_side_by_side(packit, tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""What the command line's parts share: the console, progress bars, options."""
+"""What the commands share: the console, progress bars and common options."""
 
 from __future__ import annotations
 
@@ -28,29 +28,44 @@ console = Console()
 LibraryOption = Annotated[
     str,
     typer.Option(
-        "--library", help="Shape library: a name, its folder, folder:PATH or shapenet:PATH."
+        "--library", help="Shape library: a name, a folder, folder:PATH or shapenet:PATH."
     ),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Repeats a run exactly.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
 PacksArgument = Annotated[
     str, typer.Argument(help="Packs: a dataset's name, such as starter, its folder or its file.")
 ]
-SplitOption = Annotated[Split | None, typer.Option(help="Which of the dataset's splits.")]
-PiecesOption = Annotated[Method, typer.Option(help="What makes shapes convex pieces.")]
-WorkersOption = Annotated[int, typer.Option(min=0, help="Processes; 0 for one a core.")]
-BackendOption = Annotated[BackendName, typer.Option(help="Where the workers are.")]
-AddressOption = Annotated[str | None, typer.Option(help="Of the Ray cluster's head.")]
+SplitOption = Annotated[Split | None, typer.Option(help="Split of the dataset.")]
+PiecesOption = Annotated[
+    Method, typer.Option(help="Method that decomposes shapes into convex pieces.")
+]
+WorkersOption = Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")]
+BackendOption = Annotated[
+    BackendName, typer.Option(help="Where the processes run: on this machine, or a Ray cluster.")
+]
+AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
 
 
-def make_room(path: Path) -> None:
-    """Makes the folder that a file goes to, before there is work that could be lost."""
+def prepare_folder(path: Path) -> None:
+    """Create the folder of an output file, so that errors come before the work.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write later.
+
+    Raises
+    ------
+    PackItError
+        If the folder is not writable.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(path.parent, os.W_OK):
         raise PackItError(f"{path} can't be written: no permission for {path.parent}")
 
 
 def progress_bars() -> Progress:
-    """Bars with a count, the time so far and left, and a field `note` of each task."""
+    """Create progress bars with a count, the elapsed and remaining time, and a field `note`."""
     return Progress(
         SpinnerColumn(),
         TextColumn("{task.description:<14}"),

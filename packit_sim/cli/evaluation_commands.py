@@ -1,4 +1,4 @@
-"""`packit evaluate` and `packit compare`: agents on tasks, and on the same tasks side by side."""
+"""`packit evaluate` and `packit compare`: agents on tasks, and their comparison."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -22,11 +21,12 @@ from packit_sim.cli.console import (
     SplitOption,
     WorkersOption,
     console,
-    make_room,
+    prepare_folder,
     progress_bars,
 )
+from packit_sim.cli.output import RESUMABLE, print_written, simple_table, stoppable
 from packit_sim.core.confidence import Comparison, Estimate
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
@@ -53,36 +53,39 @@ def evaluate_command(
     agent: Annotated[
         list[str] | None,
         typer.Option(
-            help="shape/rotation/location, and +search=value if wished, such as "
-            "largest-first/aligned/blbf+beam=4; may be given more than once."
+            help="Agent SHAPE/ROTATION/LOCATION with an optional +SEARCH=VALUE, such as "
+            "largest-first/aligned/blbf+beam=4; may be repeated; default: all heuristics."
         ),
     ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
-    easy: Annotated[bool, typer.Option("--easy", help="By the rules of PackIt-Easy.")] = False,
+    easy: Annotated[bool, typer.Option("--easy", help="Play by the rules of PackIt-Easy.")] = False,
     kinematic: Annotated[
-        bool, typer.Option("--kinematic", help="Only straight down from the open top.")
+        bool, typer.Option("--kinematic", help="Insert items straight down from the open top only.")
     ] = False,
     tasks: Annotated[
-        int | None, typer.Option(min=1, help="Only so many, the first of the dataset.")
+        int | None, typer.Option(min=1, help="Evaluate only the first N tasks.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File for the results; what it holds already is not played again."),
+        typer.Option(help="Results file; results that it already contains are not played again."),
     ] = None,
     scores: Annotated[
-        bool, typer.Option("--scores", help="Also what is stable, insertable, and floats.")
+        bool,
+        typer.Option("--scores", help="Also score stability, insertability and floating items."),
     ] = False,
     pieces: PiecesOption = METHODS[0],
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
-    """Lets agents play the tasks of a dataset and prints the paper's table.
+    """Let agents play the tasks of a dataset and print the paper's table.
 
-    With --out it can be stopped at any moment: the same command goes on. With --scores each box is
-    let go, and ways into it are looked for: seconds a task, and the first time also to take its
-    shapes apart.
+    With --out the command can be stopped at any time: repeat it to resume. With --scores each box
+    is simulated under gravity and disassembled: seconds per task, and the first time also the
+    decomposition of its shapes.
+
+    Example: packit evaluate everyday-v1 --split test --agent largest-first/aligned/blbf
     """
     if scores:
         require(DecompositionSettings(method=pieces))
@@ -90,17 +93,14 @@ def evaluate_command(
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     wanted = load_tasks(packs, opened, split)[:tasks]
     if out is not None:
-        make_room(out)
-    try:
-        with Workers(workers, backend, address) as hands:
-            rollouts = evaluate_shown(
-                agents, wanted, seed, Rules(easy, kinematic), workers=hands, file=out
-            )
-            if scores:
-                rollouts = judge_shown(rollouts, opened, pieces, workers=hands, file=out)
-    except KeyboardInterrupt:
-        console.print("stopped" + (": the same command goes on from here" if out else ""))
-        raise typer.Exit(130) from None
+        prepare_folder(out)
+    hint = RESUMABLE if out else "no results file was given"
+    with stoppable(hint), Workers(workers, backend, address) as processes:
+        rollouts = evaluate_shown(
+            agents, wanted, seed, Rules(easy, kinematic), workers=processes, file=out
+        )
+        if scores:
+            rollouts = judge_shown(rollouts, opened, pieces, workers=processes, file=out)
     show_agents(agent.name for agent in agents)
     table = score_table([Score.of(agent.name, rollouts) for agent in agents])
     table.caption = (
@@ -115,20 +115,21 @@ def evaluate_command(
         others = enumerate(own[1:], start=2)
         console.print(comparison_table((n, 1, compare(each, own[0])) for n, each in others))
     if out is not None:
-        console.print(f"wrote {out}")
+        print_written(out)
 
 
 def compare_command(
     results: Annotated[
-        list[Path], typer.Argument(help="One or two files that `packit evaluate --out` wrote.")
+        list[Path], typer.Argument(help="One or two results files of `packit evaluate`.")
     ],
 ) -> None:
-    """Compares agents on the tasks that both have played.
+    """Compare agents on the tasks that both have played.
 
-    Those of one file with each other, of two files the first's with the second's.
+    With one file its agents are compared with each other; with two files the first's agents are
+    compared with the second's.
     """
     if len(results) > 2:
-        raise PackItError(f"{len(results)} files can't be compared: give one or two")
+        raise ArgumentError(f"{len(results)} files can't be compared: give one or two")
     played = [
         [(name, _of(each, name)) for name in _agents(each)] for each in map(read_results, results)
     ]
@@ -136,14 +137,14 @@ def compare_command(
     if len(played) == 1:
         pairs = list(itertools.combinations(numbered, 2))
         if not pairs:
-            raise PackItError(f"{results[0]} holds one agent alone: give a second file")
+            raise ArgumentError(f"{results[0]} contains one agent only: give a second file")
     else:
         count = len(played[0])
         pairs = list(itertools.product(numbered[:count], numbered[count:]))
     try:
         rows = [(n, m, compare(a, b)) for (n, (_, a)), (m, (_, b)) in pairs]
-    except ValueError as error:
-        raise PackItError(f"{' and '.join(map(str, results))}: {error}") from None
+    except ArgumentError as error:
+        raise ArgumentError(f"{' and '.join(map(str, results))}: {error}") from None
     show_agents(name for _, (name, _) in numbered)
     console.print(comparison_table(rows))
 
@@ -157,7 +158,7 @@ def evaluate_shown(
     workers: Workers | None = None,
     file: Path | None = None,
 ) -> list[Rollout]:
-    """As `evaluate`, with a bar."""
+    """Evaluate agents as `evaluate` does, with a progress bar."""
     with progress_bars() as progress:
         total = len(agents) * len(tasks)
         bar = progress.add_task("playing", total=total, note="")
@@ -181,7 +182,7 @@ def judge_shown(
     workers: Workers | None = None,
     file: Path | None = None,
 ) -> list[Rollout]:
-    """As `judge`, with a bar."""
+    """Judge results as `judge` does, with a progress bar."""
     with progress_bars() as progress:
         known = sum(is_judged(rollout, pieces) for rollout in rollouts)
         bar = progress.add_task("judging", total=len(rollouts), completed=known, note="")
@@ -195,9 +196,9 @@ def judge_shown(
 
 
 def score_table(scores: Sequence[Score]) -> Table:
-    """The paper's table 1, one agent a row, by its number."""
+    """Create the paper's table 1, one row per agent, by its number."""
     levels = (f"S@{x:g}" for x in SUCCESS_LEVELS)
-    table = _table("", "reward", *levels, "density", "s")
+    table = _number_table("", "reward", *levels, "density", "s")
     for number, score in enumerate(scores, start=1):
         table.add_row(
             str(number),
@@ -210,8 +211,8 @@ def score_table(scores: Sequence[Score]) -> Table:
 
 
 def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
-    """What agents left, judged: one agent a row, by its number, with its own rollouts."""
-    table = _table("", "density", "reward", *SCORES)
+    """Create a table of scores, one row per agent, by its number, from its rollouts."""
+    table = _number_table("", "density", "reward", *SCORES)
     for number, rollouts in enumerate(own, start=1):
         score = Score.of(rollouts[0].agent, rollouts)
         told = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
@@ -219,8 +220,8 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
         cells += [interval(estimate, ".3f", ".2f") for estimate in told]
         table.add_row(str(number), *cells)
     table.caption = (
-        f"boxes of {len(own[0])} tasks as they were left: shares of the placed volume, and how "
-        "many items float; below each mean its 95% bootstrap interval"
+        f"boxes of {len(own[0])} tasks after the last step: shares of the placed volume, and "
+        "the number of floating items; below each mean its 95% bootstrap interval"
     )
     return table
 
@@ -228,8 +229,8 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
 def comparison_table(
     comparisons: Iterable[tuple[int | str, int | str, Comparison]],
 ) -> Table:
-    """Pairs of agents by their numbers, and how they compare."""
-    table = _table("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
+    """Create a table of pairs of agents, by their numbers."""
+    table = _number_table("", "against", "tasks", "difference", "ratio", "wins", "ties", "losses")
     for first, second, found in comparisons:
         table.add_row(
             str(first),
@@ -244,22 +245,22 @@ def comparison_table(
 
 
 def interval(estimate: Estimate, mean_spec: str, spec: str) -> str:
-    """A mean with its interval below it."""
+    """Format a mean with its interval below it."""
     mean = format(estimate.mean, mean_spec)
     if estimate.low is None or estimate.high is None:
         return mean
     return f"{mean}\n[dim]{format(estimate.low, spec)} {format(estimate.high, spec)}[/]"
 
 
-def _table(*columns: str) -> Table:
-    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+def _number_table(*columns: str) -> Table:
+    table = simple_table(padding=(0, 1, 0, 0))
     for column in columns:
         table.add_column(column, justify="right", no_wrap=True)
     return table
 
 
 def show_agents(names: Iterable[str]) -> None:
-    """The agents behind the numbers of a table."""
+    """Print the agents behind the numbers of a table."""
     for number, name in enumerate(names, start=1):
         console.print(f"[bold]{number}[/] {escape(name)}", highlight=False, soft_wrap=True)
 

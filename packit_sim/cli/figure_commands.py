@@ -13,12 +13,12 @@ from packit_sim.cli.console import (
     PacksArgument,
     SeedOption,
     SplitOption,
-    console,
-    make_room,
+    prepare_folder,
 )
 from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.cli.generation_commands import evolve_shown
-from packit_sim.cli.picture_commands import PackOption, picked, stoppable
+from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.cli.picture_commands import PackOption, picked
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, load_tasks, read_packs
 from packit_sim.datasets.statistics import dataset_files
@@ -30,7 +30,7 @@ from packit_sim.render import plots
 
 
 class FigureName(enum.StrEnum):
-    """What there is a figure of."""
+    """The figures."""
 
     TASK = "task"
     ENVIRONMENT = "environment"
@@ -40,29 +40,34 @@ class FigureName(enum.StrEnum):
 
 
 def figures_command(
-    out: Annotated[Path, typer.Option("--out", help="The folder for the PNGs.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the PNG files.")],
     packs: PacksArgument = STARTER_PACKS,
     split: SplitOption = None,
     pack: PackOption = 0,
     library: LibraryOption = "everyday",
     only: Annotated[
-        list[FigureName] | None, typer.Option(help="Not all of them; may be repeated.")
+        list[FigureName] | None, typer.Option(help="Draw only this figure; may be repeated.")
     ] = None,
     history: Annotated[
         str | None,
         typer.Option(
-            help="Packs by `generate --history`, whose first evolution is drawn; by default a "
-            "short one is made."
+            help="Dataset of `packit generate --history`, to draw its first evolution; "
+            "default: evolve a pack."
         ),
     ] = None,
-    generations: Annotated[int, typer.Option(min=0, help="Of that short evolution.")] = 100,
-    agent: Annotated[str, typer.Option(help="Whose rollouts are drawn.")] = HEURISTIC,
-    tasks: Annotated[int, typer.Option(min=1, help="That it plays, the first of PACKS.")] = 40,
+    generations: Annotated[int, typer.Option(min=0, help="Generations of that evolution.")] = 100,
+    agent: Annotated[str, typer.Option(help="Agent of the rollouts.")] = HEURISTIC,
+    tasks: Annotated[
+        int, typer.Option(min=1, help="Number of tasks that it plays, from the first.")
+    ] = 40,
     seed: SeedOption = 0,
 ) -> None:
-    """Draws the paper's figures from our data: a task, the environment, evolution, rollouts; looks.
+    """Draw the paper's figures from our data.
 
-    Files are named figure-task.png and so on; the same seed makes the same pictures.
+    The files are figure-task.png, figure-environment.png and so on; the same seed draws the same
+    pictures.
+
+    Example: packit figures starter --out figures --only task --only looks
     """
     plots.require()
     opened = ShapeLibrary.open(library)
@@ -70,9 +75,9 @@ def figures_command(
     wanted = dict.fromkeys(only or FigureName)
     paths = {name: out / f"figure-{name}.png" for name in wanted}
     for path in paths.values():
-        make_room(path)
+        prepare_folder(path)
     chosen = picked(packs, split, pack)
-    with stoppable():
+    with stoppable(NOTHING_WRITTEN):
         for name, path in paths.items():
             if name is FigureName.LOOKS:
                 figures.draw_looks(chosen, opened, path)
@@ -92,4 +97,4 @@ def figures_command(
                 played = load_tasks(packs, opened, split)[:tasks]
                 rollouts = evaluate_shown([player], played, seed)
                 figures.draw_rollouts(rollouts, played, opened, path)
-            console.print(f"wrote {path}", soft_wrap=True)
+            print_written(path)

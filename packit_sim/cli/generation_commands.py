@@ -1,4 +1,4 @@
-"""`packit generate`: evolves datasets, and shows how far it is."""
+"""`packit generate`: the evolution of datasets, with its progress."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from packit_sim.cli.console import (
     LibraryOption,
     SeedOption,
     WorkersOption,
-    console,
     progress_bars,
 )
-from packit_sim.core.errors import PackItError
+from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
 from packit_sim.datasets.packs import WHOLE, Pack, read_packs
@@ -36,66 +35,69 @@ from packit_sim.libraries.splits import Split
 
 def generate_command(
     out: Annotated[Path, typer.Option("--out", help="The dataset's folder.")],
-    packs: Annotated[int, typer.Option(min=1, help="How many, in all.")] = 1,
+    packs: Annotated[int, typer.Option(min=1, help="Number of packs in the dataset.")] = 1,
     split: Annotated[
-        Split | None, typer.Option(help="Of the library; the dataset's file is named after it.")
+        Split | None,
+        typer.Option(help="Split of the library; the dataset's file is named after it."),
     ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
-    pool: Annotated[int, typer.Option(min=1, help="Shapes drawn a pack.")] = 50,
-    population: Annotated[int, typer.Option(help="Chromosomes a generation.")] = 100,
-    generations: Annotated[int, typer.Option(min=0, help="At most, a pack.")] = 1000,
+    pool: Annotated[int, typer.Option(min=1, help="Number of shapes drawn for each pack.")] = 50,
+    population: Annotated[int, typer.Option(help="Number of chromosomes in a generation.")] = 100,
+    generations: Annotated[
+        int, typer.Option(min=0, help="Maximum number of generations per pack.")
+    ] = 1000,
     patience: Annotated[
-        int, typer.Option(min=1, help="Stop after so many generations without improvement.")
+        int,
+        typer.Option(
+            min=1, help="Number of generations without improvement after which a pack is finished."
+        ),
     ] = 100,
     size: Annotated[
-        tuple[float, float], typer.Option(help="Range of a pack's linear size factor.")
+        tuple[float, float], typer.Option(help="Range of a pack's linear size factor: LOW HIGH.")
     ] = (0.75, 1.0),
-    search: Annotated[SearchName, typer.Option(help="The paper's is generational.")] = (
-        "generational"
-    ),
+    search: Annotated[
+        SearchName, typer.Option(help="Search method; the paper's is generational.")
+    ] = ("generational"),
     history: Annotated[
         bool,
-        typer.Option("--history", help="Also the best packs on the way, each 50 generations."),
+        typer.Option("--history", help="Also keep the best pack of every 50th generation."),
     ] = False,
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
-    """Evolves packs. Pack n has the seed SEED + n, so that any one can be made again.
+    """Evolve the packs of a dataset.
 
-    Stop it at any moment: the same command goes on, and ends in the same packs.
+    Pack n has the seed SEED + n, so that each can be evolved again on its own. The command can be
+    stopped at any time: repeat it to resume, with the same packs in the end.
+
+    Example: packit generate --out my-packs --packs 100 --split train --workers 8
     """
     opened = ShapeLibrary.open(library)
-    try:
-        settings = EvolutionSettings(
-            pool=pool,
-            population=population,
-            generations=generations,
-            patience=patience,
-            size_range=size,
-            search=search,
-        )
-    except ValueError as error:
-        raise PackItError(str(error)) from None
+    settings = EvolutionSettings(
+        pool=pool,
+        population=population,
+        generations=generations,
+        patience=patience,
+        size_range=size,
+        search=search,
+    )
     order = GenerationJob(
         opened.split(split) if split else opened, packs, seed, split, history, settings
     )
     file = out / f"{split or WHOLE}.jsonl"
-    try:
-        with (
-            Workers(workers, backend, address) as hands,
-            _shown(order, file, hands.count) as on_pack,
-        ):
-            made = generate(order, file, hands, on_pack)
-    except KeyboardInterrupt:
-        console.print("stopped: the same command goes on from here")
-        raise typer.Exit(130) from None
-    console.print(f"wrote {file}: {len(made)} packs")
+    with (
+        stoppable(RESUMABLE),
+        Workers(workers, backend, address) as processes,
+        _shown(order, file, processes.count) as on_pack,
+    ):
+        made = generate(order, file, processes, on_pack)
+    print_written(file, f": {len(made)} packs")
 
 
 def evolve_shown(library: ShapeLibrary, seed: int, settings: EvolutionSettings) -> Evolution:
-    """As `evolve`, with a bar."""
+    """Evolve a pack as `evolve` does, with a progress bar."""
     with progress_bars() as progress:
         bar = progress.add_task("evolving", total=settings.generations + 1, note="first generation")
 
@@ -110,7 +112,7 @@ def evolve_shown(library: ShapeLibrary, seed: int, settings: EvolutionSettings) 
 
 @contextmanager
 def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[[int, Pack], None]]:
-    """Bars that follow a generation's checkpoints, the time left, a line for each finished pack."""
+    """Show the progress from checkpoints, the time left, and a line for each finished pack."""
     done = _done(order, file)
     clock = time.monotonic
     expected = TimeEstimate(order.settings, order.packs, workers, clock(), under_way(file), done)
@@ -161,7 +163,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
 
 
 def _done(order: GenerationJob, file: Path) -> dict[int, Pack]:
-    """The last pack of each evolution that is over, by number."""
+    """Return the last pack of each finished evolution by number."""
     if not file.exists():
         return {}
     packs = read_packs(file, manifest=False)

@@ -1,14 +1,12 @@
-"""The command line of packs: `packit packs`."""
+"""`packit packs`: statistics and datasheets of datasets, and tasks of the original PackIt."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -17,9 +15,10 @@ from packit_sim.cli.console import (
     PacksArgument,
     SplitOption,
     console,
-    make_room,
+    prepare_folder,
     progress_bars,
 )
+from packit_sim.cli.output import print_written, simple_table, write_json
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
@@ -30,9 +29,11 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
 
 MOST_ROWS = 40
-"""Of the table of items without a shape; the report has them all."""
+"""Maximum rows of the table of items without a shape; the report contains all."""
 
-app = typer.Typer(help="Look at datasets of packs, and read foreign ones.", no_args_is_help=True)
+app = typer.Typer(
+    help="Describe datasets of packs, and read those of the original PackIt.", no_args_is_help=True
+)
 
 
 @app.command()
@@ -40,41 +41,42 @@ def stats(
     packs: PacksArgument,
     split: SplitOption = None,
     library: LibraryOption = "everyday",
-    out: Annotated[Path | None, typer.Option("--out", help="Draw it, to this PNG.")] = None,
-    json_: Annotated[
-        Path | None, typer.Option("--json", help="Write all counts, to this file.")
+    out: Annotated[
+        Path | None, typer.Option("--out", help="PNG file for a picture of the statistics.")
     ] = None,
+    json_: Annotated[Path | None, typer.Option("--json", help="JSON file for all counts.")] = None,
 ) -> None:
-    """Counts what a dataset's packs hold, split by split: items, densities, scales, categories."""
+    """Count items, densities, scales and categories of a dataset's packs, split by split."""
     if out is not None:
         plots.require()
-        make_room(out)
+        prepare_folder(out)
     if json_ is not None:
-        make_room(json_)
+        prepare_folder(json_)
     counted = statistics.take(packs, ShapeLibrary.open(library), split)
-    console.print(_table(counted))
+    console.print(_statistics_table(counted))
     console.print("intervals: of means, by bootstrap over packs; volumes: shares of the box")
     if out is not None:
         statistics_plot.save(counted, out)
-        console.print(f"wrote {out}", soft_wrap=True)
+        print_written(out)
     if json_ is not None:
-        _write_json(json_, {one.split: one.to_json() for one in counted})
-        console.print(f"wrote {json_}", soft_wrap=True)
+        write_json(json_, {one.split: one.to_json() for one in counted})
 
 
 @app.command("datasheet")
 def datasheet_command(
     packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="The page to write; the picture beside it.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Markdown file of the page; its picture goes next to it.")
+    ],
     library: LibraryOption = "everyday",
-    licence: Annotated[str, typer.Option(help="Of the packs, such as CC0-1.0.")] = "",
+    licence: Annotated[str, typer.Option(help="Licence of the packs, such as CC0-1.0.")] = "",
 ) -> None:
-    """Writes a dataset's page: how it was made, its digests and statistics, and its limits."""
+    """Write a dataset's page: its provenance, digests, statistics and limits."""
     plots.require()
     picture = out.with_suffix(".png")
     if picture == out:
-        raise PackItError(f"{out} is where the picture goes: choose a name that ends in .md")
-    make_room(out)
+        raise PackItError(f"{out} is the file of the picture: choose a name that ends in .md")
+    prepare_folder(out)
     opened = ShapeLibrary.open(library)
     parts = datasheet.read(packs, opened)
     text = datasheet.page(
@@ -82,7 +84,7 @@ def datasheet_command(
     )
     statistics_plot.save([part.census for part in parts], picture)
     replace_text(out, text)
-    console.print(f"wrote {out} and {picture}", soft_wrap=True)
+    print_written(out, f" and {picture}")
 
 
 @app.command()
@@ -92,23 +94,26 @@ def original(
         typer.Argument(metavar="FILE", help="Pack files of the original PackIt, or folders."),
     ],
     library: Annotated[
-        str, typer.Option("--library", help="Of the shapes that they name: shapenet:PATH.")
+        str, typer.Option("--library", help="Library of their shapes: shapenet:PATH.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The tasks to write: a .jsonl file.")],
+    out: Annotated[Path, typer.Option("--out", help="JSONL file for the tasks.")],
     partial: Annotated[
-        bool, typer.Option("--partial", help="Keep packs without the items that have no shape.")
+        bool, typer.Option("--partial", help="Keep packs with missing shapes, without those items.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="JSON of every item that has no shape.")
+        Path | None, typer.Option(help="JSON file of all items without a shape.")
     ] = None,
 ) -> None:
-    """Makes tasks of packs of the original PackIt, for `packit evaluate`; see docs/paper-compat.md.
+    """Convert packs of the original PackIt to tasks for `packit evaluate`.
 
-    Their places are not on our grid, so that the tasks come without a pack that solves them.
+    The original locations are not on our grid, so that the tasks come without a solution; see
+    docs/paper-compat.md.
+
+    Example: packit packs original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """
-    make_room(out)
+    prepare_folder(out)
     if report is not None:
-        make_room(report)
+        prepare_folder(report)
     opened = ShapeLibrary.open(library)
     with progress_bars() as progress:
         bar = progress.add_task("reading", total=None, note="")
@@ -130,19 +135,18 @@ def original(
     console.print(found.summary(), highlight=False)
     if report is not None:
         rows = [dict(zip(Original.COLUMNS, row, strict=True)) for row in found.rows()]
-        _write_json(report, {"summary": found.summary(), "unresolved": rows})
-        console.print(f"wrote {report}", soft_wrap=True)
+        write_json(report, {"summary": found.summary(), "unresolved": rows})
     if not found.tasks:
         hint = "" if partial else ": --partial keeps the items that have a shape"
         raise PackItError(f"none of the {found.packs} packs has all of its shapes{hint}")
     write_packs(out, [task.pack for task in found.tasks])
-    console.print(f"wrote {out}: {len(found.tasks)} tasks", soft_wrap=True)
+    print_written(out, f": {len(found.tasks)} tasks")
 
 
-def _table(counted: Sequence[DatasetStatistics]) -> Table:
-    """A column for each split."""
+def _statistics_table(counted: Sequence[DatasetStatistics]) -> Table:
+    """Create a table with a column for each split."""
     columns = [one.rows() for one in counted]
-    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table = simple_table()
     table.add_column(no_wrap=True)
     for one in counted:
         table.add_column(escape(one.split), overflow="fold")
@@ -152,15 +156,10 @@ def _table(counted: Sequence[DatasetStatistics]) -> Table:
 
 
 def _unresolved(found: Original) -> Table:
-    table = Table(*Original.COLUMNS, box=SIMPLE_HEAD, show_edge=False)
+    table = simple_table(*Original.COLUMNS)
     rows = found.rows()
     for row in rows[:MOST_ROWS]:
         table.add_row(*map(escape, row))
     if len(rows) > MOST_ROWS:
-        table.caption = f"and {len(rows) - MOST_ROWS} more: --report writes them all"
+        table.caption = f"and {len(rows) - MOST_ROWS} more: --report writes all"
     return table
-
-
-def _write_json(path: Path, content: Any) -> None:
-    """Writes a file, whole or not at all."""
-    replace_text(path, json.dumps(content, ensure_ascii=False, indent=1) + "\n")

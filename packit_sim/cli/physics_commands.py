@@ -1,16 +1,13 @@
-"""The command line of what packs are worth: `packit compact` and `packit score`."""
+"""`packit compact` and `packit score`: what is left to gain in packs, and their quality."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
-from rich.table import Table
 
 from packit_sim.box import BoxState
 from packit_sim.cli.console import (
@@ -19,11 +16,11 @@ from packit_sim.cli.console import (
     PiecesOption,
     SplitOption,
     console,
-    make_room,
+    prepare_folder,
     progress_bars,
 )
+from packit_sim.cli.output import simple_table, write_json
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.core.files import replace_text
 from packit_sim.datasets.packs import Pack, dataset_file, read_packs
 from packit_sim.datasets.provenance import Played
 from packit_sim.engine.compaction import compact
@@ -33,8 +30,8 @@ from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.stability import DISTANCE
 
-LimitOption = Annotated[int | None, typer.Option(min=1, help="Packs, from the first on.")]
-OutOption = Annotated[Path | None, typer.Option("--out", help="Write all numbers, to this JSON.")]
+LimitOption = Annotated[int | None, typer.Option(min=1, help="Number of packs, from the first.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="JSON file for all numbers.")]
 
 
 def compact_command(
@@ -44,10 +41,12 @@ def compact_command(
     limit: LimitOption = None,
     out: OutOption = None,
 ) -> None:
-    """Pushes packs together, off the grid: down, left and back, exactly to where meshes meet.
+    """Push the items of packs together, off the grid: down, left and back, until meshes touch.
 
-    Filled: the items' volume over that of the smallest box around them at the box's bottom left
-    back corner. Works on packs and on what agents made of them, the files of `packit evaluate`.
+    "filled" is the items' volume, divided by the volume of the smallest box around them at the
+    bottom left back corner. PACKS may also be results of `packit evaluate`.
+
+    Example: packit compact starter --limit 3 --out compacted.json
     """
     rows = []
     for pack, box in _boxes(packs, split, library, limit, out):
@@ -72,16 +71,21 @@ def score_command(
     library: LibraryOption = "everyday",
     limit: LimitOption = None,
     distance: Annotated[
-        float, typer.Option(help="Box units that no point of a stable item moves.")
+        float, typer.Option(help="Maximum movement of a stable item, in box units.")
     ] = DISTANCE,
-    moves: Annotated[int, typer.Option(min=1, help="Straight moves of a way in.")] = MOVES,
+    moves: Annotated[
+        int, typer.Option(min=1, help="Maximum number of straight moves to insert an item.")
+    ] = MOVES,
     pieces: PiecesOption = METHODS[0],
     out: OutOption = None,
 ) -> None:
-    """Judges packs: whether they stand when they are let go, and whether they can be packed at all.
+    """Score packs: whether they are stable under gravity, and whether their items can be inserted.
 
-    All are shares of volume, but for counts of items. Reward: of the agent, where it was one that
-    packed. Seconds a pack; the first time also to take its shapes apart.
+    All scores are shares of the volume, except counts of items. "reward" is that of the agent, for
+    results of `packit evaluate`. A pack takes seconds; the first time also the decomposition of its
+    shapes.
+
+    Example: packit score results.jsonl --limit 10
     """
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
     rows = []
@@ -101,9 +105,9 @@ Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
 def _boxes(
     packs: str, split: str | None, library: str, limit: int | None, out: Path | None
 ) -> Iterator[tuple[Pack, BoxState]]:
-    """Packs with what is in their boxes, one after another, and a bar of how many are done."""
+    """Yield packs with the state of their boxes, with a progress bar."""
     if out is not None:
-        make_room(out)
+        prepare_folder(out)
     opened = ShapeLibrary.open(library)
     read = read_packs(dataset_file(packs, split))[:limit]
     with progress_bars() as progress:
@@ -114,11 +118,11 @@ def _boxes(
 
 
 def _show(rows: Sequence[Row]) -> None:
-    """The means of what each agent, or search, packed."""
+    """Print the means for each agent, or search, that packed."""
     own: dict[str, list[Mapping[str, float]]] = {}
     for pack, numbers, _ in rows:
         own.setdefault(_maker(pack), []).append(numbers)
-    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table = simple_table()
     table.add_column("mean of packs", no_wrap=True)
     for maker in own:
         table.add_column(escape(maker), justify="right")
@@ -144,5 +148,4 @@ def _write(out: Path | None, packs: str, rows: Sequence[Row]) -> None:
         {"pack": n, "by": _maker(pack), **numbers, **more}
         for n, (pack, numbers, more) in enumerate(rows)
     ]
-    replace_text(out, json.dumps({"packs": packs, "each": each}, indent=1) + "\n")
-    console.print(f"wrote {out}", soft_wrap=True)
+    write_json(out, {"packs": packs, "each": each})

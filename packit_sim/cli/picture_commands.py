@@ -1,10 +1,9 @@
-"""The command line of pictures: `packit render`, `film` and `export`."""
+"""`packit render`, `film` and `export`: pictures, films and files of packed boxes."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -17,10 +16,10 @@ from packit_sim.cli.console import (
     LibraryOption,
     PacksArgument,
     SplitOption,
-    console,
-    make_room,
+    prepare_folder,
     progress_bars,
 )
+from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.shape_commands import CategoryOption, selection
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, dataset_file, read_packs
@@ -42,32 +41,34 @@ from packit_sim.scene import Scene
 USUAL_BACKGROUND = f"#{bytes(BACKGROUND).hex()}"
 
 TURNTABLE = "turntable"
-"""The name of the camera that goes around."""
+"""The name of the camera that moves around the box."""
 
 VIEWS = 8
-"""Of a picture by that camera, in two rows."""
+"""The number of views in a picture by that camera, in two rows."""
 
 ColoringName = Literal["item", "category", "order", "share", "stability"]
 assert set(get_args(ColoringName)) == {*COLORINGS, "stability"}
 
-PackOption = Annotated[int, typer.Option("--pack", min=0, help="Which pack of the dataset.")]
+PackOption = Annotated[
+    int, typer.Option("--pack", min=0, help="Number of the pack in the dataset.")
+]
 CameraOption = Annotated[
     str,
     typer.Option(help="iso, top, front, turntable (all round), or AZIMUTH,ELEVATION in degrees."),
 ]
-BackgroundOption = Annotated[str, typer.Option(help="A colour's name, or #rrggbb.")]
-BoxOption = Annotated[BoxStyle | None, typer.Option(help="How the box is drawn; ghost: of glass.")]
+BackgroundOption = Annotated[str, typer.Option(help="Background: a colour's name, or #rrggbb.")]
+BoxOption = Annotated[BoxStyle | None, typer.Option(help="Style of the box; ghost: of glass.")]
 ExplodeOption = Annotated[
-    float, typer.Option(min=0.0, help="Move the items apart, by such a share of their distances.")
+    float, typer.Option(min=0.0, help="Move the items apart by this share of their distances.")
 ]
 CutOption = Annotated[
-    str | None, typer.Option(help="Take away what is beyond a plane, such as y=0.6.")
+    str | None, typer.Option(help="Cut away everything beyond a plane, such as y=0.6.")
 ]
-ColorOption = Annotated[ColoringName, typer.Option(help="What the items' colours tell.")]
+ColorOption = Annotated[ColoringName, typer.Option(help="Meaning of the items' colours.")]
 
 
 def render_command(
-    out: Annotated[Path, typer.Option("--out", help="A .png, or a .npz of arrays.")],
+    out: Annotated[Path, typer.Option("--out", help="Output file: .png, or .npz of arrays.")],
     packs: Annotated[
         str | None,
         typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
@@ -75,7 +76,7 @@ def render_command(
     split: SplitOption = None,
     pack: PackOption = 0,
     task: Annotated[
-        bool, typer.Option("--task", help="The pack taken apart: its items beside the box.")
+        bool, typer.Option("--task", help="Draw the items next to the empty box.")
     ] = False,
     library: LibraryOption = "everyday",
     category: CategoryOption = None,
@@ -83,30 +84,32 @@ def render_command(
         list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
     ] = None,
     camera: CameraOption = "iso",
-    size: Annotated[str, typer.Option(help="Pixels: an edge's, or WIDTHxHEIGHT.")] = "512",
+    size: Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")] = "512",
     background: BackgroundOption = USUAL_BACKGROUND,
     box: BoxOption = None,
     explode: ExplodeOption = 0.0,
     cut: CutOption = None,
     color: ColorOption = "item",
-    legend: Annotated[bool, typer.Option(help="What the colours mean, at the right.")] = True,
+    legend: Annotated[bool, typer.Option(help="Explain the colours at the right.")] = True,
 ) -> None:
-    """Draws a pack, a task, a result, or without PACKS shapes of a library side by side.
+    """Draw a pack, a task or a result; without PACKS: shapes of a library side by side.
 
-    A .npz has the image, depth and segmentation, and the camera's projection, as arrays.
+    A .npz file contains the image, depth, segmentation and the camera's projection as arrays.
+
+    Example: packit render starter --pack 2 --camera 30,45 --out pack.png
     """
     if out.suffix.lower() not in (".png", ".npz"):
-        raise PackItError(f"{out} is no picture: choose a name that ends in .png or .npz")
+        raise PackItError(f"{out} is not a picture: choose a name that ends in .png or .npz")
     around = camera == TURNTABLE
     if around and out.suffix.lower() == ".npz":
-        raise PackItError(f"{out} would be of {VIEWS} views: choose another camera for arrays")
+        raise PackItError(f"{out} can't contain {VIEWS} views: choose another camera for arrays")
     width, height = _size(size)
     opened = ShapeLibrary.open(library)
     shown, layout, coloring = _shown(packs, split, pack, task, opened, category, id, color)
     style: BoxStyle = box or ("none" if packs is None else "edges")
     look = _look(camera, background, style, explode, cut, coloring)
-    make_room(out)
-    with stoppable(), Scene(shown) as scene:
+    prepare_folder(out)
+    with stoppable(NOTHING_WRITTEN), Scene(shown) as scene:
         if around:
             frames = list(films.turning(shown, VIEWS, look))
             if layout is not None:
@@ -123,30 +126,33 @@ def render_command(
             if legend and shots[0].legend is not None:
                 image = beside(image, shots[0].legend, look.background)
             save_png(image, out, scene.renderer)
-        console.print(f"wrote {out} by the {scene.renderer} renderer", soft_wrap=True)
+        print_written(out, f" by the {scene.renderer} renderer")
 
 
 def film_command(
     packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="A .mp4 or .gif.")],
+    out: Annotated[Path, typer.Option("--out", help="Output file: .mp4 or .gif.")],
     split: SplitOption = None,
     pack: PackOption = 0,
     library: LibraryOption = "everyday",
     camera: CameraOption = "iso",
     seconds: Annotated[
-        float | None, typer.Option(min=0.1, help="How long; by default as long as it takes.")
+        float | None,
+        typer.Option(min=0.1, help="Length in seconds; default: by the number of items."),
     ] = None,
-    fps: Annotated[int, typer.Option(min=1, max=100, help="Frames a second.")] = 25,
-    size: Annotated[str, typer.Option(help="Pixels: an edge's, or WIDTHxHEIGHT.")] = "960x540",
+    fps: Annotated[int, typer.Option(min=1, max=100, help="Frames per second.")] = 25,
+    size: Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")] = "960x540",
     background: BackgroundOption = USUAL_BACKGROUND,
     box: BoxOption = None,
     explode: ExplodeOption = 0.0,
     cut: CutOption = None,
     color: ColorOption = "item",
 ) -> None:
-    """Films how a pack is packed, item by item; by the camera turntable, a turn around it.
+    """Film how a pack is packed, item by item; with the camera turntable: a turn around it.
 
-    Only a turn can be of a box that is cut open or moved apart.
+    --cut and --explode need the camera turntable.
+
+    Example: packit film starter --pack 2 --out pack.mp4
     """
     video.require(out)
     width, height = _size(size)
@@ -165,54 +171,43 @@ def film_command(
         if seconds is not None:
             pace = films.Pace.lasting(seconds, len(shown.placed), fps)
         frames = list(films.packing(shown, look, pace))
-    make_room(out)
-    with stoppable(), progress_bars() as progress:
+    prepare_folder(out)
+    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("filming", total=len(frames), note="")
 
-        def told() -> Iterator[RGBImage]:
+        def pictures() -> Iterator[RGBImage]:
             for picture in films.shot(shown, frames, width, height):
                 yield picture
                 progress.advance(bar)
 
-        video.write(out, told(), fps)
-    console.print(f"wrote {out}: {len(frames)} frames", soft_wrap=True)
+        video.write(out, pictures(), fps)
+    print_written(out, f": {len(frames)} frames")
 
 
 def export_command(
     packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="A .glb, .3mf, .stl or .json.")],
+    out: Annotated[Path, typer.Option("--out", help="Output file: .glb, .3mf, .stl or .json.")],
     split: SplitOption = None,
     pack: PackOption = 0,
     library: LibraryOption = "everyday",
     unit_mm: Annotated[
-        float, typer.Option("--unit-mm", help="Millimetres to a box unit, in .3mf and .stl.")
+        float, typer.Option("--unit-mm", help="Millimetres per box unit, in .3mf and .stl.")
     ] = export.UNIT_MM,
     color: ColorOption = "item",
 ) -> None:
-    """Writes a packed box for other tools: its items with their names, poses and colours.
+    """Write a packed box for other tools: its items with their names, poses and colours.
 
-    A .json goes with a folder of meshes, and `packit verify` checks it.
+    A .json file comes with a folder of meshes, and `packit verify` checks it.
+
+    Example: packit export results.jsonl --pack 1 --out box.3mf
     """
     export.require(out)
     opened = ShapeLibrary.open(library)
     shown, _, coloring = _shown(packs, split, pack, False, opened, None, None, color)
-    make_room(out)
-    with stoppable():
-        try:
-            export.export(shown, out, coloring=coloring, unit_mm=unit_mm)
-        except ValueError as error:
-            raise PackItError(str(error)) from None
-    console.print(f"wrote {out}: {len(shown.placed)} items", soft_wrap=True)
-
-
-@contextmanager
-def stoppable() -> Iterator[None]:
-    """Ends the command where it is stopped, with nothing half done."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        console.print("stopped: nothing is written")
-        raise typer.Exit(130) from None
+    prepare_folder(out)
+    with stoppable(NOTHING_WRITTEN):
+        export.export(shown, out, coloring=coloring, unit_mm=unit_mm)
+    print_written(out, f": {len(shown.placed)} items")
 
 
 def _shown(
@@ -225,9 +220,11 @@ def _shown(
     ids: Sequence[str] | None,
     color: ColoringName,
 ) -> tuple[Contents, Layout | None, Coloring]:
-    """What a picture is of, where it is shown if not in its places, and its colours."""
+    """Return what to draw, its layout unless it is in its box, and its colours."""
     if color == "stability" and (packs is None or task):
-        raise PackItError("only a packed box can be let go: leave out --color stability")
+        raise PackItError(
+            "--color stability needs a packed box: leave it out, or give PACKS without --task"
+        )
     rule = COLORINGS.get(color, by_item)
     if packs is None:
         if not (categories or ids):
@@ -235,7 +232,9 @@ def _shown(
         items = [Item(library[name]) for name in selection(library, categories, ids)]
         return unplaced(items, BOX_CELLS), Layout.standing(items), rule
     if categories or ids:
-        raise PackItError(f"--category and --id are of a library: leave them out, or {packs!r}")
+        raise PackItError(
+            f"--category and --id select from a library: leave them out, or {packs!r}"
+        )
     pack = picked(packs, split, number)
     if task:
         items = list(pack.task(library).items)
@@ -249,13 +248,13 @@ def _shown(
 
 
 def _by_stability(box: Contents) -> Coloring:
-    """How far the point of each item moves that moves most when the box is let go."""
+    """Colour items by the largest movement of their points under gravity."""
     farthest = {n: item.farthest for n, item in enumerate(settle(box).items)}
-    return ByNumber("moves when let go", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")
+    return ByNumber("moves under gravity", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")
 
 
 def picked(packs: str, split: str | None, number: int) -> Pack:
-    """A pack of a dataset by its number; raises PackItError where it has none."""
+    """Read a pack of a dataset by its number. Raises PackItError if there is none."""
     read = read_packs(dataset_file(packs, split))
     if number >= len(read):
         raise PackItError(f"{packs} has no pack {number}: choose 0 to {len(read) - 1}")
@@ -299,7 +298,7 @@ def _background(text: str) -> RGB:
         red, green, blue = ImageColor.getrgb(text)[:3]
     except ValueError:
         raise PackItError(
-            f"background {text!r} is no colour: choose a name, such as white, or #rrggbb"
+            f"background {text!r} is not a colour: choose a name, such as white, or #rrggbb"
         ) from None
     return red, green, blue
 
@@ -317,7 +316,7 @@ def _cut(text: str) -> Cut:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Width and height."""
+    """Parse width and height, in pixels."""
     found = re.fullmatch(r"(\d+)(?:x(\d+))?", text)
     if found:
         width, height = int(found[1]), int(found[2] or found[1])

@@ -1,4 +1,4 @@
-"""`packit reproduce`: the paper's tables and figures by one command each."""
+"""`packit reproduce`: the paper's tables and figures, one command each."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from packit_sim.cli.console import (
     SeedOption,
     WorkersOption,
     console,
-    make_room,
+    prepare_folder,
 )
 from packit_sim.cli.evaluation_commands import evaluate_shown, score_table, show_agents
+from packit_sim.cli.output import RESUMABLE, stoppable
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
@@ -41,7 +42,7 @@ BENCHMARK = "everyday-v1"
 """The dataset of the benchmark."""
 
 HISTORY = "everyday-v1-history"
-"""The packs that evolutions kept on their way, for the figure."""
+"""The dataset of packs from the course of evolutions, for the figure."""
 
 QUICK_TASKS = 20
 
@@ -56,7 +57,21 @@ CHOICES = (*TABLES, EVOLUTION, ALL)
 
 @dataclass(frozen=True)
 class Run:
-    """What is common to all that is reproduced. out: folder for it. quick: a part of it only."""
+    """What all tables and figures of a reproduction share.
+
+    Attributes
+    ----------
+    library : ShapeLibrary
+        The library of the tasks' shapes.
+    seed : int
+        The seed of all evaluations.
+    quick : bool
+        Whether only a part of the tasks is played.
+    out : Path
+        The folder of the output.
+    workers : Workers
+        The processes that play.
+    """
 
     library: ShapeLibrary
     seed: int
@@ -67,7 +82,7 @@ class Run:
     def play(
         self, agents: Iterable[str], tasks: Sequence[Task], name: str, rules: Rules = PACKIT
     ) -> list[Rollout]:
-        """The rollouts, which are kept in a file of this name."""
+        """Play tasks, or read the results if a file of this name has them."""
         return evaluate_shown(
             [Agent.from_name(agent) for agent in agents],
             tasks,
@@ -78,25 +93,25 @@ class Run:
         )
 
     def write(self, name: str, what: str, text: str, content: Mapping[str, Any]) -> None:
-        """Markdown and JSON, with how they came to be."""
-        made = (
+        """Write Markdown and JSON, with their provenance."""
+        provenance = (
             f"{what}; seed {self.seed}; library {self.library.name} {self.library.version}; "
             f"PackIt-Sim {__version__}"
         )
-        replace_text(self.out / f"{name}.md", f"{text}\n{made}.\n")
-        whole = {"what": made, **content}
+        replace_text(self.out / f"{name}.md", f"{text}\n{provenance}.\n")
+        whole = {"what": provenance, **content}
         replace_text(self.out / f"{name}.json", json.dumps(whole, indent=1) + "\n")
         console.print(f"wrote {self.out / name}.md, .json and .png")
 
 
 def reproduce_command(
-    what: Annotated[str, typer.Argument(help=f"{', '.join(CHOICES)}.")] = ALL,
+    what: Annotated[str, typer.Argument(help=f"What to reproduce: {', '.join(CHOICES)}.")] = ALL,
     packs: Annotated[str, typer.Option(help="Dataset of the tables' tasks.")] = BENCHMARK,
     split: Annotated[
-        Split | None, typer.Option(help="Of the dataset; of the benchmark, test.")
+        Split | None, typer.Option(help="Split of the dataset; for the benchmark: test.")
     ] = None,
     history: Annotated[
-        str, typer.Option(help="Dataset of evolution, made by packit generate --history.")
+        str, typer.Option(help="Dataset of `packit generate --history`, for evolution.")
     ] = HISTORY,
     library: LibraryOption = "everyday",
     seed: SeedOption = 0,
@@ -104,7 +119,7 @@ def reproduce_command(
         bool,
         typer.Option(
             "--quick",
-            help=f"Only the first {QUICK_TASKS} tasks, {QUICK_EVOLUTIONS} evolutions: minutes.",
+            help=f"Play only {QUICK_TASKS} tasks and {QUICK_EVOLUTIONS} evolutions: takes minutes.",
         ),
     ] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables, pictures and results.")] = Path(
@@ -114,32 +129,30 @@ def reproduce_command(
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
-    """Plays what a table or figure of the paper shows, and sets our numbers beside the paper's.
+    """Reproduce a table or figure of the paper, and print our numbers next to the paper's.
 
-    Stop it at any moment: the same command goes on.
+    The command can be stopped at any time: repeat it to resume.
+
+    Example: packit reproduce table1 --quick
     """
     if what not in CHOICES:
-        raise PackItError(f"there is no {what!r}: choose from {', '.join(CHOICES)}")
+        raise PackItError(f"there is no table or figure {what!r}: choose from {', '.join(CHOICES)}")
     plots.require()
     if packs == BENCHMARK and split is None:
         split = "test"
     names = (*TABLES, EVOLUTION) if what == ALL else (what,)
     tables = [name for name in names if name != EVOLUTION]
-    make_room(out / "results")
-    try:
-        with Workers(workers, backend, address) as hands:
-            run = Run(ShapeLibrary.open(library), seed, quick, out, hands)
-            if tables:
-                _tables(tables, packs, split, run)
-            if EVOLUTION in names:
-                _evolution(history, run)
-    except KeyboardInterrupt:
-        console.print("stopped: the same command goes on from here")
-        raise typer.Exit(130) from None
+    prepare_folder(out / "results")
+    with stoppable(RESUMABLE), Workers(workers, backend, address) as processes:
+        run = Run(ShapeLibrary.open(library), seed, quick, out, processes)
+        if tables:
+            _tables(tables, packs, split, run)
+        if EVOLUTION in names:
+            _evolution(history, run)
 
 
 def _tables(names: Sequence[str], packs: str, split: str | None, run: Run) -> None:
-    """All agents of tables with the same rules are played together: some are in several."""
+    """Reproduce tables; those with the same rules share their agents' rollouts."""
     tasks = load_tasks(packs, run.library, split)[: QUICK_TASKS if run.quick else None]
     source = f"{packs}{f', {split}' if split else ''}: {len(tasks)} tasks"
     played = {}

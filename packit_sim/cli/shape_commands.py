@@ -1,11 +1,9 @@
-"""The command line of shape libraries: `packit shapes`."""
+"""`packit shapes`: shape libraries, and the import of meshes."""
 
 from __future__ import annotations
 
-import json
 import os
 import statistics
-import uuid
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -13,11 +11,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from packit_sim.cli.console import LibraryOption, SeedOption, console, make_room, progress_bars
+from packit_sim.cli.console import LibraryOption, SeedOption, console, prepare_folder, progress_bars
+from packit_sim.cli.output import print_written, simple_table, write_json
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
@@ -30,9 +28,9 @@ from packit_sim.media.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE
 
 MOST_ROWS = 40
-"""Of the table that an import prints; its report has them all."""
+"""Maximum rows of the table that an import prints; its report contains all."""
 
-app = typer.Typer(help="Look at shape libraries, and make them.", no_args_is_help=True)
+app = typer.Typer(help="Describe shape libraries, and import meshes.", no_args_is_help=True)
 
 CategoryOption = Annotated[
     list[str] | None, typer.Option("--category", help="Only this category; may be repeated.")
@@ -46,13 +44,13 @@ def list_command(
     category: CategoryOption = None,
     split: SplitOption = None,
 ) -> None:
-    """Lists the shapes of a library."""
+    """List the shapes of a library."""
     opened = _opened(library, split)
     ids = selection(opened, category)
     columns = ["id", "category"]
     if opened.source.is_catalogued:
         columns += ["triangles", "watertight", "volume", "licence"]
-    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False)
+    table = simple_table(*columns)
     for id in ids:
         row = [id, opened.source.categories[id]]
         if opened.source.is_catalogued:
@@ -65,12 +63,12 @@ def list_command(
 
 @app.command()
 def show(
-    id: Annotated[str, typer.Argument(help="The shape.")],
+    id: Annotated[str, typer.Argument(help="Id of the shape.")],
     library: LibraryOption = "everyday",
-    out: Annotated[Path | None, typer.Option(help="Draw it, to this PNG.")] = None,
+    out: Annotated[Path | None, typer.Option(help="PNG file for a picture of the shape.")] = None,
     side: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
 ) -> None:
-    """Tells all that is known of a shape."""
+    """Print the facts of a shape."""
     opened = ShapeLibrary.open(library)
     info, shape = opened.info(id), opened[id]
     table = Table(show_header=False, box=None)
@@ -79,14 +77,14 @@ def show(
     table.add_row("[bold]extents[/]", " x ".join(f"{e:.3f}" for e in shape.extents))
     console.print(table)
     if out is not None:
-        make_room(out)
+        prepare_folder(out)
         renderer = contact_sheet([(id, shape)], side=side).save(out)
-        console.print(f"wrote {out} by the {renderer} renderer")
+        print_written(out, f" by the {renderer} renderer")
 
 
 @app.command()
 def stats(library: LibraryOption = "everyday") -> None:
-    """Counts a library's shapes: by category, by split, watertight ones, triangles."""
+    """Count a library's shapes by category and split, with triangles and volumes."""
     opened = ShapeLibrary.open(library)
     known = opened.source.is_catalogued
     try:
@@ -102,23 +100,23 @@ def stats(library: LibraryOption = "everyday") -> None:
         table.add_row(escape(name), *_counts(opened, ids, split_of))
     table.add_row("all", *_counts(opened, opened.ids, split_of))
     console.print(table)
-    told = f"{len(opened)} shapes in {len(opened.categories)} categories"
+    summary = f"{len(opened)} shapes in {len(opened.categories)} categories"
     if known:
         infos = list(map(opened.info, opened))
         licences = Counter(info.licence or "no licence" for info in infos)
-        told += (
+        summary += (
             f", {len({info.group for info in infos})} different objects; "
             "triangles and volume are medians\n"
             + ", ".join(f"{name}: {count}" for name, count in licences.most_common())
         )
-    console.print(told, highlight=False)
+    console.print(summary, highlight=False)
     if opened.missing:
         console.print(f"{len(opened.missing)} more have no mesh file", style="yellow")
 
 
 @app.command("contact-sheet")
 def contact_sheet_command(
-    out: Annotated[Path, typer.Option("--out", help="The PNG to write.")],
+    out: Annotated[Path, typer.Option("--out", help="PNG file for the picture.")],
     library: LibraryOption = "everyday",
     category: CategoryOption = None,
     split: SplitOption = None,
@@ -126,12 +124,19 @@ def contact_sheet_command(
         list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
     ] = None,
     per_category: Annotated[
-        int | None, typer.Option(min=1, help="Only so many of each category.")
+        int | None, typer.Option(min=1, help="Maximum number of shapes per category.")
     ] = None,
-    columns: Annotated[int | None, typer.Option(min=1, help="As square as can be.")] = None,
-    side: Annotated[int, typer.Option(min=32, max=512, help="Pixels an edge of a picture.")] = 128,
+    columns: Annotated[
+        int | None, typer.Option(min=1, help="Number of columns; default: as square as possible.")
+    ] = None,
+    side: Annotated[
+        int, typer.Option(min=32, max=512, help="Width and height of each picture, in pixels.")
+    ] = 128,
 ) -> None:
-    """Draws a grid of pictures of shapes; exit code 1 where one can't be read."""
+    """Draw a grid of pictures of shapes; exit code 1 if one can't be read.
+
+    Example: packit shapes contact-sheet --out mugs.png --category mug
+    """
     opened = _opened(library, split)
     ids = selection(opened, category, id)
     if per_category is not None:
@@ -143,7 +148,7 @@ def contact_sheet_command(
             if seen[kind] <= per_category:
                 chosen.append(name)
         ids = tuple(chosen)
-    make_room(out)
+    prepare_folder(out)
     problems = []
     with progress_bars() as progress:
         bar = progress.add_task("drawing", total=len(ids), note="")
@@ -160,7 +165,7 @@ def contact_sheet_command(
 
         sheet = contact_sheet(tiles(), columns=columns, side=side)
     renderer = sheet.save(out)
-    console.print(f"wrote {out} by the {renderer} renderer: {len(ids)} shapes")
+    print_written(out, f" by the {renderer} renderer: {len(ids)} shapes")
     for problem in problems:
         console.print(problem, style="red", markup=False, highlight=False, soft_wrap=True)
     if problems:
@@ -170,69 +175,71 @@ def contact_sheet_command(
 @app.command("import")
 def import_command(
     source: Annotated[
-        str, typer.Argument(help="folder:PATH, shapenet:PATH, or any other library.")
+        str, typer.Argument(help="Source: folder:PATH, shapenet:PATH, or another library.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="The library to write: a folder.")],
-    name: Annotated[str, typer.Option(help="Its name; by default the folder's.")] = "",
-    version: Annotated[str, typer.Option(help="Its version.")] = "1",
+    out: Annotated[Path, typer.Option("--out", help="Folder of the library to write.")],
+    name: Annotated[str, typer.Option(help="Name of the library; default: the folder's.")] = "",
+    version: Annotated[str, typer.Option(help="Version of the library.")] = "1",
     up: Annotated[
-        Axis | None, typer.Option(help="The axis that points up; by default the files tell.")
+        Axis | None, typer.Option(help="Axis that points up; default: as the files say.")
     ] = None,
     unit: Annotated[
-        Unit | None, typer.Option(help="Of length, where the files don't tell it.")
+        Unit | None, typer.Option(help="Unit of length, if the files do not say it.")
     ] = None,
     max_triangles: Annotated[
-        int, typer.Option(min=0, help="Meshes with more are reduced; 0 keeps them all.")
+        int,
+        typer.Option(min=0, help="Maximum number of triangles, by simplification; 0: no maximum."),
     ] = 4000,
     max_error: Annotated[
-        float, typer.Option(help="How far reducing may move the surface, of the diagonal.")
+        float, typer.Option(help="Maximum error of simplification, relative to the diagonal.")
     ] = 0.01,
     eager: Annotated[
-        bool, typer.Option("--eager", help="Reduce all meshes, to 0.001 of the diagonal.")
+        bool, typer.Option("--eager", help="Simplify all meshes, up to an error of 0.001.")
     ] = False,
     min_thickness: Annotated[
-        float, typer.Option(help="Refuse what is thinner, of the diagonal.")
+        float, typer.Option(help="Minimum thickness, relative to the diagonal.")
     ] = 0.0,
     memory: Annotated[
-        float, typer.Option(min=0.01, max=2**20, help="GiB of memory for one mesh.")
+        float, typer.Option(min=0.01, max=2**20, help="Maximum memory for one mesh, in GiB.")
     ] = 4.0,
-    timeout: Annotated[float, typer.Option(help="Seconds that one mesh may take.")] = 300.0,
+    timeout: Annotated[float, typer.Option(help="Maximum time for one mesh, in seconds.")] = 300.0,
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; by default one a core.")
+        int, typer.Option(min=1, help="Number of processes; default: one per core.")
     ] = os.cpu_count() or 1,
     seed: SeedOption = 0,
     everything: Annotated[
-        bool, typer.Option("--all", help="Also what is in none of the source's splits.")
+        bool, typer.Option("--all", help="Also import what is in none of the source's splits.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="JSON; by default beside the library: OUT.report.json.")
+        Path | None, typer.Option(help="JSON file of the report; default: OUT.report.json.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the library.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an existing library.")
+    ] = False,
 ) -> None:
-    """Makes a library of meshes: repaired, reduced, divided into splits, with a report.
+    """Import meshes as a library: repaired, simplified, divided into splits, with a report.
 
-    Each is read in a process of its own, with a limit to its memory and its time. Of ShapeNet the
-    paper's three subsets are taken: 100 shapes of each category, or a third.
+    Each mesh is read in a separate process with limited memory and time. From ShapeNet the paper's
+    three subsets are taken: 100 shapes of each category, or a third.
+
+    Example: packit shapes import folder:meshes --out my-library --unit mm
     """
     if out.exists() and not overwrite:
         raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
-    try:
-        settings = ImportSettings(
-            up=up,
-            unit_cm=None if unit is None else UNITS_CM[unit],
-            simplification=Simplification(max_triangles or None, max_error, eager),
-            min_thickness=min_thickness,
-            memory=int(memory * 2**30),
-            timeout=timeout,
-            workers=workers,
-            seed=seed,
-        )
-    except ValueError as error:
-        raise PackItError(str(error)) from None
+    settings = ImportSettings(
+        up=up,
+        unit_cm=None if unit is None else UNITS_CM[unit],
+        simplification=Simplification(max_triangles or None, max_error, eager),
+        min_thickness=min_thickness,
+        memory=int(memory * 2**30),
+        timeout=timeout,
+        workers=workers,
+        seed=seed,
+    )
     opened = ShapeLibrary.open(source, seed=seed)
     report = report or out.with_name(f"{out.name}.report.json")
-    make_room(out)
-    make_room(report)
+    prepare_folder(out)
+    prepare_folder(report)
     try:
         splits = None if everything else opened.source.splits
     except LibraryError:
@@ -257,21 +264,38 @@ def import_command(
         Outcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
         for id, problem in opened.missing.items()
     ]
-    _write_json(report, {"source": source, "shapes": [asdict(outcome) for outcome in outcomes]})
+    write_json(report, {"source": source, "shapes": [asdict(outcome) for outcome in outcomes]})
     console.print(_report_table(outcomes))
     kept = sum(outcome.problem is None for outcome in outcomes)
-    console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused: {report}")
+    console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
     if not kept:
-        raise PackItError(f"{source}: none of its meshes can be a shape, so there is no {out}")
-    console.print(f"wrote {out}: {ShapeLibrary.open(out)}")
+        raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
+    print_written(out, f": {ShapeLibrary.open(out)}")
 
 
 def selection(
     library: ShapeLibrary, categories: Sequence[str] | None, ids: Sequence[str] | None = None
 ) -> tuple[str, ...]:
-    """The ids that are asked for by name, else those of some categories, else all.
+    """Select ids by name, or else those of categories, or else all.
 
-    Raises UnknownShapeError for an id or a category that the library doesn't hold.
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library.
+    categories : sequence of str or None
+        The categories; not used if `ids` are given.
+    ids : sequence of str or None
+        The shapes.
+
+    Returns
+    -------
+    tuple of str
+        The selected ids.
+
+    Raises
+    ------
+    UnknownShapeError
+        If the library does not contain an id or a category.
     """
     for category in categories or ():
         if category not in library.categories:
@@ -289,13 +313,13 @@ def selection(
 
 
 def _opened(library: str, split: Split | None) -> ShapeLibrary:
-    """A library, or one of its splits."""
+    """Open a library, or one of its splits."""
     opened = ShapeLibrary.open(library)
     return opened if split is None else opened.split(split)
 
 
 def _facts(library: ShapeLibrary, info: ShapeInfo) -> dict[str, str]:
-    """What `show` tells, by its name."""
+    """Collect the facts that `show` prints, by name."""
     facts = {name: str(value) for name, value in asdict(info).items() if value not in ("", None)}
     if info.size_cm is not None:
         facts["size_cm"] = " x ".join(f"{length:.4g}" for length in info.size_cm)
@@ -310,7 +334,7 @@ def _facts(library: ShapeLibrary, info: ShapeInfo) -> dict[str, str]:
 
 
 def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, str]) -> list[str]:
-    """The cells of a row of `stats`."""
+    """Compute the cells of a row of `stats`."""
     cells = [str(len(ids))]
     if split_of:
         counts = Counter(split_of.get(id) for id in ids)
@@ -326,9 +350,9 @@ def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, st
 
 
 def _report_table(outcomes: Sequence[Outcome]) -> Table:
-    """Refused meshes first, then repaired ones."""
+    """Create a table of outcomes: refused meshes first, then repaired ones."""
     columns = ("mesh", "triangles", "error", "watertight", "outcome")
-    table = Table(*columns, box=SIMPLE_HEAD, show_edge=False)
+    table = simple_table(*columns)
     notable = [outcome for outcome in outcomes if outcome.problem is not None]
     notable += [outcome for outcome in outcomes if outcome.repairs]
     notable += [o for o in outcomes if o.problem is None and not o.repairs]
@@ -350,16 +374,6 @@ def _report_table(outcomes: Sequence[Outcome]) -> Table:
     if len(notable) > MOST_ROWS:
         table.caption = f"and {len(notable) - MOST_ROWS} more in the report"
     return table
-
-
-def _write_json(path: Path, content: Any) -> None:
-    """Writes a file, whole or not at all."""
-    partial = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        partial.write_text(json.dumps(content, ensure_ascii=False, indent=1), encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _yes(value: bool) -> str:

@@ -1,4 +1,4 @@
-"""The command line of the viewer: `packit view`."""
+"""`packit view`: packs and results on a local web page."""
 
 from __future__ import annotations
 
@@ -27,26 +27,32 @@ def view_command(
         typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
     ],
     split: SplitOption = None,
-    pack: Annotated[int, typer.Option("--pack", min=0, help="Which pack is shown first.")] = 0,
+    pack: Annotated[
+        int, typer.Option("--pack", min=0, help="Number of the pack to show first.")
+    ] = 0,
     beside: Annotated[
-        int | None, typer.Option("--beside", min=0, help="Which one stands at its side.")
+        int | None,
+        typer.Option("--beside", min=0, help="Number of a second pack, to show next to it."),
     ] = None,
     tasks: Annotated[
         str | None,
-        typer.Option(help="The dataset that results were played on: shows what is left outside."),
+        typer.Option(help="Dataset of the results' tasks: to show the items that are not packed."),
     ] = None,
     library: LibraryOption = "everyday",
     host: Annotated[
-        str, typer.Option(help="Address to listen at: 0.0.0.0 lets others look, too.")
+        str, typer.Option(help="Address to listen on; 0.0.0.0 allows other machines.")
     ] = LOOPBACK,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="By default a free one.")
+        int | None, typer.Option(min=1, max=65535, help="Port to listen on; default: a free one.")
     ] = None,
     browser: Annotated[
-        bool, typer.Option(help="Open it in the browser, where there is a screen.")
+        bool, typer.Option(help="Open the page in the browser, if there is a screen.")
     ] = True,
 ) -> None:
-    """Shows packs or results on a local web page, to be explored until Ctrl-C."""
+    """Show packs or results on an interactive local web page, until Ctrl-C.
+
+    Example: packit view results.jsonl --tasks starter --pack 3
+    """
     folder = dataset_path(packs).is_dir()
     collection = PackCollection.read(
         packs,

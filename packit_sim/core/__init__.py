@@ -1,1 +1,1 @@
-"""Shared by every other package: errors, files, caches, compilation, statistics, workers."""
+"""What every other package shares: errors, files, caches, compilation, counters, workers."""

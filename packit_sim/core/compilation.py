@@ -1,4 +1,4 @@
-"""How kernels are compiled: once an installation, kept on disk, and not without saying so."""
+"""The compilation of kernels: once per installation, cached on disk, and announced."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ _log = logging.getLogger("packit_sim")
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compiles a function of numbers and arrays at its first call, without Python in it.
+    """Compile a function of numbers and arrays at its first call, without Python objects.
 
-    The machine code is kept beside the module, or where that can't be written in the user's cache
-    folder (or in `NUMBA_CACHE_DIR`); where neither can, it is compiled anew in each process.
+    The machine code is cached next to the module, or else in the user's cache folder (or
+    `NUMBA_CACHE_DIR`). If neither is writable, each process compiles again.
     """
     try:
         return numba.njit(cache=True, nogil=True)(function)
-    except RuntimeError:  # numba's answer where it finds no folder to write to
+    except RuntimeError:  # numba found no folder that is writable
         return numba.njit(nogil=True)(function)
 
 
 class _Announcement(event.Listener):  # type: ignore[misc] # numba's own hints are not read
-    """Says once a process that kernels are being compiled; those on disk are loaded in silence."""
+    """Announces once per process that kernels are compiled; loading cached ones is silent."""
 
     def __init__(self) -> None:
-        self._made = False
+        self._announced = False
 
     def on_start(self, event: Any) -> None:
-        if not self._made and event.data["dispatcher"].py_func.__module__.startswith("packit_sim"):
-            self._made = True
+        if not self._announced and event.data["dispatcher"].py_func.__module__.startswith(
+            "packit_sim"
+        ):
+            self._announced = True
             _log.warning(
                 "compiling the placement engine: takes about 20 s, and only the first time"
             )
@@ -45,7 +47,7 @@ class _Announcement(event.Listener):  # type: ignore[misc] # numba's own hints a
 
 event.register("numba:compile", _Announcement())
 
-os.register_at_fork(  # a child would wait for ever for a thread that was compiling
+os.register_at_fork(  # a child would wait forever for a thread that was compiling
     before=global_compiler_lock.acquire,
     after_in_parent=global_compiler_lock.release,
     after_in_child=global_compiler_lock.release,

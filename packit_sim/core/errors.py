@@ -1,7 +1,8 @@
-"""What can go wrong through no fault of the library: every error a user can meet.
+"""The errors that a user can cause.
 
-Each message names the value (and the file, where there is one) and what would have been valid. An
-operation that raises has changed nothing.
+Each message contains the value, the file if there is one, and what is valid. An operation that
+raises has changed nothing. Errors that only one module raises are defined there, as subclasses of
+`PackItError`.
 """
 
 __all__ = [
@@ -20,30 +21,30 @@ __all__ = [
 
 
 class PackItError(Exception):
-    """Base of every error that PackIt-Sim raises on purpose."""
+    """Base of all errors that PackIt-Sim raises for a user."""
 
 
 class MeshError(PackItError, ValueError):
-    """A mesh that is no shape: empty, not finite, or without extent along some axis."""
+    """A mesh that is not a shape: empty, not finite, or without extent along an axis."""
 
 
 class LibraryError(PackItError, ValueError):
-    """A shape library that can't be opened: missing, foreign, or damaged."""
+    """A shape library that can't be opened: missing, of another kind, or damaged."""
 
 
 class UnknownShapeError(PackItError, KeyError):
-    """A shape id or category that the library doesn't hold."""
+    """A shape id or a category that the library does not contain."""
 
     def __str__(self) -> str:  # KeyError would show the message's repr
         return str(self.args[0])
 
 
 class InfeasibleError(PackItError, ValueError):
-    """A placement outside the grid or the box, or in conflict with what is already placed."""
+    """A placement outside the grid or the box, or in conflict with a placed item."""
 
 
 class PackFormatError(PackItError, ValueError):
-    """A pack or a dataset that can't be read: the message names file, line and field."""
+    """A pack or a dataset that can't be read; the message contains file, line and field."""
 
 
 class ArgumentError(PackItError, ValueError):
@@ -55,12 +56,12 @@ class StateError(PackItError, RuntimeError):
 
 
 class BusyError(PackItError, RuntimeError):
-    """A file or folder that another process is at work on."""
+    """A file or folder that another process is writing."""
 
 
 class RenderError(PackItError, RuntimeError):
-    """No picture could be made."""
+    """A picture or file that can't be drawn or written."""
 
 
 class PhysicsError(PackItError, RuntimeError):
-    """No simulation could be run, or no convex pieces made for one."""
+    """A simulation that can't run, or a shape that can't be decomposed for one."""

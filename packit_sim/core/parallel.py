@@ -1,4 +1,4 @@
-"""Parallel work: jobs by joblib, on this machine's cores or a Ray cluster, and Ray's actors."""
+"""Parallel work: jobs on the cores of this machine or a Ray cluster, and Ray's actors."""
 
 from __future__ import annotations
 
@@ -26,30 +26,43 @@ _T = TypeVar("_T")
 BackendName = Literal["loky", "ray"]
 
 BACKENDS: tuple[str, ...] = get_args(BackendName)
-"""Processes of this machine, or of a Ray cluster (the extra `cluster`)."""
+"""Processes of this machine (loky), or of a Ray cluster (the extra `cluster`)."""
 
-MOST_LOSSES = 20
-"""How often a job may be lost with its process or its machine: more often, and it kills them."""
+MAX_RETRIES = 20
+"""Maximum retries of a job whose process or machine was lost; more suggest that it kills them."""
 
 START_SECONDS = 120.0
-"""In which all `Actors` must have begun: without a core that is free they would wait for ever."""
+"""Maximum time for all `Actors` to start: without a free core they would wait forever."""
 
 CONNECT_SECONDS = 10.0
-"""In which the head of a cluster must answer; Ray itself would try for minutes."""
+"""Maximum time for the head of a cluster to answer; Ray itself would try for minutes."""
 
 
 class WorkersError(PackItError, ValueError):
-    """Workers that can't be had as they were asked for, or are lost for good."""
+    """Workers that can't be started with these arguments, or are lost for good."""
 
 
 class Workers:
-    """So many processes that work; they start with the first job and end with the `with` block.
+    """Processes for jobs; they start with the first job and end with the `with` block.
 
-    count: how many, 0 for one on each core there is; of a cluster also on cores that join it later,
-    up to as many again. address: of the Ray cluster's head, None for the one that is running here,
-    or else a new one. Jobs are pure functions: what is lost with a machine of the cluster is done
-    again on another, as soon as there is one. Raises WorkersError where workers can't be had, or
-    not be replaced.
+    Jobs are pure functions: a job that is lost with a machine of the cluster is repeated on another
+    one, as soon as there is one.
+
+    Parameters
+    ----------
+    count : int
+        The number of processes; 0: one per core, in a cluster also on cores that join later, up to
+        twice as many.
+    backend : {"loky", "ray"}
+        Where the processes run.
+    address : str or None
+        The address of the Ray cluster's head; None: the cluster that runs on this machine, or else
+        a new one.
+
+    Raises
+    ------
+    WorkersError
+        If the workers can't be started, or not be replaced.
     """
 
     def __init__(
@@ -58,15 +71,19 @@ class Workers:
         if backend not in BACKENDS:
             raise WorkersError(f"no backend {backend!r}: choose from {', '.join(BACKENDS)}")
         if count < 0:
-            raise WorkersError(f"{count} workers are not possible: choose 1 or more, or 0 for all")
+            raise WorkersError(
+                f"{count} workers are not possible: choose 1 or more, or 0 for one per core"
+            )
         if address is not None and backend != "ray":
-            raise WorkersError(f"address {address!r} is of a Ray cluster: choose backend ray")
+            raise WorkersError(f"address {address!r} needs the backend ray")
         is_ray = backend == "ray"
         self._leave = _join_cluster(address) if is_ray else lambda: None
         with joblib.parallel_config(backend):
             self.count = count or joblib.effective_n_jobs(-1)
         self._settings: dict[str, Any] = {
-            "n_jobs": max(2, self.count) if is_ray else self.count,  # joblib does a single one here
+            "n_jobs": max(2, self.count)
+            if is_ray
+            else self.count,  # joblib runs a single one in this process
             "backend": backend,
             "batch_size": 1,
         }
@@ -74,19 +91,19 @@ class Workers:
         self._parallel: joblib.Parallel | None = None
 
     def map(self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]) -> list[_T]:
-        """What the function returns for each of the arguments, in their order."""
+        """Return the function's results for all arguments, in their order."""
         if self._parallel is None:
             ahead = self._ahead if self._settings["backend"] == "ray" else "all"
             self._parallel = joblib.Parallel(pre_dispatch=ahead, **self._settings).__enter__()
         with _reporting_killed_workers():
             jobs = (joblib.delayed(function)(*each) for each in arguments)
-            found: list[_T] = self._parallel(jobs)
-        return found
+            results: list[_T] = self._parallel(jobs)
+        return results
 
     def as_done(
         self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]
     ) -> Iterator[_T]:
-        """The same as they are done, in any order; no more than one a worker is begun ahead."""
+        """Yield results as they finish, in any order; at most one job per worker is queued."""
         parallel = joblib.Parallel(
             return_as="generator_unordered", pre_dispatch=self._ahead, **self._settings
         )
@@ -104,11 +121,22 @@ class Workers:
 
 
 class Actors:
-    """Objects that keep their state, each in a process of its own of a Ray cluster.
+    """Objects with state, each in a separate process of a Ray cluster.
 
-    kind: makes one of each of the arguments, in its process. address: as of `Workers`. Raises
-    WorkersError where there is no cluster, or no core for each, or a process is lost: what was in
-    it can't be had again.
+    Parameters
+    ----------
+    kind : Callable
+        Creates an object in its process.
+    arguments : sequence of tuple
+        The arguments of `kind`, for each object.
+    address : str or None
+        The address of the cluster, as in `Workers`.
+
+    Raises
+    ------
+    WorkersError
+        If there is no cluster, if it has too few free cores, or if a process is lost: its state
+        can't be restored.
     """
 
     def __init__(
@@ -122,20 +150,20 @@ class Actors:
         from ray import cloudpickle
 
         class Actor:
-            """Travels as code: the machine may lack PackIt-Sim."""
+            """An object's host. It is sent as code: the machine may lack PackIt-Sim."""
 
             def __init__(self, job: bytes) -> None:
-                self.made = pickle.loads(job)()
+                self.target = pickle.loads(job)()
 
             def call(self, method: str, args: Any, others: Any) -> Any:
-                return getattr(self.made, method)(*args, **others)
+                return getattr(self.target, method)(*args, **others)
 
         remote = ray.remote(num_cpus=1)(Actor)
         jobs = [cloudpickle.dumps(partial(kind, *each)) for each in arguments]
         self._actors: list[Any] = [
-            remote.remote(cloudpickle.dumps(partial(_answer, __version__, job))) for job in jobs
+            remote.remote(cloudpickle.dumps(partial(_run_job, __version__, job))) for job in jobs
         ]
-        self._begun: list[Any] = []
+        self._running: list[Any] = []
         count = len(self._actors)
         _, late = ray.wait(
             [actor.__ray_ready__.remote() for actor in self._actors],
@@ -153,22 +181,22 @@ class Actors:
         self,
         method: str,
         arguments: Sequence[tuple[Any, ...]],
-        others: Sequence[dict[str, Any]] | None = None,
+        by_name: Sequence[dict[str, Any]] | None = None,
     ) -> None:
-        """Calls a method of each, with arguments by position and by name, for `end`."""
-        named = others or [{}] * len(arguments)
-        self._begun = [
-            actor.call.remote(method, args, by_name)
-            for actor, args, by_name in zip(self._actors, arguments, named, strict=True)
+        """Start a method of each object, with arguments by position and by name; see `end`."""
+        keywords = by_name or [{}] * len(arguments)
+        self._running = [
+            actor.call.remote(method, args, others)
+            for actor, args, others in zip(self._actors, arguments, keywords, strict=True)
         ]
 
     def end(self) -> list[Any]:
-        """What the methods that were begun return. Raises what they raise."""
+        """Return the results of the started methods. Raises what they raise."""
         import ray
         from ray.exceptions import RayError, RayTaskError
 
         try:
-            return list(ray.get(self._begun))
+            return list(ray.get(self._running))
         except RayTaskError as error:
             raise error.cause from error
         except RayError as error:
@@ -179,14 +207,14 @@ class Actors:
         self,
         method: str,
         arguments: Sequence[tuple[Any, ...]],
-        others: Sequence[dict[str, Any]] | None = None,
+        by_name: Sequence[dict[str, Any]] | None = None,
     ) -> list[Any]:
-        """`begin` and `end`."""
-        self.begin(method, arguments, others)
+        """Call a method of each object: `begin` and `end`."""
+        self.begin(method, arguments, by_name)
         return self.end()
 
     def close(self) -> None:
-        """Ends the processes."""
+        """End the processes."""
         import ray
 
         for actor in self._actors:
@@ -196,9 +224,9 @@ class Actors:
 
 
 class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
-    """joblib's jobs as tasks of a Ray cluster, which does again what is lost with a machine.
+    """A joblib backend of Ray tasks; Ray repeats those that are lost with a machine.
 
-    Ray's own backend for joblib is a pool of actors: it fails with the first machine that does.
+    Ray's own joblib backend is a pool of actors: it fails as soon as one machine fails.
     """
 
     supports_retrieve_callback = True
@@ -211,12 +239,12 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
     def configure(self, n_jobs: int = 1, parallel: Any = None, **settings: Any) -> int:
         import ray
 
-        def work(job: bytes) -> Any:  # travels as code: the machine may lack PackIt-Sim
+        def work(job: bytes) -> Any:  # sent as code: the machine may lack PackIt-Sim
             return pickle.loads(job)()
 
         self.parallel = parallel
-        self._task = ray.remote(num_cpus=1, max_retries=MOST_LOSSES)(work)
-        self._begun: set[Any] = set()
+        self._task = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(work)
+        self._running: set[Any] = set()
         self._ended: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         Thread(target=_call_each, args=(self._ended,), daemon=True).start()
         return self.effective_n_jobs(n_jobs)
@@ -224,13 +252,13 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
     def submit(self, func: Callable[[], Any], callback: Callable[..., Any]) -> Future[Any]:
         from ray import cloudpickle
 
-        begun, ended = self._begun, self._ended
-        job = partial(_answer, __version__, cloudpickle.dumps(func))
+        running, ended = self._running, self._ended
+        job = partial(_run_job, __version__, cloudpickle.dumps(func))
         task = self._task.remote(cloudpickle.dumps(job))
-        begun.add(task)
+        running.add(task)
 
         def end(future: Future[Any]) -> None:
-            begun.discard(task)
+            running.discard(task)
             ended.put(partial(callback, future))
 
         future: Future[Any] = task.future()
@@ -238,23 +266,25 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
         return future
 
     def retrieve_result_callback(self, out: Future[Any]) -> Any:
-        """What a job returned. Raises what it raised, and WorkersError where it can't be done."""
+        """Return a job's result. Raises what it raised, or WorkersError if it can't run."""
         from ray.exceptions import RayError, RayTaskError
 
         try:
             return out.result()
         except RayTaskError as error:
             if isinstance(error.cause, ImportError):
-                raise WorkersError(f"a machine of the cluster lacks it: {error.cause}") from error
+                raise WorkersError(
+                    f"a module is missing on a machine of the cluster: {error.cause}"
+                ) from error
             raise error.cause from error
         except RayError as error:
             why = str(error).partition("\n")[0]
-            raise WorkersError(f"the cluster gave a job up: {why}") from error
+            raise WorkersError(f"the cluster gave up a job: {why}") from error
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
         import ray
 
-        for task in self._begun.copy():
+        for task in self._running.copy():
             ray.cancel(task, force=True)
 
     def terminate(self) -> None:
@@ -262,16 +292,16 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
 
 
 def _call_each(calls: SimpleQueue[Callable[[], object] | None]) -> None:
-    """Tells joblib, which then begins the next job, on a thread that Ray does not need."""
+    """Call joblib's callbacks, which start the next jobs, on a thread that Ray does not need."""
     for call in iter(calls.get, None):
         call()
 
 
-def _answer(version: str, job: bytes) -> Any:
-    """Does a job on a machine of the cluster. Errors that are the machine's say which it is."""
+def _run_job(version: str, job: bytes) -> Any:
+    """Run a job on a machine of the cluster. The machine's errors contain its name."""
     try:
         if version != __version__:
-            raise WorkersError(f"PackIt-Sim is {__version__} here, not {version}")
+            raise WorkersError(f"PackIt-Sim has version {__version__} here, not {version}")
         return pickle.loads(job)()
     except (PackItError, ImportError) as error:
         raise WorkersError(f"{platform.node()}: {error}") from error
@@ -283,13 +313,13 @@ def _reporting_killed_workers() -> Iterator[None]:
         yield
     except TerminatedWorkerError as error:
         raise WorkersError(
-            "a worker process was killed, most often because memory was short: the same command "
-            "goes on from here, if need be with fewer workers"
+            "a worker process was killed, most often because memory was short: repeat the "
+            "command to resume, with fewer workers if necessary"
         ) from error
 
 
 def _join_cluster(address: str | None) -> Callable[[], None]:
-    """Joins a cluster, unless this process is in one already, and returns what leaves it."""
+    """Join a cluster, unless this process is in one, and return the function that leaves it."""
     try:
         import ray
     except ImportError as error:
@@ -305,5 +335,5 @@ def _join_cluster(address: str | None) -> Callable[[], None]:
             socket.create_connection((host.rpartition("/")[2], int(port)), CONNECT_SECONDS).close()
         ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
     except (OSError, RuntimeError, ValueError) as error:
-        raise WorkersError(f"no Ray cluster to join at {address!r}: {error}") from error
+        raise WorkersError(f"there is no Ray cluster at {address!r}: {error}") from error
     return ray.shutdown

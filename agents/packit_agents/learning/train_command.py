@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from packit_sim.cli.console import AddressOption, console, progress_bars
+from packit_sim.cli.output import RESUMABLE, stoppable
 from packit_sim.core.errors import PackItError
 from packit_sim.render import plots
 
@@ -19,24 +20,26 @@ if TYPE_CHECKING:
 def train_command(
     out: Annotated[Path, typer.Argument(help="Folder of the training.")],
     config: Annotated[
-        Path | None, typer.Option(help="TOML file with settings, by name; network is a table.")
+        Path | None, typer.Option(help="TOML file with settings by name; network is a table.")
     ] = None,
     set: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", help="NAME=VALUE, such as steps=100000 or network.width=64; any number."
+            "--set", help="Setting NAME=VALUE, such as network.width=64; may be repeated."
         ),
     ] = None,
-    device: Annotated[str, typer.Option(help="cpu, cuda, or auto.")] = "auto",
+    device: Annotated[str, typer.Option(help="Device: cpu, cuda, or auto.")] = "auto",
     ray_workers: Annotated[
-        int, typer.Option(min=0, help="Processes of a Ray cluster for the environments.")
+        int, typer.Option(min=0, help="Number of processes of a Ray cluster for the environments.")
     ] = 0,
     address: AddressOption = None,
 ) -> None:
-    """Trains a network to choose shapes; its best weights are best.safetensors in the folder.
+    """Train a network to choose shapes; its best weights are best.safetensors in the folder.
 
-    Stop it at any moment: the same command goes on, and ends in the same weights. Let it play with
-    packit evaluate --agent learned@FOLDER/best.safetensors/aligned/blbf.
+    The command can be stopped at any time: repeat it to resume, with the same weights in the end.
+    The agent learned@FOLDER/best.safetensors/aligned/blbf plays with the weights.
+
+    Example: packit train trainings/first --set steps=100000
     """
     try:
         from packit_agents.learning.training import Training
@@ -49,7 +52,7 @@ def train_command(
     settings = read_settings(config, set or [])
     training = Training(settings, out, device, ray_workers, address)
     try:
-        with progress_bars() as progress:
+        with stoppable(RESUMABLE), progress_bars() as progress:
             bar = progress.add_task("training", total=settings.steps, note="")
 
             def show(at: Progress) -> None:
@@ -58,9 +61,6 @@ def train_command(
                 progress.update(bar, completed=at.steps, note=reward + best)
 
             training.run(show)
-    except KeyboardInterrupt:
-        console.print("stopped: the same command goes on from here")
-        raise typer.Exit(130) from None
     finally:
         training.close()
     draw(training.curve, out / "curve.png")
@@ -73,7 +73,7 @@ def train_command(
 
 
 def draw(curve: list[Point], path: Path) -> None:
-    """The learning curve: validation with its interval, and training."""
+    """Draw the learning curve: validation with its interval, and training."""
     with plots.drawn(path, [["reward"]], 8, 5) as (_, axes):
         ax = axes["reward"]
         steps = [point.steps for point in curve]

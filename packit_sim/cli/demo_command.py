@@ -1,0 +1,113 @@
+"""`packit demo`: a pack from its evolution to pictures of what agents made of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from packit_sim.cli.console import SeedOption, console, prepare_folder, progress_bars
+from packit_sim.cli.evaluation_commands import HEURISTICS, evaluate_shown
+from packit_sim.cli.generation_commands import evolve_shown
+from packit_sim.cli.output import print_written, simple_table
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.datasets.packs import Pack, verify, write_packs
+from packit_sim.evaluation.results import Rollout
+from packit_sim.game.agents import Agent
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.scene import Scene
+
+DEMO_SEED = 7
+"""A seed whose pool contains few slender shapes, so that the box gets full."""
+
+DEMO_SIZE = (0.65, 0.65)
+"""The size factor: about 25 items fill a box, and a short evolution makes progress."""
+
+PICTURE_SIDE = 512
+"""Width and height of the pictures, in pixels."""
+
+
+def demo_command(
+    out: Annotated[Path, typer.Option(help="Folder for packs, results and pictures.")] = Path(
+        "demo"
+    ),
+    seed: SeedOption = DEMO_SEED,
+    generations: Annotated[
+        int, typer.Option(min=0, help="Generations of the short evolution.")
+    ] = 20,
+) -> None:
+    """Evolve a pack, let the heuristic agents pack its items again, and draw the results."""
+    started = time.perf_counter()
+    prepare_folder(out / "pack.jsonl")
+    library = ShapeLibrary.open("everyday")
+    console.print(
+        f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
+        f"in {len(library.categories)} categories"
+    )
+    settings = EvolutionSettings(generations=generations, size_range=DEMO_SIZE)
+    pack = evolve_shown(library, seed, settings).best
+    agents = [Agent.from_name(name) for name in HEURISTICS]
+    rollouts = evaluate_shown(agents, [pack.task(library)], seed)
+    problems = _verify([pack, *(rollout.pack for rollout in rollouts)], library)
+
+    console.print(_rollout_table(pack, rollouts, problems))
+    results = {"pack.jsonl": [pack], "results.jsonl": [rollout.pack for rollout in rollouts]}
+    for name, packs in results.items():
+        write_packs(out / name, packs)
+        print_written(out / name)
+    ranked = sorted(rollouts, key=lambda rollout: rollout.total)
+    for name, shown in (("truth", pack), ("best", ranked[-1].pack), ("worst", ranked[0].pack)):
+        renderer = _draw(shown, library, out / f"{name}.png")
+        print_written(out / f"{name}.png")
+    console.print(
+        f"Pictures by the {renderer} renderer. Done in {time.perf_counter() - started:.0f} s."
+    )
+    if any(problems):
+        raise typer.Exit(1)
+
+
+def _verify(packs: Sequence[Pack], library: ShapeLibrary) -> list[list[str]]:
+    """Return the problems of each pack."""
+    with progress_bars() as progress:
+        bar = progress.add_task("verifying", total=len(packs), note="")
+        problems = []
+        for pack in packs:
+            problems.append(verify(pack, library))
+            progress.advance(bar)
+    return problems
+
+
+def _draw(pack: Pack, library: ShapeLibrary, path: Path) -> str:
+    """Draw a pack and return the renderer's name."""
+    with Scene(pack.replay(library)) as scene:
+        snapshot = scene.snapshot(PICTURE_SIDE, PICTURE_SIDE)
+    snapshot.save(path)
+    return snapshot.renderer
+
+
+def _rollout_table(
+    truth: Pack, rollouts: Sequence[Rollout], problems: Sequence[Sequence[str]]
+) -> Table:
+    """Create a table of the ground truth, whose problems come first, and of each rollout."""
+    table = simple_table("agent", "return", "items", "density", "oracle", "ended")
+
+    def add(name: str, total: float, pack: Pack, found: Sequence[str], why: str) -> None:
+        table.add_row(
+            name,
+            f"{total:.3f}",
+            f"{len(pack.items)}/{len(truth.items)}",
+            f"{pack.density:.3f}",
+            "; ".join(found) or "holds",
+            why,
+        )
+
+    add("[bold]ground truth[/]", 1.0, truth, problems[0], "evolved")
+    played = zip(rollouts, problems[1:], strict=True)
+    for rollout, found in sorted(played, key=lambda row: -row[0].total):
+        add(rollout.agent, rollout.total, rollout.pack, found, str(rollout.end))
+    table.caption = "one task, played once by each agent"
+    return table

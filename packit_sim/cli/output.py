@@ -1,0 +1,57 @@
+"""What commands print and write: tables, JSON files, and where the files are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from packit_sim.cli.console import console
+from packit_sim.core.files import replace_text
+
+RESUMABLE = "repeat the command to resume"
+
+NOTHING_WRITTEN = "nothing is written"
+
+
+def simple_table(*columns: str, **options: Any) -> Table:
+    """Create a table with a line below its head; the options are those of `rich.table.Table`."""
+    return Table(*columns, box=SIMPLE_HEAD, show_edge=False, pad_edge=False, **options)
+
+
+def print_written(path: Path | str, note: str = "") -> None:
+    """Print the path of a file that was written."""
+    console.print(f"wrote {path}{note}", soft_wrap=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, whole or not at all, and print its path."""
+    replace_text(path, json.dumps(content, ensure_ascii=False, indent=1) + "\n")
+    print_written(path)
+
+
+@contextmanager
+def stoppable(hint: str) -> Iterator[None]:
+    """Let Ctrl-C end the command with a message and exit code 130.
+
+    Parameters
+    ----------
+    hint : str
+        What is left behind, or how to resume.
+
+    Yields
+    ------
+    None
+        While the command works.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print(f"stopped: {hint}")
+        raise typer.Exit(130) from None

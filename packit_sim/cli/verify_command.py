@@ -1,0 +1,48 @@
+"""`packit verify`: the oracle's check of packs."""
+
+from __future__ import annotations
+
+import typer
+
+from packit_sim.cli.console import (
+    LibraryOption,
+    PacksArgument,
+    SplitOption,
+    console,
+    progress_bars,
+)
+from packit_sim.datasets.packings import verify_packing
+from packit_sim.datasets.packs import dataset_file, dataset_path
+from packit_sim.datasets.verification import verify_dataset
+from packit_sim.libraries.library import ShapeLibrary
+
+
+def verify_command(
+    packs: PacksArgument, split: SplitOption = None, library: LibraryOption = "everyday"
+) -> None:
+    """Check packs with the oracle; exit code 1 if one is wrong.
+
+    PACKS may also be the packing of another tool: a .json file of meshes and poses (see the
+    README).
+
+    Example: packit verify everyday-v1 --split test
+    """
+    if packs.endswith(".json"):
+        report = verify_packing(packs)
+        verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
+    else:
+        with progress_bars() as progress:
+            bar = progress.add_task("verifying", total=None, note="")
+            report = verify_dataset(
+                dataset_file(packs, split) if split else dataset_path(packs),
+                ShapeLibrary.open(library),
+                lambda done, total: progress.update(bar, completed=done, total=total),
+            )
+        verdict = f"{report.packs - report.broken} of {report.packs} packs hold"
+    for problem in report.problems:
+        console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
+    console.print(verdict)
+    if report.not_judged:
+        console.print(report.not_judged, soft_wrap=True)
+    if not report.holds:
+        raise typer.Exit(1)
