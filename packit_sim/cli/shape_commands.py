@@ -282,14 +282,14 @@ def selection(
     ----------
     library : ShapeLibrary
         The library.
-    categories : sequence of str or None
+    categories : Sequence[str] | None
         The categories; not used if `ids` are given.
-    ids : sequence of str or None
+    ids : Sequence[str] | None
         The shapes.
 
     Returns
     -------
-    tuple of str
+    tuple[str, ...]
         The selected ids.
 
     Raises

@@ -80,13 +80,13 @@ class BoundedCache(Generic[_P, _T]):
 
     Parameters
     ----------
-    function : Callable
+    function : Callable[_P, _T]
         Computes a value.
     unit : str
         The unit of `size` and `budget`.
-    size : Callable
+    size : Callable[[_T], int]
         The size of a value.
-    key : Callable
+    key : Callable[..., Hashable]
         The key of the function's arguments.
     budget : int
         The maximum size of all values together.

@@ -93,7 +93,7 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
 
 
 def _holder(lock: Path) -> str:
-    """The id of the process that holds a lock file, or "?"."""
+    """Return the id of the process that holds a lock file, or "?"."""
     try:
         return lock.read_text().strip() or "?"
     except FileNotFoundError:

@@ -53,9 +53,9 @@ class Workers:
     count : int
         The number of processes; 0: one per core, in a cluster also on cores that join later, up to
         twice as many.
-    backend : {"loky", "ray"}
-        Where the processes run.
-    address : str or None
+    backend : BackendName
+        Where the processes run: "loky" or "ray".
+    address : str | None
         The address of the Ray cluster's head; None: the cluster that runs on this machine, or else
         a new one.
 
@@ -125,11 +125,11 @@ class Actors:
 
     Parameters
     ----------
-    kind : Callable
+    kind : Callable[..., Any]
         Creates an object in its process.
-    arguments : sequence of tuple
+    arguments : Sequence[tuple[Any, ...]]
         The arguments of `kind`, for each object.
-    address : str or None
+    address : str | None
         The address of the cluster, as in `Workers`.
 
     Raises

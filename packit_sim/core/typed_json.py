@@ -72,7 +72,7 @@ def encode(record: Any) -> str:
 
 
 def _parsed(data: bytes | str) -> Any:
-    """The JSON text without types, None where it is beyond reading."""
+    """Decode JSON without types; None where it is beyond reading."""
     try:
         return msgspec.json.decode(data)
     except (ValueError, RecursionError):
@@ -103,7 +103,7 @@ def _sentence(text: str, raw: Any, kind: Any, what: str) -> str:
 
 
 def _choices(kind: Any, path: str) -> Iterator[str]:
-    """The valid values of the field at a path: of literals, enums and tags."""
+    """List the valid values of the field at a path: of literals, enums and tags."""
     nodes = list(_alternatives(inspect.type_info(kind)))
     for key, index in _STEPS.findall(path):
         below: list[Any] = []
@@ -122,7 +122,7 @@ def _choices(kind: Any, path: str) -> Iterator[str]:
 
 
 def _alternatives(node: Any) -> Iterator[Any]:
-    """A type, or each of a union's, without what only restricts them."""
+    """Yield a type, or each of a union's, without what only restricts them."""
     if isinstance(node, inspect.Metadata):
         yield from _alternatives(node.type)
     elif isinstance(node, inspect.UnionType):
@@ -133,7 +133,7 @@ def _alternatives(node: Any) -> Iterator[Any]:
 
 
 def _value(raw: Any, path: str) -> str:
-    """The value at a path such as `.items[3].rotation`, as messages show it."""
+    """Return the value at a path such as `.items[3].rotation`, as messages show it."""
     try:
         for key, index in _STEPS.findall(path):
             raw = raw[int(index)] if index else raw[key]

@@ -20,7 +20,12 @@ from msgspec import Meta, Struct
 from packit_sim._version import __version__
 from packit_sim.box import Box, BoxState
 from packit_sim.core import typed_json
-from packit_sim.core.errors import InfeasibleError, PackFormatError, UnknownShapeError
+from packit_sim.core.errors import (
+    ArgumentError,
+    InfeasibleError,
+    PackFormatError,
+    UnknownShapeError,
+)
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN, Count, Provenance, RotationIndex
@@ -122,7 +127,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
 
     def __post_init__(self) -> None:
         if (self.location is None) == (self.pose is None):
-            raise ValueError("an item must have either a location or a pose")
+            raise ArgumentError("an item must have either a location or a pose")
 
     @classmethod
     def of(cls, inside: ItemInBox) -> PackedItem:

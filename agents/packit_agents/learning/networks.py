@@ -56,7 +56,7 @@ class NetworkSettings:
             "trunk_blocks": self.trunk_blocks >= 0,
         }
         if self.network == "packnn-attention":  # type: ignore[comparison-overlap]
-            raise ValueError(
+            raise ArgumentError(
                 "network setting network = 'packnn-attention': this network was removed, since it "
                 f"was no better than packnn; choose from {', '.join(NETWORKS)}"
             )
