@@ -36,12 +36,12 @@ from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim import Agent, ShapeLibrary
 from packit_sim.datasets.packs import load_tasks
-from packit_sim.envs.observations import PROSPECTS
+from packit_sim.envs.observations import PLACEMENT_FEATURES
 from packit_sim.game.episode import Episode
 
 CASES: dict[str, tuple[NetworkSettings, str]] = {
     "packnn": (NetworkSettings(), "features"),
-    "packnn, prospects": (NetworkSettings(), "prospects"),
+    "packnn, placement features": (NetworkSettings(), "placement-features"),
 }
 """The network, and what it sees."""
 
@@ -49,9 +49,9 @@ CASES: dict[str, tuple[NetworkSettings, str]] = {
 def decisions(settings: NetworkSettings, observation: str, folder: Path) -> dict[str, float]:
     """Milliseconds of a choice of a shape, on one core."""
     torch.manual_seed(0)
-    prospects = PROSPECTS if observation == "prospects" else 0
+    count = PLACEMENT_FEATURES if observation == "placement-features" else 0
     file = folder / "chance.safetensors"
-    write_weights(file, network(settings, prospects), settings, prospects, {})
+    write_weights(file, network(settings, count), settings, count, {})
     agent = Agent.from_name(f"learned@{file}/aligned/blbf")
     assert isinstance(agent.shape, LearnedShape)
     rng, times = np.random.default_rng(0), []

@@ -40,6 +40,7 @@ from packit_sim.physics.convex.decomposition import decompose_all
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.render.layouts import Layout, unplaced
+from packit_sim.rules import Rules
 from packit_sim.scene import Scene
 
 AGENTS = (
@@ -76,8 +77,7 @@ def steps_a_second(
 
 def played(task: Task, agent: Agent, number: int, physics: PhysicsSettings | None) -> Episode:
     """An episode at its end; the same random numbers with physics and without."""
-    box = SettlingBox(task.cells, physics) if physics else None
-    episode = Episode(task, box=box)
+    episode = Episode(task, Rules(physics=physics))
     agent.play(episode, np.random.default_rng((0, zlib.crc32(agent.name.encode()), number)))
     return episode
 

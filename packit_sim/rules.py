@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
+import msgspec
+
+from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
+from packit_sim.engine.base_box import BaseBox
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -26,7 +32,7 @@ class Rules:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the cells are not possible, or both `kinematic` and `physics` are asked for.
     """
 
@@ -41,6 +47,103 @@ class Rules:
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
 
+    def __str__(self) -> str:
+        parts = ["PackIt-Easy" if self.easy else "PackIt"]
+        if self.kinematic:
+            parts.append("kinematic")
+        if self.physics is not None:
+            usual = asdict(PhysicsSettings())
+            changed = {k: v for k, v in asdict(self.physics).items() if v != usual[k]}
+            values = "".join(f" {name}={value!r}" for name, value in changed.items())
+            parts.append(f"physics{values}")
+        if self.cells is not None:
+            parts.append(f"box of {' x '.join(map(str, self.cells))} cells")
+        return ", ".join(parts)
+
+    def changed(self, **changes: Any) -> Rules:
+        """Return these rules with other values in some fields.
+
+        Parameters
+        ----------
+        **changes : Any
+            Values by the name of a field; `physics=True` stands for the default settings.
+
+        Returns
+        -------
+        Rules
+            The changed rules.
+
+        Raises
+        ------
+        TypeError
+            If there is no rule of such a name.
+        ValueError
+            If the cells are not possible, or both `kinematic` and `physics` are asked for.
+        """
+        _check_names(changes, TypeError)
+        return replace(self, **_with_physics(changes))
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Rules:
+        """Build rules from JSON or TOML.
+
+        Parameters
+        ----------
+        values : Mapping
+            Values by the name of a field; those that are missing keep their defaults. `physics` is
+            a mapping of its settings, true, false or null.
+
+        Returns
+        -------
+        Rules
+            Equal to the rules that `dataclasses.asdict` made the values of.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no rule of such a name, or a value is not valid.
+        """
+        _check_names(values, ArgumentError)
+        try:
+            return msgspec.convert(_with_physics(values), cls)
+        except msgspec.ValidationError as error:
+            raise ArgumentError(f"the rules {dict(values)} are not valid: {error}") from None
+
+    def new_box(self, cells: Triple) -> BaseBox:
+        """Make the empty box that is packed by these rules.
+
+        Parameters
+        ----------
+        cells : tuple of int
+            Cells of the task's box along x, y and z, which `self.cells` overrides.
+
+        Returns
+        -------
+        BaseBox
+            A `Box`, or a `SettlingBox` if items settle.
+        """
+        cells = self.cells or cells
+        if self.physics is None:
+            return Box(cells, kinematic=self.kinematic)
+        from packit_sim.physics.settling_box import SettlingBox  # loads PyBullet
+
+        return SettlingBox(cells, self.physics)
+
 
 PACKIT = Rules()
 """The rules of the paper."""
+
+
+def _check_names(values: Mapping[str, Any], error: type[Exception]) -> None:
+    names = [field.name for field in fields(Rules)]
+    for name in values:
+        if name not in names:
+            raise error(f"there is no setting {name!r}: the rules are {', '.join(names)}")
+
+
+def _with_physics(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace a bool under "physics" by default settings or None."""
+    physics = values.get("physics")
+    if not isinstance(physics, bool):
+        return dict(values)
+    return {**values, "physics": PhysicsSettings() if physics else None}

@@ -72,7 +72,7 @@ def results(file: Path, agents: Mapping[str, Sequence[int]]) -> Path:
 def training(folder: Path, rewards: Sequence[float], **settings: Any) -> Path:
     """A training's folder: validation rewards after each thousand steps."""
     folder.mkdir()
-    told = {"steps": 5000, "easy": False, "network": {"width": 64}, **settings}
+    told = {"steps": 5000, "rules": {"easy": False}, "network": {"width": 64}, **settings}
     (folder / "settings.json").write_text(json.dumps({"settings": told}))
     curve = [
         {

@@ -2,18 +2,25 @@ import dataclasses
 import itertools
 import pickle
 import re
+import threading
 import urllib.request
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from packit_sim.core import caches
+from packit_sim.core.counters import counted_by
 from packit_sim.datasets.packs import Pack, Task, load_tasks, write_packs
 from packit_sim.engine import insertion
+from packit_sim.engine.base_box import BaseBox
 from packit_sim.envs.env import PackItEnv
 from packit_sim.game.agents import Agent
+from packit_sim.game.episode import Stage
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 from tests.zoo import cube_of
 
 
@@ -75,9 +82,9 @@ def test_what_is_observed(tasks) -> None:
     chosen = env.step(shape)[0]
     assert chosen["chosen"] == shape and chosen["stage"] == 1 and chosen["action_mask"].sum() == 24
     turned = env.step(rotation)[0]
-    item = env.episode.choice.item
+    item = env.episode.chosen_item.item
     assert turned["item"].sum() == item.outer.sum() and turned["stage"] == 2
-    assert (turned["action_mask"][:15625] == env.episode.choice.feasible.ravel()).all()
+    assert (turned["action_mask"][:15625] == env.episode.chosen_item.feasible.ravel()).all()
     placed = env.step(int(np.ravel_multi_index(location, (25, 25, 25))))[0]
     corner = tuple(slice(4 * n, 4 * n + c) for n, c in zip(location, item.cells, strict=True))
     assert (placed["box"][corner] == item.outer).all()
@@ -156,6 +163,95 @@ def test_easy_replays_the_ground_truth_in_its_own_order(tasks, number) -> None:
                 _, reward, over, _, info = env.step(action)
                 total += reward
         assert over and info["end"] == "all placed" and total == pytest.approx(1)
+
+
+def test_easy_checks_the_rotations_of_a_location_once(tasks, monkeypatch) -> None:
+    asked = []
+    rotations_at = BaseBox.rotations_at
+    monkeypatch.setattr(
+        BaseBox, "rotations_at", lambda *args: asked.append(args) or rotations_at(*args)
+    )
+    env = PackItEnv(tasks, easy=True, observation="features", max_shapes=40)
+    env.reset(options={"task": 1})
+    rotation_steps = 0
+    while env.episode.end is None and rotation_steps < 5:
+        rotation_steps += env.episode.stage is Stage.ROTATION
+        env.step(int(np.flatnonzero(env.action_masks())[0]))
+        env.action_masks()
+    assert len(asked) == rotation_steps == 5
+
+
+def test_fcl_calls_are_those_of_the_environment_itself(tasks) -> None:
+    """Two environments that play in turn count as much as each of them alone would."""
+
+    def play(envs: list[PackItEnv], steps: int) -> list[int]:
+        """Each environment with caches of its own, so that both have to call FCL."""
+        for env in envs:
+            caches.clear()
+            env.reset(options={"task": 1})
+        for _ in range(steps):
+            for env in envs:
+                caches.clear()
+                *_, info = env.step(int(np.flatnonzero(env.action_masks())[-1]))
+                env.last = info["fcl_calls"]
+        return [env.last for env in envs]
+
+    envs = [PackItEnv(tasks, observation="none", max_shapes=40) for _ in range(2)]
+    idle = PackItEnv(tasks, observation="none", max_shapes=40)
+    idle.reset(options={"task": 1})
+    (alone,) = play(envs[:1], 9)
+    assert alone > 0
+    assert play(envs, 9) == [alone, alone]
+    _, info = idle.set_state(idle.get_state())
+    assert info["fcl_calls"] == 0
+
+
+def test_fcl_calls_are_counted_for_each_thread(tasks) -> None:
+    envs = [PackItEnv(tasks, observation="none", max_shapes=40) for _ in range(2)]
+    idle, busy = envs
+    idle.reset(options={"task": 0})
+
+    def play() -> None:
+        busy.reset(options={"task": 1})
+        for _ in range(9):
+            *_, busy.info = busy.step(int(np.flatnonzero(busy.action_masks())[-1]))
+
+    caches.clear()
+    with counted_by(idle._calls):
+        thread = threading.Thread(target=play)
+        thread.start()
+        thread.join()
+    assert busy.info["fcl_calls"] > 0 and idle._calls.fcl_calls == 0
+
+
+def test_a_state_remembers_that_the_episode_is_over(tasks) -> None:
+    env = PackItEnv(tasks, observation="none", max_shapes=40)
+    env.reset(seed=0)
+    begun = env.get_state()
+    env.step(env.action_space.n - 1)  # not a shape
+    over = pickle.loads(pickle.dumps(env.get_state()))
+    for state in (begun, over):
+        env.set_state(state)
+    with pytest.raises(RuntimeError, match=r"over: invalid action: call reset"):
+        env.step(0)
+    env.set_state(begun)
+    env.step(0)
+    env.set_state(over)
+    with pytest.raises(RuntimeError, match=r"over: invalid action: call reset"):
+        env.step(0)
+    env.reset()
+    env.step(0)
+
+
+def test_rules_are_one_value_that_keywords_change() -> None:
+    common = {"observation": "none", "max_shapes": 40}
+    env = gym.make("PackItEasy-v0", kinematic=True, cells=(100, 100, 120), **common).unwrapped
+    assert env.rules == Rules(easy=True, kinematic=True, cells=(100, 100, 120))
+    assert PackItEnv(rules=env.rules, easy=False, **common).rules == replace(env.rules, easy=False)
+    env.reset(seed=0)
+    assert env.episode.rules is env.rules
+    with pytest.raises(TypeError, match="no setting 'eazy': the rules are easy, kinematic, phys"):
+        PackItEnv(eazy=True)
 
 
 def test_easy_offers_every_location_and_then_the_rotations_that_fit_there(tasks) -> None:
@@ -402,7 +498,7 @@ def test_another_box_for_the_same_items(tasks) -> None:
     seen, _ = env.reset(options={"task": 0})
     assert env.episode.box.cells == (120, 100, 60) and seen in env.observation_space
     assert seen["locations"].shape == (30, 25, 15)
-    with pytest.raises(ValueError, match="goes into no box of"):
+    with pytest.raises(ValueError, match="fits into no box of"):
         PackItEnv(tasks, cells=(16, 16, 16), max_shapes=40)
     with pytest.raises(ValueError, match="give `cells` to say which"):
         PackItEnv([tasks[0], dataclasses.replace(tasks[1], pack=other_box(tasks[1]))])

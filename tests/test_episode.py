@@ -32,7 +32,7 @@ def test_an_episode_by_hand() -> None:
     assert len(episode.action_mask()) == 24
     assert episode.step(5) == 0
     assert episode.stage is Stage.LOCATION
-    assert episode.choice is not None and episode.choice.item.rotation == 5
+    assert episode.chosen_item is not None and episode.chosen_item.item.rotation == 5
     assert episode.action_mask().sum() == 21**3
     assert episode.step(0) == pytest.approx(1 / 9)
     assert episode.stage is Stage.SHAPE and episode.action_mask().tolist() == [True, False]

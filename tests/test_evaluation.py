@@ -109,7 +109,7 @@ def test_results_of_something_else_are_refused_and_stay(agents, tasks, rollouts,
     before = file.read_bytes()
     cases = (
         (tasks, 3, Rules(), "seed 2, not 3"),
-        (tasks, 2, Rules(easy=True), "rules Rules.*, not"),
+        (tasks, 2, Rules(easy=True), "rules PackIt, not PackIt-Easy: "),
         (tasks[::-1], 2, Rules(), "task 0"),
     )
     for others, seed, rules, message in cases:

@@ -22,6 +22,7 @@ from packit_sim.game.episode import End, Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.rules import Rules
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 
 DOCS = Path(__file__).parents[1] / "docs" / "agents.md"
@@ -67,7 +68,7 @@ def episode_of(
     kinematic: bool = False,
 ) -> Episode:
     """An episode that begins in a box with something in it."""
-    episode = Episode(task_of(*items, cells=cells), easy=easy, kinematic=kinematic)
+    episode = Episode(task_of(*items, cells=cells), Rules(easy, kinematic))
     for item, location in placed:
         episode.box.place(item, location)
     return episode
@@ -83,7 +84,7 @@ def choose(stage: Stage, name: str, episode: Episode) -> int:
 def locate(name: str, episode: Episode) -> Triple:
     """Where a policy puts the only item, upright unless the location comes first."""
     episode.step(0)
-    if not episode.easy:
+    if not episode.rules.easy:
         episode.step(0)
     at = choose(Stage.LOCATION, name, episode)
     assert episode.action_mask()[at]
@@ -187,7 +188,7 @@ def test_lowest_stands_a_shape_up_in_a_slot_where_flat_it_would_lie_on_top() -> 
     assert turned_cells("aligned", episode) == turned_cells("first-fit", episode) == (20, 30, 10)
     assert turned_cells("lowest", episode) == (30, 10, 20)
     episode.step(choose(Stage.ROTATION, "lowest", episode))
-    assert episode.choice is not None and episode.choice.blbf == (0, 7, 0)
+    assert episode.chosen_item is not None and episode.chosen_item.blbf == (0, 7, 0)
 
 
 def test_first_fit_goes_on_where_aligned_does_not_fit() -> None:
@@ -429,12 +430,12 @@ def crowded(seed: int, cells: Triple, easy: bool, kinematic: bool) -> Episode:
 
 def standings(episode: Episode) -> Iterator[tuple[Item, Triple]]:
     """Each feasible location, bottom, left and back first, and the item as it is valued there."""
-    assert episode.choice is not None
-    item = episode.choice.item
-    nodes = np.argwhere(episode.choice.feasible)
+    assert episode.chosen_item is not None
+    item = episode.chosen_item.item
+    nodes = np.argwhere(episode.chosen_item.feasible)
     for i, j, k in nodes[np.lexsort((nodes[:, 1], nodes[:, 0], nodes[:, 2]))].tolist():
         if episode.rotation is None:
-            valid = episode.choice.rotations((i, j, k))
+            valid = episode.chosen_item.rotations((i, j, k))
             rotation = next(n for n in rotations.by_alignment(item.extents) if valid[n])
             yield item.turned(rotation), (i, j, k)
         else:
@@ -468,8 +469,12 @@ def test_scores_are_those_of_slow_loops(seed, cells) -> None:
     episode.step(seed % 24)
     if episode.end is not None:
         return
-    assert episode.choice is not None
-    item, mask, words = episode.choice.item, episode.choice.feasible, episode.box.outer_words
+    assert episode.chosen_item is not None
+    item, mask, words = (
+        episode.chosen_item.item,
+        episode.chosen_item.feasible,
+        episode.box.outer_words,
+    )
     fast = (
         (growth(heightmap(words), item, mask), slow_growth),
         (gaps(room_below(words), item, mask), slow_gaps),

@@ -34,7 +34,7 @@ from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, load_tasks, 
 from packit_sim.engine import feasibility
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
-from packit_sim.envs.observations import PROSPECTS
+from packit_sim.envs.observations import PLACEMENT_FEATURES
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.learning_curves import Trained
 from packit_sim.evaluation.results import ResultsError, read_results
@@ -45,6 +45,7 @@ from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 from tests.zoo import cube_of
 
 
@@ -60,7 +61,9 @@ def _one_thread() -> Iterator[None]:
 SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2)
 
 
-def seen(batch: int, room: int, seed: int = 0, prospects: bool = True) -> dict[str, torch.Tensor]:
+def seen(
+    batch: int, room: int, seed: int = 0, placement_features: bool = True
+) -> dict[str, torch.Tensor]:
     drawn = torch.Generator().manual_seed(seed)
     outside = torch.rand(batch, room, generator=drawn) < 0.6
     outside[:, 0] = True
@@ -69,15 +72,17 @@ def seen(batch: int, room: int, seed: int = 0, prospects: bool = True) -> dict[s
         "box": torch.rand(batch, 10, 10, 10, generator=drawn),
         "outside": outside,
     }
-    if prospects:
-        fields["prospects"] = torch.rand(batch, room, PROSPECTS, generator=drawn)
+    if placement_features:
+        fields["placement_features"] = torch.rand(batch, room, PLACEMENT_FEATURES, generator=drawn)
     return fields
 
 
-def made(name: str, *, value: bool = False, prospects: int = PROSPECTS) -> torch.nn.Module:
+def made(
+    name: str, *, value: bool = False, placement_features: int = PLACEMENT_FEATURES
+) -> torch.nn.Module:
     torch.manual_seed(3)
     settings = NetworkSettings(name, *(16, 1, 2))  # type: ignore[arg-type]
-    return network(settings, prospects, value=value).double()
+    return network(settings, placement_features, value=value).double()
 
 
 def doubled(fields: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -139,16 +144,16 @@ def test_masked_shapes_have_probability_0() -> None:
     assert np.allclose(found.sum(1), 1)
 
 
-def test_networks_see_prospects_only_where_they_are_observed() -> None:
-    plain = made("packnn", prospects=0)
-    assert plain(doubled(seen(1, 4, prospects=False))).shape == (1, 4)
+def test_networks_see_placement_features_only_where_they_are_observed() -> None:
+    plain = made("packnn", placement_features=0)
+    assert plain(doubled(seen(1, 4, placement_features=False))).shape == (1, 4)
 
 
 def everything(batch: int, room: int) -> dict[str, torch.Tensor]:
     """What networks see that choose rotations and locations too, at all three stages."""
     drawn = torch.Generator().manual_seed(5)
     return {
-        **seen(batch, room, prospects=False),
+        **seen(batch, room, placement_features=False),
         "stage": torch.arange(batch) % len(Stage),
         "chosen": torch.zeros(batch, dtype=torch.int64),
         "item": torch.rand(batch, 8, 8, 8, generator=drawn),
@@ -235,13 +240,13 @@ def library() -> ShapeLibrary:
         pytest.param("easy", 2, marks=pytest.mark.slow),
     ],
 )
-def test_prospects_are_what_the_box_says(library, rule, count) -> None:
+def test_placement_features_are_what_the_box_says(library, rule, count) -> None:
     tasks = load_tasks("starter", library)[:count]
     env = PackItEnv(
         tasks,
         rotation="aligned",
         location="blbf",
-        observation="prospects",
+        observation="placement-features",
         max_shapes=40,
         **({rule: True} if rule else {}),
     )
@@ -257,7 +262,7 @@ def test_prospects_are_what_the_box_says(library, rule, count) -> None:
             if step == 5:  # back to where the box was emptier, and on another way
                 observed, _ = env.set_state(states[2])
             assert observed in env.observation_space
-            for n, told in enumerate(observed["prospects"]):
+            for n, told in enumerate(observed["placement_features"]):
                 if rule and n % 4:
                     continue  # masks take long there
                 if not observed["outside"][n]:
@@ -282,20 +287,20 @@ def test_prospects_are_what_the_box_says(library, rule, count) -> None:
     assert fits == {False, True}
 
 
-def weights(path: Path, prospects: int = 0) -> Path:
+def weights(path: Path, placement_features: int = 0) -> Path:
     torch.manual_seed(1)
-    write_weights(path, network(SMALL, prospects), SMALL, prospects, {"seed": 1})
+    write_weights(path, network(SMALL, placement_features), SMALL, placement_features, {"seed": 1})
     return path
 
 
-@pytest.mark.parametrize("prospects", [0, PROSPECTS])
-def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, prospects) -> None:
-    file = weights(tmp_path / "w.safetensors", prospects)
+@pytest.mark.parametrize("placement_features", [0, PLACEMENT_FEATURES])
+def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, placement_features) -> None:
+    file = weights(tmp_path / "w.safetensors", placement_features)
     net, read, how = read_weights(file)
-    assert (read, how) == (prospects, {"seed": 1})
-    expected = network(SMALL, prospects)
+    assert (read, how) == (placement_features, {"seed": 1})
+    expected = network(SMALL, placement_features)
     torch.manual_seed(1)
-    for a, b in zip(net.parameters(), network(SMALL, prospects).parameters(), strict=True):
+    for a, b in zip(net.parameters(), network(SMALL, placement_features).parameters(), strict=True):
         assert torch.equal(a, b)
     assert [p.shape for p in net.parameters()] == [p.shape for p in expected.parameters()]
     tasks = load_tasks("starter", library)[:2]
@@ -335,7 +340,7 @@ def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, t
     agent = Agent.from_name("/".join([f"learned@{file}"] * 3))
     (task,) = load_tasks("starter", library)[:1]
     for easy in (False, True):
-        episode = Episode(task, easy=easy)
+        episode = Episode(task, Rules(easy=easy))
         agent.play(episode, np.random.default_rng(0))
         assert episode.end is not End.INVALID_ACTION and episode.box.placed
         env = PackItEnv([task], observation="features", easy=easy)
@@ -375,7 +380,7 @@ def header(file: Path, **changes: str) -> None:
         (lambda f: header(f, format="other"), "of format 'other'"),
         (lambda f: header(f, network='{"width": 32}'), "does not hold what it says"),
         (lambda f: header(f, network='{"depth": 3}'), "does not hold what it says"),
-        (lambda f: header(f, prospects="8"), "does not hold what it says"),
+        (lambda f: header(f, placement_features="8"), "does not hold what it says"),
     ],
 )
 def test_weights_that_are_wrong_or_damaged_are_named(tmp_path, damage, message) -> None:
@@ -415,8 +420,8 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         ("steps", "'steps' is no setting: give NAME=VALUE"),
         ("steps=1.5", "steps = 1.5 must be of type int"),
         ("steps=0", "steps = 0 is not possible"),
-        ("easy=1", "easy = 1 must be of type bool"),
-        ("observation=voxels", "'voxels' is not known: choose from features, prospects"),
+        ("rules.easy=1", "Expected `bool`, got `int` - at `$.easy`"),
+        ("observation=voxels", "'voxels' is not known: choose from features, placement-features"),
         ("network.network=mlp", "'mlp' is not known: choose from packnn"),
         ("packs=fresh", "validation_packs = None is not possible"),
     ):
@@ -467,7 +472,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     "change",
     [
         {"observation": "features"},
-        {"observation": "prospects", "augmented": True},
+        {"observation": "placement-features", "augmented": True},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
         {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
         {
@@ -669,7 +674,8 @@ def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
 
 @pytest.mark.parametrize("easy", [False, True])
 def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(easy) -> None:
-    rules = {"rotation": "aligned", "location": "blbf", "observation": "prospects", "easy": easy}
+    rules = {"rotation": "aligned", "location": "blbf", "easy": easy}
+    rules["observation"] = "placement-features"
     plain = PackItEnv("starter", **rules)
     env = LabellingEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
     teacher = load_policy(Stage.SHAPE, "largest-fitting-first")
@@ -677,7 +683,8 @@ def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(
     over, without_room = False, 0
     while not over:
         assert seen in env.observation_space
-        told, outside, room = seen[LESSON], seen["outside"] > 0, seen["prospects"][:, 0] > 0
+        told, outside = seen[LESSON], seen["outside"] > 0
+        room = seen["placement_features"][:, 0] > 0
         volumes = np.array([item.volume for item in plain.episode.task.items])
         best = teacher(plain.episode, np.random.default_rng(0))
         assert told[best] == 0 and (told[~outside] == IMPOSSIBLE).all()

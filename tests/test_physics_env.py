@@ -33,7 +33,7 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import Lying, SettlingBox
-from packit_sim.rules import PACKIT
+from packit_sim.rules import Rules
 from packit_sim.viewer.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of
 
@@ -250,7 +250,7 @@ def test_a_state_is_gone_back_to() -> None:
 )
 def test_heuristics_and_searches_play_as_ever(name: str) -> None:
     task = task_of(Item(CUBE, 0.008), Item(TILTED, 0.004), Item(BALL, 0.004))
-    episode = Episode(task, box=SettlingBox(CELLS, SETTINGS))
+    episode = Episode(task, Rules(physics=SETTINGS))
     Agent.from_name(name).play(episode, np.random.default_rng(0))
     assert episode.end is End.COMPLETE and len(episode.box.placed) == 3
     counted = sum(one.item.volume for one in episode.box.placed if one.counts)
@@ -300,11 +300,11 @@ def test_many_play_side_by_side() -> None:
         physics=SETTINGS,
         rotation="aligned",
         location="blbf",
-        observation="prospects",
+        observation="placement-features",
         max_shapes=2,
     )
     seen, _ = envs.reset(seed=0)
-    assert seen["prospects"].shape == (2, 2, 8) and seen["action_mask"].all()
+    assert seen["placement_features"].shape == (2, 2, 8) and seen["action_mask"].all()
     seen, rewards, *_ = envs.step(np.array((0, 1)))
     assert rewards == pytest.approx(np.array((8**3, 6**3)) / (8**3 + 6**3))
     assert seen["action_mask"].tolist() == [[0, 1], [1, 0]]
@@ -337,9 +337,9 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
         Item(library["ring"], 0.05),
     )
     truth = Pack(LibraryRef.of(library), CELLS, (), 0.0)
-    episode = Episode(Task(items, truth, ()), box=SettlingBox(CELLS, SETTINGS))
+    episode = Episode(Task(items, truth, ()), Rules(physics=SETTINGS))
     Agent.from_name("largest-first/aligned/blbf").play(episode, np.random.default_rng(0))
-    rollout = Rollout.of(episode, "someone", 0, 0, PACKIT, 0.0)
+    rollout = Rollout.of(episode, "someone", 0, 0, 0.0)
     write_results(tmp_path / "results.jsonl", [rollout])
     (read,) = read_results(tmp_path / "results.jsonl")
     assert read == rollout and not read.pack.is_on_grid

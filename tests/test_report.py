@@ -35,7 +35,7 @@ def runs(tmp_path: Path) -> Runs:
     """A good agent on four tasks, a bad one on three of them, and two trainings."""
     file = results(tmp_path / "played.jsonl", {GOOD: [ALL[0], 6, 9, 7], BAD: [3, 6, 1]})
     first = training(tmp_path / "first", [0.5, 0.7, 0.6])
-    second = training(tmp_path / "second", [0.4, 0.9], easy=True)
+    second = training(tmp_path / "second", [0.4, 0.9], rules={"easy": True})
     return Runs.read([file, first, second])
 
 
@@ -115,7 +115,7 @@ def test_rules_are_told_file_by_file(tmp_path) -> None:
     results(tmp_path / "usual.jsonl", {"a/b/c": [3, 3], "d/e/f": [2, 2]})
     found = Runs.read([tmp_path / "easy.jsonl", tmp_path / "usual.jsonl"])
     table = tables.evaluations(found.played)
-    assert texts(table, "rules") == ["easy and kinematic", "the paper's"]
+    assert texts(table, "rules") == ["PackIt-Easy, kinematic", "PackIt"]
     assert texts(table, "agents") == ["1", "2"] and texts(table, "tasks") == ["1", "2"]
 
 
@@ -124,8 +124,8 @@ def test_trainings_are_told_with_what_differs(runs) -> None:
     assert texts(table, "best") == ["0.700", "0.900"]
     assert texts(table, "after") == ["1,000", "1,000"] and texts(table, "steps")[0] == "2,000"
     asked = {row[0].text: row for row in tables.settings(runs.learned).rows}
-    assert [cell.text for cell in asked["easy"]] == ["easy", "false", "true"]
-    assert [cell.differs for cell in asked["easy"]] == [False, True, True]
+    assert [cell.text for cell in asked["rules.easy"]] == ["rules.easy", "false", "true"]
+    assert [cell.differs for cell in asked["rules.easy"]] == [False, True, True]
     assert [cell.text for cell in asked["network.width"]] == ["network.width", "64", "64"]
     assert not any(cell.differs for cell in asked["network.width"])
 

@@ -117,7 +117,7 @@ def test_what_a_search_leaves_is_an_end_that_can_be_replayed(tasks, search, rule
     small = Task(task.items[:6], task.pack, ()) if rules else task
     episode = played(small, f"{HEURISTIC}+{search}", **rules)
     assert episode.end in (End.COMPLETE, End.NO_LOCATION)
-    again = Episode(small, **rules)
+    again = Episode(small, Rules(**rules))
     for placed in episode.box.placed:
         again.box.place(placed.item, placed.location)
     volume = sum(p.item.volume for p in again.box.placed)

@@ -45,11 +45,11 @@ def test_the_card_names_each_file_and_no_other() -> None:
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
-    _, prospects, made = read_weights(file)
+    _, placement_features, made = read_weights(file)
     config = ROOT / "benchmarks" / "trainings" / f"{file.stem}.toml"
     settings = read_settings(config, [f"seed={made['settings']['seed']}"])
     assert made["settings"] == asdict(settings)
-    assert (prospects > 0) == (settings.observation == "prospects")
+    assert (placement_features > 0) == (settings.observation == "placement-features")
     assert (settings.packs, settings.split) == ("everyday-v1", "train")
     assert settings.validation == "validation"
 
@@ -67,8 +67,8 @@ def test_a_network_plays_by_its_name(name) -> None:
 
 
 def test_the_papers_network_sees_what_the_papers_does() -> None:
-    network, prospects, made = read_weights(FOLDER / "packnn.safetensors")
-    assert prospects == 0 and made["settings"]["network"]["network"] == "packnn"
+    network, placement_features, made = read_weights(FOLDER / "packnn.safetensors")
+    assert placement_features == 0 and made["settings"]["network"]["network"] == "packnn"
     assert isinstance(network, PackNN)
     assert pretrained.PackNN().made == made
 

@@ -37,7 +37,7 @@ def test_environments_of_a_process_share_their_tasks() -> None:
     envs = gym.make_vec("PackItEasy-v0", 3, observation="none", max_shapes=40)
     assert isinstance(envs, PackItVectorEnv)
     first, *others = (env.unwrapped for env in envs.envs)
-    assert first.easy and all(other.tasks is first.tasks for other in others)
+    assert first.rules.easy and all(other.tasks is first.tasks for other in others)
     envs.close()
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, fields, replace
 
 from packit_sim.core import caches
@@ -71,10 +74,25 @@ class Counters:
         return Counters(**counts, caches=used)
 
 
-_counts = dict.fromkeys(("masks", "searches", "checks", "locations", "undecided"), 0)
+_counts = dict.fromkeys(
+    ("masks", "searches", "checks", "locations", "undecided", "fcl_calls"), 0
+)
 
-_FCL_CACHES = ("collisions", "collisions with bodies")
-"""The caches of FCL's answers."""
+
+@dataclass
+class CallCounter:
+    """Counts the FCL calls that are made while it is active (see `counted_by`).
+
+    Attributes
+    ----------
+    fcl_calls : int
+        Calls so far.
+    """
+
+    fcl_calls: int = 0
+
+
+_active: ContextVar[CallCounter | None] = ContextVar("active", default=None)
 
 
 def count(kind: str, locations: int, undecided: int) -> None:
@@ -85,10 +103,27 @@ def count(kind: str, locations: int, undecided: int) -> None:
         _counts["undecided"] += undecided
 
 
+@contextmanager
+def counted_by(counter: CallCounter) -> Iterator[None]:
+    """Count the FCL calls of a `with` block, in this thread alone; the innermost block counts."""
+    token = _active.set(counter)
+    try:
+        yield
+    finally:
+        _active.reset(token)
+
+
+def count_fcl_call() -> None:
+    """Count a question to FCL: one that no cached answer of the same pair could settle."""
+    with caches.lock:
+        _counts["fcl_calls"] += 1
+    counter = _active.get()
+    if counter is not None:
+        counter.fcl_calls += 1
+
+
 def counters() -> Counters:
     """Return what this process has counted until now."""
     with caches.lock:
         counts = dict(_counts)
-    used = caches.usage()
-    fcl_calls = sum(used[name].misses for name in _FCL_CACHES)
-    return Counters(**counts, fcl_calls=fcl_calls, caches=used)
+    return Counters(**counts, caches=caches.usage())

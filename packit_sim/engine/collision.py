@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
+from packit_sim.core.counters import count_fcl_call
 from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
@@ -52,6 +53,7 @@ def collides_memo(a: PlacedItem, b: PlacedItem) -> bool:
     key=lambda a, b, offset: (a.key, b.key, offset),
 )
 def _remembered(a: Item, b: Item, offset: Triple) -> bool:
+    count_fcl_call()
     return _ask(a, b, offset)
 
 
@@ -98,6 +100,7 @@ def meets(placed: PlacedItem, body: ItemInBox) -> bool:
 )
 def meets_memo(placed: PlacedItem, body: ItemInBox) -> bool:
     """As `meets`, and remembered."""
+    count_fcl_call()
     return meets(placed, body)
 
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from packit_sim.box import Box
-from packit_sim.core.counters import counters
+from packit_sim.core.counters import CallCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
@@ -27,12 +27,12 @@ from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.feasibility import Contents
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.game.agents import Policy, load_policy
-from packit_sim.game.episode import EASY_ORDER, ORDER, Episode, Stage, State
+from packit_sim.game.episode import Episode, Stage, State, stages
 from packit_sim.generation.task_sampler import TaskSampler
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells, grid_nodes
+from packit_sim.geometry.lattice import BOX_CELLS, Triple, grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.rules import PACKIT, Rules
 
 if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
     from packit_sim.render.layouts import Layout
@@ -43,7 +43,7 @@ FRESH = "fresh"
 """The name of tasks that are made on the fly."""
 
 MAX_SHAPES = 50
-"""Room for the shapes of a task in actions and observations: the paper's pool."""
+"""The most shapes of a task by default: the paper's pool."""
 
 _log = logging.getLogger(__name__)
 
@@ -52,41 +52,78 @@ TaskMaker = Callable[[np.random.Generator], Task]
 
 @dataclass(frozen=True)
 class EnvState:
-    """Where an environment stands: a value, which can be pickled.
+    """The whole state of an environment: a value, which can be pickled.
 
-    task: its number, or the task itself where it was made on the fly. random: the state of the
-    environment's generator.
+    Attributes
+    ----------
+    task : int or Task
+        The number of the task, or the task itself if it was made on the fly.
+    episode : State
+        The state of the episode.
+    random : dict
+        The state of the environment's random generator.
+    terminated : bool
+        Whether a step has returned that the episode is over.
     """
 
     task: int | Task
     episode: State
     random: dict[str, Any]
+    terminated: bool
 
 
 class PackItEnv(gym.Env[Observation, np.int64]):
-    """Packs the shapes of a task into its box, one choice a step.
+    """Pack the shapes of a task into its box, one choice a step.
 
-    tasks: the name or path of a dataset (see `packs.dataset_file`); tasks; a function that makes
-    one with a random generator; or "fresh": made on the fly (see `sampler.TaskSampler`). library:
-    name, path or open library, of the shapes of a dataset or of fresh tasks. split: of the dataset,
-    or of the library for fresh tasks. order: "random" draws a task at each reset, "cycle" takes
-    them in turn, whatever the seed. cells: the box's, an axis; by default those of the tasks. easy:
-    PackIt-Easy's order of sub-tasks. kinematic: whether an item can stand only where it comes
-    straight down from the open top (see `lifting`). physics: whether all that is placed settles
-    after each item (see `physics.box`), by the usual settings or these. shape, rotation, location:
-    a policy or its name, where that sub-task is not the agent's; then it is no step, and the action
-    space holds what the others need. observation: "voxels", "features", "prospects" or "none" (see
-    `observations`).
-    max_shapes: the most items that a task may have.
-    render_mode: "rgb_array", for `render()`, or "human", for a page that shows the box as it fills.
-    look: of what `render()` gives (see `looks`).
+    Parameters
+    ----------
+    tasks : str, Path, sequence of Task, or callable
+        The name or path of a dataset (see `packs.dataset_file`); tasks; a function that makes one
+        with a random generator; or "fresh": made on the fly (see `TaskSampler`).
+    library : str, Path or ShapeLibrary
+        Name, path or open library of the shapes of a dataset or of fresh tasks.
+    split : str, optional
+        Split of the dataset, or of the library for fresh tasks.
+    order : str
+        "random" draws a task at each reset, "cycle" takes them in turn, whatever the seed.
+    rules : Rules
+        The rules to play by; by default those of the paper.
+    shape, rotation, location : Policy or str, optional
+        A policy or its name, if that sub-task is not the agent's; then it is no step, and the
+        action space has only the actions of the others.
+    observation : str
+        "voxels", "features", "placement-features" or "none" (see `observations`).
+    max_shapes : int
+        The most items that a task may have.
+    render_mode : str, optional
+        "rgb_array" for `render()`, or "human" for a page that shows the box as it fills.
+    look : Look, optional
+        How `render()` draws (see `looks`).
+    **changes : Any
+        Fields of `rules` by their names, such as `easy=True`; `physics=True` stands for the
+        default world.
 
+    Attributes
+    ----------
+    rules : Rules
+        The rules that are played.
+    tasks : tuple of Task
+        The tasks; empty if they are made on the fly.
+    cells : tuple of int
+        Cells of the box along x, y and z.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range or the tasks do not go together.
+
+    Notes
+    -----
     The reward is the placed volume over the volume of the task's items; with physics it is the
-    change of what is inside and stable, which may be less than 0, and "density" and "placed_volume"
-    are of that. info tells "task" (its
-    number, -1 for one made on the fly), "action_mask", "density" of the box, "placed_volume",
-    "fcl_calls" since the last reset, and, when the episode is over, "end": why. Raises ValueError
-    where a setting is out of range or the tasks don't go together.
+    change of the volume that is inside and stable, which may be negative, and "density" and
+    "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
+    fly), "action_mask", "density" of the box, "placed_volume", "fcl_calls" that this environment
+    made since its last reset, and, when the episode is over, "end": why.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # noqa: RUF012
@@ -99,10 +136,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         *,
         split: str | None = None,
         order: Literal["random", "cycle"] = "random",
-        cells: Sequence[int] | None = None,
-        easy: bool = False,
-        kinematic: bool = False,
-        physics: bool | PhysicsSettings = False,
+        rules: Rules = PACKIT,
         shape: Policy | str | None = None,
         rotation: Policy | str | None = None,
         location: Policy | str | None = None,
@@ -110,18 +144,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
         look: Look | None = None,
+        **changes: Any,
     ) -> None:
         _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
         _one_of("order", order, ("random", "cycle"))
         _one_of("observation", observation, tuple(OBSERVERS))
-        if kinematic and physics:
-            raise ArgumentError("a box is either kinematic or has physics, not both")
-        self._cells = None if cells is None else box_cells(cells)
-        self.tasks, self.maker = _source(tasks, library, split, self._cells)
-        self.cells = self._cells or _common_cells(self.tasks)
-        self.easy = easy
-        self.kinematic = kinematic
-        self.physics = PhysicsSettings() if physics is True else physics or None
+        self.rules = rules.changed(**changes)
+        self.tasks, self.maker = _source(tasks, library, split, self.rules.cells)
+        self.cells = self.rules.cells or _common_cells(self.tasks)
         self.render_mode = render_mode
         self.look = look
         self._max_shapes = max_shapes
@@ -136,7 +166,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         for task in self.tasks:
             self._check(task)
         self._order = order
-        in_turn = EASY_ORDER if easy else ORDER
+        in_turn = stages(self.rules)
         last = max(in_turn.index(stage) for stage in free)
         actions = max(sizes[stage] for stage in free)
         self._observer = OBSERVERS[observation](
@@ -146,14 +176,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self.observation_space = self._observer.space
         self._episode: Episode | None = None
         self._number = -1
-        self._over = False
-        self._fcl_calls = 0
+        self._terminated = False
+        self._calls = CallCounter()
         self._scene: Scene | None = None
         self._viewer: Viewer | None = None
 
     @property
     def episode(self) -> Episode:
-        """The episode being played. Raises RuntimeError before the first reset."""
+        """The episode being played. Raises StateError before the first reset."""
         if self._episode is None:
             raise StateError("there is no episode yet: call reset() first")
         return self._episode
@@ -161,10 +191,31 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts the next task, or number `options["task"]`, or that task itself.
+        """Start the next task.
 
+        Parameters
+        ----------
+        seed : int, optional
+            Seed of the environment's random generator.
+        options : dict, optional
+            "task" may be the number of a task, or a task itself.
+
+        Returns
+        -------
+        observation : dict
+            See `observations`.
+        info : dict
+            See the class.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such task, or it does not go with this environment.
+
+        Notes
+        -----
         With a fixed shape policy the episode may be over before the first choice: then no action is
-        valid, and the first step says so.
+        valid, and the first step returns that it is terminated.
         """
         super().reset(seed=seed)
         wanted = (options or {}).get("task")
@@ -180,30 +231,53 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._number = int(self._number)
             task = self.tasks[self._number]
         self._check(task)
-        self._episode = self._begun(task)
-        self._over = False
-        self._fcl_calls = counters().fcl_calls
-        self._play_fixed()
-        self._show()
-        return self._observe(), self._info()
+        self._episode = Episode(task, self.rules)
+        self._terminated = False
+        self._calls = CallCounter()
+        with counted_by(self._calls):
+            self._play_fixed()
+            self._show()
+            return self._observe()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Plays one choice, and what is fixed after it.
+        """Play one choice, and those of fixed policies after it.
 
-        An episode is terminated as DESIGN says, and never truncated. Raises RuntimeError where that
-        was told already.
+        Parameters
+        ----------
+        action : int
+            An action of this stage; one that is not valid ends the episode.
+
+        Returns
+        -------
+        observation : dict
+            See `observations`.
+        reward : float
+            The volume that was placed, as a share of the task's.
+        terminated : bool
+            Whether the episode is over.
+        truncated : bool
+            Always False.
+        info : dict
+            See the class.
+
+        Raises
+        ------
+        StateError
+            If called after termination.
         """
-        if self.episode.end is not None and self._over:
+        if self._terminated:
             raise StateError(f"the episode is over: {self.episode.end}: call reset()")
         reward = 0.0
-        if self.episode.end is None:
-            reward = self.episode.step(int(action)) + self._play_fixed()
-        self._over = self.episode.end is not None
-        self._show()
-        return self._observe(), reward, self._over, False, self._info()
+        with counted_by(self._calls):
+            if self.episode.end is None:
+                reward = self.episode.step(int(action)) + self._play_fixed()
+            self._terminated = self.episode.end is not None
+            self._show()
+            observation, info = self._observe()
+        return observation, reward, self._terminated, False, info
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Bool (actions,): the valid actions, none when the episode is over."""
+        """Return the valid actions, bool (actions,); none when the episode is over."""
         mask = np.zeros(int(self.action_space.n), dtype=bool)
         if self.episode.end is None:
             valid = self.episode.action_mask()
@@ -211,23 +285,38 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         return mask
 
     def get_state(self) -> EnvState:
-        """Where the environment stands, for `set_state`: cheap, exact, and it can be pickled."""
+        """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
         task = self._number if self._number >= 0 else self.episode.task
-        return EnvState(task, self.episode.state(), dict(self.np_random.bit_generator.state))
+        random = dict(self.np_random.bit_generator.state)
+        return EnvState(task, self.episode.state(), random, self._terminated)
 
     def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
-        """Goes back, or on, to a state of an environment with the same settings."""
+        """Return to a state of an environment with the same settings.
+
+        Parameters
+        ----------
+        state : EnvState
+            As `get_state` returned it.
+
+        Returns
+        -------
+        observation : dict
+            The observation in that state.
+        info : dict
+            The same for `info`.
+        """
         task = self.tasks[state.task] if isinstance(state.task, int) else state.task
         if self._episode is None or self._episode.task is not task:
-            self._episode = self._begun(task)
+            self._episode = Episode(task, self.rules)
         self._episode.restore(state.episode)
         self._number = state.task if isinstance(state.task, int) else -1
-        self._over = False
+        self._terminated = state.terminated
         self.np_random.bit_generator.state = state.random
-        return self._observe(), self._info()
+        with counted_by(self._calls):
+            return self._observe()
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The box as a picture (512, 512, 3), where the render mode is "rgb_array"."""
+        """Draw the box: uint8 (512, 512, 3) if the render mode is "rgb_array", else None."""
         if self.render_mode != "rgb_array":
             return None
         box, layout = _shown(self.episode.box)
@@ -239,6 +328,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         return self._scene.snapshot(look=self.look, layout=layout).image
 
     def close(self) -> None:
+        """Close the scene and the page, if there are any."""
         if self._scene is not None:
             self._scene.close()
             self._scene = None
@@ -246,17 +336,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._viewer.close()
             self._viewer = None
 
-    def _begun(self, task: Task) -> Episode:
-        cells = self._cells or task.cells
-        box = None
-        if self.physics:
-            from packit_sim.physics.settling_box import SettlingBox
-
-            box = SettlingBox(cells, self.physics)
-        return Episode(task, easy=self.easy, kinematic=self.kinematic, cells=cells, box=box)
-
     def _show(self) -> None:
-        """Brings the page up to date, where the render mode is "human"."""
+        """Bring the page up to date if the render mode is "human"."""
         if self.render_mode != "human":
             return
         if self._viewer is None:
@@ -272,7 +353,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         return int(self.np_random.integers(len(self.tasks)))
 
     def _play_fixed(self) -> float:
-        """Plays the sub-tasks that have a policy, up to the next that has none."""
+        """Play the sub-tasks that have a policy, up to the next that has none."""
         reward = 0.0
         while self.episode.end is None:
             policy = self._fixed[self.episode.stage]
@@ -281,26 +362,26 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             reward += self.episode.step(policy(self.episode, self.np_random))
         return reward
 
-    def _observe(self) -> Observation:
-        return self._observer.observe(self.episode, self.action_masks())
-
-    def _info(self) -> dict[str, Any]:
+    def _observe(self) -> tuple[Observation, dict[str, Any]]:
+        """Return the observation and `info` of the episode's state."""
         episode = self.episode
+        action_mask = self.action_masks()
+        observation = self._observer.observe(episode, action_mask)
         density = episode.box.density
         info: dict[str, Any] = {
             "task": self._number,
-            "action_mask": self.action_masks(),
+            "action_mask": action_mask,
             "density": density,
             "placed_volume": density * float(episode.box.size.prod()),
-            "fcl_calls": counters().fcl_calls - self._fcl_calls,
+            "fcl_calls": self._calls.fcl_calls,
         }
         if episode.end is not None:
             info["end"] = str(episode.end)
-        return info
+        return observation, info
 
     def _check(self, task: Task) -> None:
-        """Raises ValueError where a task does not go with this environment."""
-        if self._cells is None and task.cells != self.cells:
+        """Raise ArgumentError if a task does not go with this environment."""
+        if self.rules.cells is None and task.cells != self.cells:
             raise ArgumentError(
                 f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
             )
@@ -312,12 +393,12 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             if max(item.cells) > max(self.cells):
                 raise ArgumentError(
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
-                    f"it goes into no box of {self.cells}"
+                    f"it fits into no box of {self.cells}"
                 )
 
 
 def _shown(box: BaseBox) -> tuple[Contents, Layout | None]:
-    """A box for a picture, and where its items are shown, if not in their places."""
+    """Return a box to draw, and where its items are drawn if they lie off the grid."""
     if isinstance(box, Box):
         return box, None
     from packit_sim.render.layouts import Layout, unplaced
@@ -332,7 +413,7 @@ def _source(
     split: str | None,
     cells: Triple | None,
 ) -> tuple[tuple[Task, ...], TaskMaker | None]:
-    """The tasks, or what makes them."""
+    """Return the tasks, or the function that makes them."""
     if isinstance(tasks, str | Path):
         opened = library if isinstance(library, ShapeLibrary) else ShapeLibrary.open(library)
         if tasks != FRESH:
@@ -349,10 +430,7 @@ def _source(
 
 
 def _common_cells(tasks: Sequence[Task]) -> Triple:
-    """The box of all tasks, the usual one if they are yet to be made.
-
-    Raises ValueError where they differ.
-    """
+    """Return the box of all tasks, or the usual one if they are made on the fly."""
     boxes = {task.cells for task in tasks} or {BOX_CELLS}
     if len(boxes) != 1:
         raise ArgumentError(

@@ -23,8 +23,8 @@ BOX_CUBES = 10
 SHAPE_CUBES = 8
 """Cubes along each axis of a shape."""
 
-PROSPECTS = 8
-"""Numbers that tell how a shape would sit, were it the next."""
+PLACEMENT_FEATURES = 8
+"""Numbers that describe how a shape would be placed if it was the next."""
 
 
 _FIELDS = {Stage.ROTATION: "rotations", Stage.LOCATION: "locations"}
@@ -133,8 +133,8 @@ class VoxelObserver(Observer):
         seen = super().observe(episode, action_mask)
         self._shapes.reverse()
         item = np.zeros(self._item_shape, dtype=bool)
-        if episode.choice is not None and episode.rotation is not None:
-            item = centred(episode.choice.item.outer, self._item_shape)
+        if episode.chosen_item is not None and episode.rotation is not None:
+            item = centred(episode.chosen_item.item.outer, self._item_shape)
         return {**seen, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
 
     def _begin(self, episode: Episode) -> None:
@@ -179,8 +179,8 @@ class FeatureObserver(Observer):
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         seen = super().observe(episode, action_mask)
         item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
-        if episode.choice is not None and episode.rotation is not None:
-            item = self._item_means.of_item(episode.choice.item).copy()
+        if episode.chosen_item is not None and episode.rotation is not None:
+            item = self._item_means.of_item(episode.chosen_item.item).copy()
         return {
             **seen,
             "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
@@ -200,7 +200,7 @@ class FeatureObserver(Observer):
 class PlacementFeatureObserver(FeatureObserver):
     """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
 
-    prospects: float32 (max_shapes, 8), at the shape's site (see `Episode.site`): whether there is
+    placement_features: float32 (max_shapes, 8), of `Episode.heuristic_placement`: whether there is
     one (1 or 0), the min corner there and the extents (x, y, z each, as shares of the box's sides),
     and the volume as a share of the box's. All 0 for a shape that is not outside; where there is no
     site the corner is 0, and the extents are those of the aligned rotation.
@@ -211,29 +211,29 @@ class PlacementFeatureObserver(FeatureObserver):
     ) -> None:
         super().__init__(cells, max_shapes, actions, stages)
         self._size = np.array(cells) * CELL
-        limit = np.full((max_shapes, PROSPECTS), np.inf, dtype=np.float32)
+        limit = np.full((max_shapes, PLACEMENT_FEATURES), np.inf, dtype=np.float32)
         self.space = spaces.Dict(
-            {**self.space.spaces, "prospects": spaces.Box(np.zeros_like(limit), limit)}
+            {**self.space.spaces, "placement_features": spaces.Box(np.zeros_like(limit), limit)}
         )
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         seen = super().observe(episode, action_mask)
-        prospects = np.zeros((self._max_shapes, PROSPECTS), dtype=np.float32)
+        features = np.zeros((self._max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
         for n in np.flatnonzero(episode.outside).tolist():
-            item, site = episode.task.items[n], episode.site(n)
-            sitting = site.item if site else item.turned(rotations.by_alignment(item.extents)[0])
-            prospects[n, 4:7] = sitting.extents / self._size
-            prospects[n, 7] = item.volume / self._size.prod()
-            if site is not None:
-                prospects[n, 0] = 1
-                prospects[n, 1:4] = np.array(site.location) * STEP * CELL / self._size
-        return {**seen, "prospects": prospects}
+            item, found = episode.task.items[n], episode.heuristic_placement(n)
+            turned = found.item if found else item.turned(rotations.by_alignment(item.extents)[0])
+            features[n, 4:7] = turned.extents / self._size
+            features[n, 7] = item.volume / self._size.prod()
+            if found is not None:
+                features[n, 0] = 1
+                features[n, 1:4] = np.array(found.location) * STEP * CELL / self._size
+        return {**seen, "placement_features": features}
 
 
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
     "voxels": VoxelObserver,
     "features": FeatureObserver,
-    "prospects": PlacementFeatureObserver,
+    "placement-features": PlacementFeatureObserver,
     "none": Observer,
 }
 """What the environment's setting `observation` can be."""

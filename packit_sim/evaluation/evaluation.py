@@ -81,7 +81,7 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
 
 def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = PACKIT) -> Episode:
     """Plays a task to its end."""
-    episode = Episode(task, easy=rules.easy, kinematic=rules.kinematic)
+    episode = Episode(task, rules)
     agent.play(episode, rng)
     return episode
 
@@ -147,8 +147,7 @@ def _played(
         started = time.perf_counter()
         episode = play(task, agent, _stream(agent.name, seed, number), rules=rules)
         seconds = time.perf_counter() - started
-        told = (agent.name, number, seed, rules, seconds, agent.weights)
-        rollouts.append(Rollout.of(episode, *told))
+        rollouts.append(Rollout.of(episode, agent.name, number, seed, seconds, agent.weights))
     return rollouts
 
 
@@ -182,8 +181,7 @@ def evaluate_batched(
             finish(env, number)
 
     def finish(env: PackItEnv, number: int) -> None:
-        rules = Rules(env.easy, env.kinematic)
-        rollouts.append(Rollout.of(env.episode, name, number, seed, rules, 0.0))
+        rollouts.append(Rollout.of(env.episode, name, number, seed, 0.0))
         on_rollout(rollouts[-1])
 
     for env in envs.members:

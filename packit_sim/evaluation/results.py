@@ -65,7 +65,6 @@ class Rollout:
         agent: str,
         number: int,
         seed: int,
-        rules: Rules,
         seconds: float,
         weights: str | None = None,
     ) -> Rollout:
@@ -81,8 +80,6 @@ class Rollout:
             The number of the task.
         seed : int
             The seed of the evaluation.
-        rules : Rules
-            The rules that were played.
         seconds : float
             The duration of the episode.
         weights : str | None
@@ -99,7 +96,7 @@ class Rollout:
             task=number,
             task_digest=episode.task.digest,
             seed=seed,
-            rules=rules,
+            rules=episode.rules,
             total=float(episode.total),
             end=str(episode.end),
             seconds=round(seconds, 6),

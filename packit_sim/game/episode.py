@@ -1,7 +1,7 @@
-"""One episode of packing: the rules of the game, without Gymnasium (paper, section 4.1).
+"""One episode of packing: how the game is played, without Gymnasium (paper, section 4.1).
 
-Three sub-tasks in a cycle: choose a shape that is outside, a rotation for it, and a location. In
-PackIt-Easy the location comes before the rotation.
+Three sub-tasks repeat: choose a shape that is outside, a rotation for it, and a location. In
+PackIt-Easy the location is chosen before the rotation.
 """
 
 from __future__ import annotations
@@ -13,32 +13,34 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
 from packit_sim.engine import feasibility
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.feasibility import Mask
-from packit_sim.engine.occupancy import ItemInBox
+from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.rules import PACKIT, Rules
 
 
 class Stage(enum.IntEnum):
-    """The sub-task that comes next."""
+    """The next sub-task of an episode."""
 
     SHAPE = 0
     ROTATION = 1
     LOCATION = 2
 
 
-ORDER = (Stage.SHAPE, Stage.ROTATION, Stage.LOCATION)
-"""The sub-tasks of PackIt."""
+_ORDER = (Stage.SHAPE, Stage.ROTATION, Stage.LOCATION)
+_EASY_ORDER = (Stage.SHAPE, Stage.LOCATION, Stage.ROTATION)
 
-EASY_ORDER = (Stage.SHAPE, Stage.LOCATION, Stage.ROTATION)
-"""The sub-tasks of PackIt-Easy."""
+
+def stages(rules: Rules) -> tuple[Stage, ...]:
+    """Return the sub-tasks in the order in which they are played by some rules."""
+    return _EASY_ORDER if rules.easy else _ORDER
 
 
 class End(enum.StrEnum):
@@ -49,47 +51,70 @@ class End(enum.StrEnum):
     INVALID_ACTION = "invalid action"
 
 
-class Choice:
-    """An item that was chosen, and where the box has room for it in its rotation, or in any.
+class ChosenItem:
+    """The item that is being placed, and where it fits.
 
-    item: in the chosen rotation; upright where none is chosen yet.
+    Answers are computed when they are first asked for, and kept while the box stays as it is.
+
+    Parameters
+    ----------
+    box : BaseBox
+        The box to place it in.
+    item : Item
+        The item in the chosen rotation; in its canonical orientation if none is chosen yet.
+    any_rotation : bool
+        Whether `blbf` and `feasible` are over all 24 rotations instead of the item's own.
     """
 
     def __init__(self, box: BaseBox, item: Item, any_rotation: bool = False) -> None:
         self._box = box
         self._any_rotation = any_rotation
+        self._rotations: tuple[Triple, npt.NDArray[np.bool_]] | None = None
         self.item = item
 
     @cached_property
     def blbf(self) -> Triple | None:
-        """The bottom-left-back-fill location, or None where there is no room."""
+        """The bottom-left-back-fill location, None if the item fits nowhere."""
         if not self._any_rotation:
             return self._box.blbf(self.item)
         return feasibility.first(self.feasible)
 
     @cached_property
     def feasible(self) -> Mask:
-        """The exact mask over the grid's nodes."""
+        """The exact mask of feasible locations, bool (nx, ny, nz) over the grid nodes."""
         if self._any_rotation:
             return self._box.feasible_in_any(self.item)
         return self._box.feasible(self.item)
 
     def rotations(self, location: Triple) -> npt.NDArray[np.bool_]:
-        """Bool (24,): the rotations in which the item is feasible at a location."""
-        return self._box.rotations_at(self.item, location)
+        """Compute the rotations in which the item is feasible at a location: bool (24,).
 
-
-@dataclass(frozen=True)
-class Site:
-    """Where a shape would stand, were it the next. item: turned as it would be."""
-
-    item: Item
-    location: Triple
+        The answer for the last location is kept, and must not be written to.
+        """
+        if self._rotations is None or self._rotations[0] != location:
+            self._rotations = location, self._box.rotations_at(self.item, location)
+        return self._rotations[1]
 
 
 @dataclass(frozen=True)
 class State:
-    """Where an episode stands: a value, to go back to. box: the snapshot of one of its kind."""
+    """The whole state of an episode, to return to with `Episode.restore`.
+
+    Attributes
+    ----------
+    box : Any
+        The state of the episode's box, as its `snapshot()` returns it.
+    outside : tuple of bool
+        Which items of the task are still outside.
+    stage : Stage
+        The next sub-task.
+    shape, rotation, location : int, int, tuple of int
+        The choices for the item that is being placed; None where not chosen yet.
+    total : float
+        The sum of rewards so far.
+    end : End, optional
+        Why the episode is over; None if it is not.
+    """
 
     box: Any
     outside: tuple[bool, ...]
@@ -104,55 +129,83 @@ class State:
 class Episode:
     """A task being played.
 
-    easy: whether by PackIt-Easy's rules. kinematic: whether the box is (see `Box`). cells: of the
-    box, if not the task's. box: an empty one of another kind, which then says all of that, such as
-    one in which items settle (see `physics.box`). outside: bool (n,), which of the task's items are
-    still outside. stage: the next sub-task. shape, rotation, location: what was chosen for the item
-    that is being placed, None before. choice: that item, and where there is room, once that is
-    asked for: when its rotation is chosen, in PackIt-Easy at once. total: the sum of the rewards so
-    far. end: why it is over, or None.
+    Parameters
+    ----------
+    task : Task
+        The items to pack.
+    rules : Rules
+        The rules to play by; by default those of the paper.
+
+    Attributes
+    ----------
+    box : BaseBox
+        What is packed so far.
+    outside : ndarray
+        Bool (n items,), which items of the task are still outside.
+    stage : Stage
+        The next sub-task.
+    shape, rotation, location : int, int, tuple of int
+        The choices for the item that is being placed; None where not chosen yet.
+    chosen_item : ChosenItem, optional
+        That item and where it fits, from when its location can be asked for: once its rotation is
+        chosen, in PackIt-Easy once its shape is. None before.
+    total : float
+        The sum of rewards so far.
+    end : End, optional
+        Why the episode is over; None if it is not.
     """
 
-    def __init__(
-        self,
-        task: Task,
-        *,
-        easy: bool = False,
-        kinematic: bool = False,
-        cells: Triple | None = None,
-        box: BaseBox | None = None,
-    ) -> None:
+    def __init__(self, task: Task, rules: Rules = PACKIT) -> None:
         self.task = task
-        self.easy = easy
-        self.box = box or Box(cells or task.cells, kinematic=kinematic)
+        self.rules = rules
+        self.box = rules.new_box(task.cells)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
         self.stage = Stage.SHAPE
         self.shape: int | None = None
         self.rotation: int | None = None
         self.location: Triple | None = None
-        self.choice: Choice | None = None
+        self.chosen_item: ChosenItem | None = None
         self.total = 0.0
         self.end: End | None = None if task.items else End.COMPLETE
-        self._sites: dict[int, tuple[int, Site | None]] = {}
-        self._sites_among: tuple[ItemInBox, ...] = ()
+        self._placements: dict[int, tuple[int, PlacedItem | None]] = {}
+        self._placements_among: tuple[ItemInBox, ...] = ()
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
-        """The valid actions of this stage: (n shapes,), (24,), or (locations,) in C order."""
+        """Compute the valid actions of this stage.
+
+        Returns
+        -------
+        ndarray
+            Bool: (n items,) for shapes, (24,) for rotations, or (nodes,) for locations, which are
+            the grid nodes in C order.
+        """
         if self.stage is Stage.SHAPE:
             return self.outside.copy()
         if self.stage is Stage.LOCATION:
-            assert self.choice is not None
-            return self.choice.feasible.ravel().copy()
+            assert self.chosen_item is not None
+            return self.chosen_item.feasible.ravel().copy()
         if self.location is None:
             return np.ones(rotations.COUNT, dtype=bool)
-        assert self.choice is not None
-        return self.choice.rotations(self.location).copy()
+        assert self.chosen_item is not None
+        return self.chosen_item.rotations(self.location).copy()
 
     def step(self, action: int) -> float:
-        """Plays an action of this stage and returns the reward.
+        """Play an action of this stage.
 
-        An action that is not valid ends the episode with reward 0. Raises RuntimeError where the
-        episode is over already.
+        Parameters
+        ----------
+        action : int
+            An index into `action_mask()`. An action that is not valid ends the episode.
+
+        Returns
+        -------
+        float
+            The reward; 0 unless an item was placed.
+
+        Raises
+        ------
+        StateError
+            If the episode is over.
         """
         if self.end is not None:
             raise StateError(f"the episode is over: {self.end}")
@@ -160,39 +213,50 @@ class Episode:
         if not choose(int(action)):
             self.end = End.INVALID_ACTION
             return 0.0
-        order = EASY_ORDER if self.easy else ORDER
+        order = stages(self.rules)
         if self.stage is order[-1]:
             return self._place()
         self.stage = order[order.index(self.stage) + 1]
         if self.stage is Stage.LOCATION:
-            self.choice = self._choice()
-            if self.choice.blbf is None:
+            self.chosen_item = self._choose_item()
+            if self.chosen_item.blbf is None:
                 self.end = End.NO_LOCATION
         return 0.0
 
-    def site(self, shape: int) -> Site | None:
-        """Where a shape has room: aligned, at its bottom-left-back-fill location; None without.
+    def heuristic_placement(self, shape: int) -> PlacedItem | None:
+        """Find where the paper's Heuristic would place an item if it was the next.
 
-        In PackIt-Easy in the first rotation in the order of alignment in which there is room. While
-        the box only gets fuller, it is looked for anew only where something stands there meanwhile.
+        That is in the aligned rotation, at the bottom-left-back-fill location; in PackIt-Easy in
+        the first rotation in the order of alignment that fits. While items are only added to the
+        box, an earlier answer is searched for again only if it is no longer feasible.
+
+        Parameters
+        ----------
+        shape : int
+            Index of the item in the task.
+
+        Returns
+        -------
+        PlacedItem or None
+            The item where it would be placed; None if it does not fit.
         """
         placed = tuple(self.box.placed)
-        if placed[: len(self._sites_among)] != self._sites_among:
-            self._sites.clear()
-        self._sites_among = placed
-        if shape in self._sites:
-            among, site = self._sites[shape]
-            if site is None or among == len(placed):
-                return site
-            if self.box.is_feasible(site.item, site.location):
-                self._sites[shape] = len(placed), site
-                return site
-        found = self._find_site(self.task.items[shape])
-        self._sites[shape] = len(placed), found
+        if placed[: len(self._placements_among)] != self._placements_among:
+            self._placements.clear()
+        self._placements_among = placed
+        if shape in self._placements:
+            among, found = self._placements[shape]
+            if found is None or among == len(placed):
+                return found
+            if self.box.is_feasible(found.item, found.location):
+                self._placements[shape] = len(placed), found
+                return found
+        found = self._find_placement(self.task.items[shape])
+        self._placements[shape] = len(placed), found
         return found
 
     def state(self) -> State:
-        """Where the episode stands, for `restore`; costs next to nothing."""
+        """Save the state of the episode, for `restore`; costs next to nothing."""
         return State(
             self.box.snapshot(),
             tuple(self.outside.tolist()),
@@ -205,21 +269,21 @@ class Episode:
         )
 
     def restore(self, state: State) -> None:
-        """Goes back, or on, to a state of an episode of the same task and rules."""
+        """Return to a state of an episode of the same task and rules."""
         self.box.restore(state.box)
         self.outside = np.array(state.outside, dtype=bool)
         self.stage = state.stage
         self.shape, self.rotation, self.location = state.shape, state.rotation, state.location
         self.total, self.end = state.total, state.end
-        chosen = self.shape is not None and (self.easy or self.rotation is not None)
-        self.choice = self._choice() if chosen else None
+        is_chosen = self.shape is not None and (self.rules.easy or self.rotation is not None)
+        self.chosen_item = self._choose_item() if is_chosen else None
 
-    def _find_site(self, item: Item) -> Site | None:
-        in_turn = rotations.by_alignment(item.extents)
-        for turned in map(item.turned, in_turn if self.easy else in_turn[:1]):
+    def _find_placement(self, item: Item) -> PlacedItem | None:
+        ranked = rotations.by_alignment(item.extents)
+        for turned in map(item.turned, ranked if self.rules.easy else ranked[:1]):
             location = self.box.blbf(turned)
             if location is not None:
-                return Site(turned, location)
+                return PlacedItem(turned, location)
         return None
 
     def _choose_shape(self, shape: int) -> bool:
@@ -236,21 +300,23 @@ class Episode:
 
     def _choose_location(self, number: int) -> bool:
         nodes = self.box.nodes
-        if not 0 <= number < np.prod(nodes) or (self.easy and not self.action_mask()[number]):
+        if not 0 <= number < np.prod(nodes):
+            return False
+        if self.rules.easy and not self.action_mask()[number]:
             return False
         i, j, k = (int(n) for n in np.unravel_index(number, nodes))
         self.location = i, j, k
         return True
 
-    def _choice(self) -> Choice:
+    def _choose_item(self) -> ChosenItem:
         assert self.shape is not None
         item = self.task.items[self.shape]
         if self.rotation is not None:
             item = item.turned(self.rotation)
-        return Choice(self.box, item, any_rotation=self.easy)
+        return ChosenItem(self.box, item, any_rotation=self.rules.easy)
 
     def _place(self) -> float:
-        """Places the item that was chosen, and returns the reward."""
+        """Place the chosen item and return the reward."""
         assert self.shape is not None and self.rotation is not None and self.location is not None
         item = self.task.items[self.shape].turned(self.rotation)
         try:
@@ -261,7 +327,7 @@ class Episode:
         reward = gained / self.task.volume
         self.total += reward
         self.outside[self.shape] = False
-        self.shape = self.rotation = self.location = self.choice = None
+        self.shape = self.rotation = self.location = self.chosen_item = None
         self.stage = Stage.SHAPE
         if not self.outside.any():
             self.end = End.COMPLETE

@@ -143,11 +143,10 @@ def evaluations(played: Sequence[EvaluationRun]) -> Table:
     )
     asked: dict[tuple[str, str, int, str, str], list[EvaluationRun]] = {}
     for one in played:
-        rules = " and ".join(name for name, holds in vars(one.rules).items() if holds)
         pack = one.rollouts[0].pack
         ref, box = pack.library, " x ".join(map(str, pack.cells))
         library = f"{ref.name} {ref.version} ({ref.digest[:12]})"
-        key = str(one.file), rules or "the paper's", one.seed, library, box
+        key = str(one.file), str(one.rules), one.seed, library, box
         asked.setdefault(key, []).append(one)
     rows = []
     for (file, rules, seed, library, box), agents in asked.items():

@@ -35,8 +35,8 @@ class RandomLocation:
     """Any feasible location, uniformly (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        assert episode.choice is not None
-        return int(rng.choice(np.flatnonzero(episode.choice.feasible)))
+        assert episode.chosen_item is not None
+        return int(rng.choice(np.flatnonzero(episode.chosen_item.feasible)))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
         """By chance, too."""
@@ -48,13 +48,13 @@ class BLBF:
     """Bottom-left-back fill: the feasible location least in (z, x, y) (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        assert episode.choice is not None and episode.choice.blbf is not None
-        return _number(episode, episode.choice.blbf)
+        assert episode.chosen_item is not None and episode.chosen_item.blbf is not None
+        return _number(episode, episode.chosen_item.blbf)
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
         """By the order of (z, x, y)."""
-        assert episode.choice is not None
-        mask = episode.choice.feasible
+        assert episode.chosen_item is not None
+        mask = episode.chosen_item.feasible
         z, x, y = mask.transpose(2, 0, 1).nonzero()
         return by_rank(np.ravel_multi_index((x, y, z), mask.shape).tolist(), mask.size)
 
@@ -69,8 +69,8 @@ class DBLF:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        assert episode.choice is not None
-        y, z, x = episode.choice.feasible.transpose(1, 2, 0).nonzero()
+        assert episode.chosen_item is not None
+        y, z, x = episode.chosen_item.feasible.transpose(1, 2, 0).nonzero()
         return _number(episode, (int(x[0]), int(y[0]), int(z[0])))
 
 
@@ -128,7 +128,7 @@ def _least(episode: Episode, cost: Callable[[Item, Mask], Costs]) -> int:
 
 def _standings(episode: Episode) -> Iterator[tuple[Item, Mask]]:
     """The feasible locations, each once, with the item in the rotation that it is valued with."""
-    choice = episode.choice
+    choice = episode.chosen_item
     assert choice is not None
     if episode.rotation is not None:
         yield choice.item, choice.feasible

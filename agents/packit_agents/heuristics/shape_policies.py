@@ -63,12 +63,12 @@ class LargestFittingFirst(LargestFirst):
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         weights = self._weights(episode)
         largest_first = np.argsort(-weights, kind="stable")[: np.count_nonzero(weights)].tolist()
-        return next((n for n in largest_first if episode.site(n)), largest_first[0])
+        return next((n for n in largest_first if episode.heuristic_placement(n)), largest_first[0])
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
         weights = self._weights(episode)
         for n in np.flatnonzero(weights).tolist():
-            if episode.site(n) is None:
+            if episode.heuristic_placement(n) is None:
                 weights[n] *= 1e-6
         return by_weight(weights)
 

@@ -26,15 +26,15 @@ class ActorCritic(MaskableActorCriticPolicy):
         super().__init__(*spaces_and_schedule, **others)
 
     @property
-    def prospects(self) -> int:
-        """Numbers that tell of each shape, 0 where they are not observed."""
+    def placement_features(self) -> int:
+        """Numbers of placement features of each shape, 0 if they are not observed."""
         assert isinstance(self.observation_space, spaces.Dict)
-        told = self.observation_space.spaces.get("prospects")
-        return 0 if told is None or told.shape is None else told.shape[1]
+        observed = self.observation_space.spaces.get("placement_features")
+        return 0 if observed is None or observed.shape is None else observed.shape[1]
 
     def _build(self, lr_schedule: Any) -> None:
-        self.actor = network(self._settings, self.prospects)
-        self.critic = network(self._settings, self.prospects, value=True)
+        self.actor = network(self._settings, self.placement_features)
+        self.critic = network(self._settings, self.placement_features, value=True)
         self.optimizer = self.optimizer_class(
             self.parameters(),
             lr=lr_schedule(1),  # type: ignore[call-arg]

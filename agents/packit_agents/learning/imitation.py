@@ -40,9 +40,9 @@ class LabellingEnv(gym.Wrapper[Observation, Any, Observation, Any]):
 
     teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
     is always the same chance. lesson: int64 (1,), the action. With `regrets`, where shapes alone
-    are chosen, float32 (actions,) instead: 0 for the teacher's choice, 1 for what has no room (see
-    `Episode.site`), between them what is smaller. All 0 when the episode is over, and while
-    `taught` is false: asking may take time.
+    are chosen, float32 (actions,) instead: 0 for the teacher's choice, 1 for what does not fit (see
+    `Episode.heuristic_placement`), between them what is smaller. All 0 when the episode is over,
+    and while `taught` is false: asking may take time.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32
     costs = np.full(shapes, IMPOSSIBLE, dtype=np.float32)
     for n in np.flatnonzero(episode.outside).tolist():
         smaller = SMALLER * max(1 - items[n].volume / items[best].volume, 0.0)
-        costs[n] = smaller if episode.site(n) else 1.0
+        costs[n] = smaller if episode.heuristic_placement(n) else 1.0
     costs[best] = 0
     return costs
 

@@ -18,7 +18,7 @@ from packit_sim.envs.observations import FeatureObserver, Observation, Placement
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry.lattice import BOX_CELLS
 
-SHAPE_FIELDS = ("shapes", "box", "outside", "prospects")
+SHAPE_FIELDS = ("shapes", "box", "outside", "placement_features")
 """What networks look at that choose shapes, as far as it is observed."""
 
 FIELDS = (*SHAPE_FIELDS, "stage", "chosen", "item")
@@ -36,7 +36,7 @@ class _Learned:
 
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
-        self._network, self._prospects, self.made = read_weights(self._file)
+        self._network, self._placement_features, self.made = read_weights(self._file)
         self.weights_digest = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
             raise WeightsError(
@@ -60,7 +60,7 @@ class _Learned:
             raise WeightsError(f"{self._file} plays in boxes of {BOX_CELLS} cells, not {cells}")
         room = (cells, len(episode.outside))
         if self._observer is None or self._room != room:
-            kind = PlacementFeatureObserver if self._prospects else FeatureObserver
+            kind = PlacementFeatureObserver if self._placement_features else FeatureObserver
             self._observer, self._room = kind(*room, room[1], ()), room
         valid = episode.action_mask()
         seen = self._observer.observe(episode, valid)

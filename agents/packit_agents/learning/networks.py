@@ -70,21 +70,21 @@ class NetworkSettings:
 class Encoder(nn.Module):
     """Each shape outside by itself, and the box: (b, n, w) and (b, w).
 
-    What is inside gets features of 0. `prospects` is looked at where the observations have it.
+    What is inside gets features of 0. `placement_features` are used if the observations have them.
     """
 
-    def __init__(self, settings: NetworkSettings, prospects: int) -> None:
+    def __init__(self, settings: NetworkSettings, placement_features: int) -> None:
         super().__init__()
         width, count = settings.width, settings.encoder_blocks
-        self._prospects = prospects > 0
-        self.shapes = blocks(SHAPE_CUBES**3 + prospects, width, count)
+        self._placement_features = placement_features > 0
+        self.shapes = blocks(SHAPE_CUBES**3 + placement_features, width, count)
         self.box = blocks(BOX_CUBES**3, width, count)
 
     def forward(self, seen: Seen) -> tuple[Tensor, Tensor]:
         outside = seen["outside"].bool()
         inputs = seen["shapes"][outside].flatten(1)  # (all shapes outside, cubes)
-        if self._prospects:
-            inputs = torch.cat([inputs, seen["prospects"][outside]], 1)
+        if self._placement_features:
+            inputs = torch.cat([inputs, seen["placement_features"][outside]], 1)
         encoded = self.shapes(inputs)
         shapes = encoded.new_zeros(*outside.shape, encoded.shape[-1])
         shapes[outside] = encoded
@@ -98,11 +98,13 @@ class PackNN(nn.Module):
     (b, n) logits, of no meaning for shapes that are not outside; as a value network, (b, 1).
     """
 
-    def __init__(self, settings: NetworkSettings, prospects: int, *, value: bool = False) -> None:
+    def __init__(
+        self, settings: NetworkSettings, placement_features: int, *, value: bool = False
+    ) -> None:
         super().__init__()
         width = settings.width
         self._value = value
-        self.encoder = Encoder(settings, prospects)
+        self.encoder = Encoder(settings, placement_features)
         self.trunk = blocks((2 if value else 3) * width, width, settings.trunk_blocks)
         self.head = nn.Linear(width, 1)
 
@@ -158,7 +160,9 @@ class AllPolicies(nn.Module):
         return logits
 
 
-def network(settings: NetworkSettings, prospects: int, *, value: bool = False) -> nn.Module:
-    """A new network. prospects: how many numbers tell of each shape, 0 where none do."""
-    shape = PackNN(settings, prospects, value=value)
+def network(
+    settings: NetworkSettings, placement_features: int, *, value: bool = False
+) -> nn.Module:
+    """A new network. placement_features: how many there are of each shape, 0 for none."""
+    shape = PackNN(settings, placement_features, value=value)
     return AllPolicies(shape, settings) if settings.policies == "all" and not value else shape

@@ -111,7 +111,9 @@ class Training:
         self._validation = tasks[: settings.validation_tasks]
         self._check_folder()
         self._device = on_device(device)
-        made = partial(_env, self._tasks, self._library, self._rules(), settings, self._fields)
+        made = partial(
+            _env, self._tasks, self._library, self._env_settings(), settings, self._fields
+        )
         makers = [made] * settings.envs
         self._envs: VecEnv = (
             RemoteEnvs(makers, workers, address) if workers else DummyVecEnv(list(makers))
@@ -193,15 +195,15 @@ class Training:
     def _fields(self) -> tuple[str, ...]:
         """What the network looks at."""
         fields = FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
-        told = self.settings.observation == "prospects"
-        return tuple(name for name in fields if told or name != "prospects")
+        observed = self.settings.observation == "placement-features"
+        return tuple(name for name in fields if observed or name != "placement_features")
 
-    def _rules(self) -> dict[str, Any]:
-        """Of the environments, for training and for validation."""
+    def _env_settings(self) -> dict[str, Any]:
+        """The settings of the environments, for training and for validation."""
         settings = self.settings
         fixed = {"rotation": "aligned", "location": "blbf"}
         return {
-            "easy": settings.easy,
+            "rules": settings.rules,
             "observation": settings.observation,
             **(fixed if settings.network.policies == "shape" else {}),
         }
@@ -232,7 +234,7 @@ class Training:
 
     def _validate(self) -> None:
         """Plays the validation tasks; keeps the weights where they are the best so far."""
-        envs = PackItVectorEnv(VALIDATION_ENVS, tasks=self._validation, **self._rules())
+        envs = PackItVectorEnv(VALIDATION_ENVS, tasks=self._validation, **self._env_settings())
         rollouts = evaluate_batched("validation", self._act, envs, seed=0)
         before = self.best
         point = Point(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
@@ -253,7 +255,7 @@ class Training:
         made = {"version": __version__, **self._told(), "point": point.to_json()}
         file = self.folder / f"{name}.safetensors"
         policy = self.policy
-        write_weights(file, policy.actor, self.settings.network, policy.prospects, made)
+        write_weights(file, policy.actor, self.settings.network, policy.placement_features, made)
 
     def _told(self) -> dict[str, Any]:
         """What was asked for, and the digests of the tasks."""
@@ -359,7 +361,7 @@ class _Watch(BaseCallback):
 def _env(
     tasks: str | tuple[Task, ...],
     library: ShapeLibrary,
-    rules: dict[str, Any],
+    env_settings: dict[str, Any],
     settings: TrainingSettings,
     fields: tuple[str, ...],
 ) -> ReplayableEnv:
@@ -367,7 +369,7 @@ def _env(
     source: str | Sequence[Task] | TaskMaker = tasks
     if settings.mixed and not isinstance(tasks, str):
         source = Mixture(tasks, library, settings.mixed)
-    env: gym.Env[Any, Any] = PackItEnv(source, library, **rules)
+    env: gym.Env[Any, Any] = PackItEnv(source, library, **env_settings)
     if settings.teacher is not None:
         env = LabellingEnv(env, settings.teacher, regrets=settings.regrets)
     if settings.augmented:

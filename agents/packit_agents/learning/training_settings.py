@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from packit_agents.learning.networks import NetworkSettings
 from packit_sim.core.errors import ArgumentError
+from packit_sim.rules import PACKIT, Rules
 
 
 @dataclass(frozen=True)
@@ -18,14 +19,14 @@ class TrainingSettings:
     """What a training is; the defaults are the paper's where it tells them, but for the rate.
 
     network: of the policy, and of the value.
-    observation: "features", or "prospects".
+    observation: "features", or "placement-features".
     augmented: shapes are seen turned and mirrored by chance, another way in each episode.
     mixed: share of the tasks that are mixed of two (see `Mixture`).
     packs, split, library: the tasks; packs may be "fresh", the split is then the library's.
     validation_packs, validation: those that say which weights are the best, a dataset and its
         split; without the first a split of the same packs. validation_tasks: the first so many.
     validate_every: steps.
-    easy: PackIt-Easy.
+    rules: those that are played.
     steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
     teacher: name of the agent that is imitated for the first so many steps, `imitation`.
     imitation_epochs: how many minibatches of all lessons so far are gone over after each rollout,
@@ -40,7 +41,7 @@ class TrainingSettings:
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    observation: Literal["features", "prospects"] = "features"
+    observation: Literal["features", "placement-features"] = "features"
     augmented: bool = False
     mixed: float = 0.0
     packs: str = "everyday-v1"
@@ -48,7 +49,7 @@ class TrainingSettings:
     validation_packs: str | None = None
     validation: str | None = "validation"
     library: str = "everyday"
-    easy: bool = False
+    rules: Rules = PACKIT
     steps: int = 200_000
     teacher: str | None = None
     imitation: int = 0
@@ -76,7 +77,7 @@ class TrainingSettings:
         checks = {
             "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
             "mixed": 0 <= self.mixed <= 1 and (self.packs != "fresh" or not self.mixed),
-            "observation": self.observation in ("features", "prospects"),
+            "observation": self.observation in ("features", "placement-features"),
             "augmented": not self.augmented or shapes_alone,
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
@@ -114,11 +115,15 @@ class TrainingSettings:
         return self.learning_rate * self.steps * left / (self.steps - taught)
 
 
+_TABLES: Mapping[str, type] = {"network": NetworkSettings, "rules": Rules}
+"""The settings that have settings of their own."""
+
+
 def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettings:
     """Settings from a TOML file, and from NAME=VALUE, which win; names as of the fields.
 
-    Those of the network are `network.width` and so on, in TOML a table. Raises ArgumentError that
-    names the setting and the valid choices.
+    Those of the network are `network.width` and so on, and rules are `rules.easy` and so on; in
+    TOML these are tables. Raises ArgumentError that names the setting and the valid choices.
     """
     told: dict[str, Any] = {}
     if config is not None:
@@ -135,22 +140,29 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
     for name in told:
         if name not in defaults:
             raise ArgumentError(f"there is no setting {name!r}: choose from {', '.join(defaults)}")
-    kinds = get_type_hints(TrainingSettings), get_type_hints(NetworkSettings)
-    parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+    parts: dict[str, dict[str, Any]] = {"": {}, **{table: {} for table in _TABLES}}
     for name, value in told.items():
-        of_network = name.startswith("network.")
-        short = name.removeprefix("network.")
-        parts[of_network][short] = _checked(name, value, kinds[of_network][short])
-    return TrainingSettings(**parts[0], network=NetworkSettings(**parts[1]))
+        table, _, short = name.rpartition(".")
+        kind = get_type_hints(_TABLES[table] if table else TrainingSettings)[short]
+        parts[table][short] = value if table == "rules" else _checked(name, value, kind)
+    return TrainingSettings(
+        **parts[""],
+        network=NetworkSettings(**parts["network"]),
+        rules=Rules.from_json(parts["rules"]),
+    )
 
 
 def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of the network as network.NAME."""
-    network = told.get("network", {})
-    rest = {name: value for name, value in told.items() if name != "network"}
-    if not isinstance(network, Mapping):
-        raise ArgumentError("network is a table, with the settings of the network")
-    return {**rest, **{f"network.{name}": value for name, value in network.items()}}
+    """The settings of a table as TABLE.NAME."""
+    flat = {}
+    for name, value in told.items():
+        if name not in _TABLES:
+            flat[name] = value
+        elif isinstance(value, Mapping):
+            flat |= {f"{name}.{inner}": each for inner, each in value.items()}
+        else:
+            raise ValueError(f"{name} = {value!r} must be a table of settings")
+    return flat
 
 
 def _value(text: str) -> Any:
