@@ -45,6 +45,7 @@ from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.rules import Rules
 from tests.zoo import cube_of
 
@@ -415,12 +416,16 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
     assert found == TrainingSettings(
         steps=600, split=None, annealed=False, network=NetworkSettings(width=64, trunk_blocks=2)
     )
+    file.write_text("[rules]\ncells = [80, 80, 60]\n[rules.physics]\nfriction = 0.7\n")
+    expected = Rules(easy=True, physics=PhysicsSettings(friction=0.7), cells=(80, 80, 60))
+    assert read_settings(file, ["rules.easy=true"]).rules == expected
+    assert read_settings(None, ["rules.physics=true"]).rules == Rules(physics=PhysicsSettings())
     for change, message in (
         ("stps=3", "no setting 'stps': choose from observation, augmented, mixed, packs"),
         ("steps", "'steps' is no setting: give NAME=VALUE"),
         ("steps=1.5", "steps = 1.5 must be of type int"),
         ("steps=0", "steps = 0 is not possible"),
-        ("rules.easy=1", "Expected `bool`, got `int` - at `$.easy`"),
+        ("rules.easy=1", "Expected `bool`, got `int`"),
         ("observation=voxels", "'voxels' is not known: choose from features, placement-features"),
         ("network.network=mlp", "'mlp' is not known: choose from packnn"),
         ("packs=fresh", "validation_packs = None is not possible"),

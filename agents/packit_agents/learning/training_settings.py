@@ -153,15 +153,13 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
 
 
 def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a table as TABLE.NAME."""
-    flat = {}
-    for name, value in told.items():
-        if name not in _TABLES:
-            flat[name] = value
-        elif isinstance(value, Mapping):
-            flat |= {f"{name}.{inner}": each for inner, each in value.items()}
-        else:
-            raise ValueError(f"{name} = {value!r} must be a table of settings")
+    """The settings of a table as TABLE.NAME, after all others."""
+    flat = {name: value for name, value in told.items() if name not in _TABLES}
+    for table in _TABLES:
+        values = told.get(table, {})
+        if not isinstance(values, Mapping):
+            raise ValueError(f"{table} = {values!r} must be a table of settings")
+        flat |= {f"{table}.{name}": value for name, value in values.items()}
     return flat
 
 
