@@ -74,9 +74,7 @@ class Counters:
         return Counters(**counts, caches=used)
 
 
-_counts = dict.fromkeys(
-    ("masks", "searches", "checks", "locations", "undecided", "fcl_calls"), 0
-)
+_counts = dict.fromkeys(("masks", "searches", "checks", "locations", "undecided", "fcl_calls"), 0)
 
 
 @dataclass

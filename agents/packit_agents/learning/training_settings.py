@@ -158,7 +158,7 @@ def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
     for table in _TABLES:
         values = told.get(table, {})
         if not isinstance(values, Mapping):
-            raise ValueError(f"{table} = {values!r} must be a table of settings")
+            raise ArgumentError(f"{table} = {values!r} must be a table of settings")
         flat |= {f"{table}.{name}": value for name, value in values.items()}
     return flat
 
