@@ -8,9 +8,9 @@ import torch
 import trimesh
 
 from packit_sim import Box, Item
-from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.screening import locations
 from packit_sim.geometry.lattice import CELL, STEP
+from packit_sim.placement import Mask
 
 
 def scipy_mask(box: Box, item: Item) -> Mask:

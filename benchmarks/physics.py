@@ -31,7 +31,6 @@ from rich.table import Table
 
 from benchmarks.placement import RESULTS, summary
 from packit_sim import Pack, Shape, ShapeLibrary, read_packs
-from packit_sim.box import BoxState
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import dataset_file
@@ -43,6 +42,7 @@ from packit_sim.physics.quality import FLOATS
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
+from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.layouts import Layout
 from packit_sim.scene import Scene
 
@@ -110,13 +110,15 @@ def decompositions(
     }
 
 
-def drift(box: BoxState, settings: PhysicsSettings, fitted: bool) -> float:
+def drift(box: BoxState[PlacedItem], settings: PhysicsSettings, fitted: bool) -> float:
     """How far the farthest item is driven by overlaps alone, in box units."""
     weightless = replace(settings, fitted=fitted, gravity=0.0, limit=WEIGHTLESS)
     return max(item.farthest for item in settle(box, weightless).items)
 
 
-def of_pack(number: int, box: BoxState, settings: PhysicsSettings) -> tuple[int, dict[str, Any]]:
+def of_pack(
+    number: int, box: BoxState[PlacedItem], settings: PhysicsSettings
+) -> tuple[int, dict[str, Any]]:
     """All that is measured of one pack, with its number."""
     seconds, settled = timed(lambda: settle(box, settings))
     depths = penetrations(settled)
@@ -156,7 +158,7 @@ def moves(settled: Settled) -> list[bytes]:
     return [item.move.tobytes() for item in settled.items]
 
 
-def pictures(box: BoxState, settings: PhysicsSettings, folder: Path) -> None:
+def pictures(box: BoxState[PlacedItem], settings: PhysicsSettings, folder: Path) -> None:
     """Before and after, by one camera that sees both whole."""
     with Scene(box) as scene:
         settled = settle(box, settings)

@@ -39,7 +39,6 @@ from packit_sim.game.episode import Episode
 from packit_sim.physics.convex.decomposition import decompose_all
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
-from packit_sim.render.layouts import Layout, unplaced
 from packit_sim.rules import Rules
 from packit_sim.scene import Scene
 
@@ -136,8 +135,8 @@ def of_agent(plays: Sequence[Play]) -> dict[str, Any]:
 def picture(task: Task, physics: PhysicsSettings, file: Path) -> None:
     box = played(task, Agent.from_name(AGENTS[0]), 0, physics).box
     assert isinstance(box, SettlingBox)
-    with Scene(unplaced([one.item for one in box.placed], box.cells)) as scene:
-        scene.snapshot(800, 800, layout=Layout.packed(box.placed, box.size)).save(file)
+    with Scene(box) as scene:
+        scene.snapshot(800, 800).save(file)
 
 
 def main() -> None:

@@ -29,11 +29,10 @@ from rich.table import Table
 from trimesh import creation
 
 from benchmarks.alternatives import collision_manager_mask, scipy_mask, torch_mask
-from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve
+from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve, placement
 from packit_sim.core import caches
 from packit_sim.core.counters import Counters, counters
 from packit_sim.datasets.evolution_settings import SCALES
-from packit_sim.engine import feasibility
 from packit_sim.engine.collision import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
 from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
@@ -81,7 +80,7 @@ class Pool:
             shape = self.shapes[rng.integers(len(self.shapes))]
             scale = SCALES[rng.integers(len(SCALES))] * self.size**3
             item = Item(shape, scale, int(rng.integers(24)))
-            if feasibility.fits(BOX_CELLS, item):
+            if placement.fits(BOX_CELLS, item):
                 count -= 1
                 yield item
 
@@ -156,8 +155,8 @@ def slow_ways(pools: list[Pool], rng: np.random.Generator) -> Times:
         box = pool.packed(BAR_DENSITY)
         for item in pool.items(2, rng):
             prepare(item)
-            truth = feasibility.oracle(box, item)
-            times["oracle"].append(timed(feasibility.oracle, box, item))
+            truth = placement.oracle(box, item)
+            times["oracle"].append(timed(placement.oracle, box, item))
             caches.clear(*PAIR_MEMORY)
             own = timed(box.feasible, item)
             times["oracle / cold mask"].append(times["oracle"][-1] / own)

@@ -24,10 +24,9 @@ from rich.table import Table
 from trimesh import creation
 
 from benchmarks.placement import RESULTS, summaries
-from packit_sim.box import BoxState
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.looks import Cut
 from packit_sim.viewer.box_view import BoxView, DisplaySettings
 from packit_sim.viewer.web_page import WebPage
@@ -37,7 +36,7 @@ SECTIONS = (200, 127)
 """Around the ring and around its tube: 50,800 triangles."""
 
 
-def pack() -> BoxState:
+def pack() -> BoxState[PlacedItem]:
     """Rings of different widths, on a lattice: no two are the same shape."""
     rings = [
         creation.torus(

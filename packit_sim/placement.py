@@ -1,35 +1,37 @@
 """Where can an item go? The public face of the placement engine (DESIGN: Feasible).
 
-`feasible` gives the exact mask over all grid nodes, `blbf` the bottom-left-back-fill location, and
-`oracle` the same mask from the plain loop over every location: slow, obvious, and always equal.
+`feasible` computes the exact mask over all grid nodes, `blbf` the bottom-left-back-fill location,
+and `oracle` the same mask by a plain loop over every location: slow, obvious, and always equal.
 """
 
 from packit_sim.engine.feasibility import (
     ORIGIN,
     WALLS,
     Blockers,
-    Contents,
     Mask,
     blbf,
     blockers,
     checked_location,
-    conflicts,
     feasible,
     feasible_in_any,
     first,
     fits,
     is_feasible,
     is_inside,
-    is_valid,
-    oracle,
 )
+from packit_sim.engine.items import BoxState, Contents, ItemInBox, PlacedItem, PosedItem
+from packit_sim.engine.oracle import conflicts, is_valid, oracle
 
 __all__ = [
     "ORIGIN",
     "WALLS",
     "Blockers",
+    "BoxState",
     "Contents",
+    "ItemInBox",
     "Mask",
+    "PlacedItem",
+    "PosedItem",
     "blbf",
     "blockers",
     "checked_location",

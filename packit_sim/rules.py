@@ -109,7 +109,7 @@ class Rules:
         except msgspec.ValidationError as error:
             raise ArgumentError(f"the rules {dict(values)} are not valid: {error}") from None
 
-    def new_box(self, cells: Triple) -> BaseBox:
+    def new_box(self, cells: Triple) -> BaseBox[Any]:
         """Make the empty box that is packed by these rules.
 
         Parameters

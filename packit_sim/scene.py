@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.box import BoxState
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.output import quiet
-from packit_sim.engine.feasibility import Contents
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.obj_text import convex_pieces, objects
-from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import BoxState, Contents, ItemInBox, PlacedItem
 from packit_sim.render.bullet import BulletClient
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import color_of
@@ -65,7 +63,7 @@ class Scene:
         triangles than EGL can draw.
     """
 
-    def __init__(self, box: Contents) -> None:
+    def __init__(self, box: Contents[ItemInBox]) -> None:
         self._connect()
         try:
             self._build(box)
@@ -78,7 +76,7 @@ class Scene:
         """The renderer's name, "egl" or "tiny", see `renderers.acquire_renderer`."""
         return self._client.renderer
 
-    def update(self, box: Contents) -> None:
+    def update(self, box: Contents[ItemInBox]) -> None:
         """Make the world equal to a box; bodies of items that stayed are kept."""
         self._client.check()
         items = {_key(placed.item): placed.item for placed in box.placed}
@@ -132,7 +130,8 @@ class Scene:
             points = np.concatenate((corners(size), points))
         elif layout is None:
             points = _vertices(placed, shown)
-        whole = layout is None and look.box != "none" and not look.explode
+        on_grid = all(isinstance(one, PlacedItem) for one in placed)  # others may be outside
+        whole = on_grid and layout is None and look.box != "none" and not look.explode
         with quiet():
             image = take(
                 self._client,
@@ -154,6 +153,11 @@ class Scene:
             For each pair (i, j), i < j, of items whose cell boxes meet: the depth in box units, 0
             where their surfaces do not cross.
 
+        Raises
+        ------
+        ArgumentError
+            If an item is off the grid: see `penetration.penetrations` for those.
+
         Notes
         -----
         PyBullet finds nothing between two meshes, so each is tested as convex pieces against the
@@ -171,7 +175,9 @@ class Scene:
         1 ms a pair, after about 0.05 s for an item new to the scene.
         """
         self._client.check()
-        placed = list(self._bodies)
+        placed = [one for one in self._bodies if isinstance(one, PlacedItem)]
+        if len(placed) < len(self._bodies):
+            raise ArgumentError("penetrations are defined for items on the grid only")
         return {
             (i, j): max(self._depth(placed[i], placed[j]), self._depth(placed[j], placed[i]))
             for i in range(len(placed))
@@ -196,10 +202,10 @@ class Scene:
         self._client = BulletClient()
         self._stager = BodyStager(self._client)
         self._cells: Triple = (0, 0, 0)
-        self._bodies: dict[PlacedItem, int] = {}
+        self._bodies: dict[ItemInBox, int] = {}
         self._shapes: dict[tuple[str, float], _Shapes] = {}
 
-    def _build(self, box: Contents) -> None:
+    def _build(self, box: Contents[ItemInBox]) -> None:
         with quiet():
             self._cells = box.cells
             gone = self._bodies.keys() - set(box.placed)
@@ -207,7 +213,7 @@ class Scene:
             for placed in box.placed:
                 if placed not in self._bodies:
                     visual = self._shapes_of(placed.item).visual
-                    self._bodies[placed] = self._client.add_body(visual, _pose(placed))
+                    self._bodies[placed] = self._client.add_body(visual, placed.pose)
             self._bodies = {placed: self._bodies[placed] for placed in box.placed}
 
     def _shapes_of(self, item: Item) -> _Shapes:
@@ -219,11 +225,11 @@ class Scene:
             self._shapes[key] = _Shapes(visual)
         return self._shapes[key]
 
-    def _depth(self, one: PlacedItem, other: PlacedItem) -> float:
+    def _depth(self, one: ItemInBox, other: ItemInBox) -> float:
         """Compute how deep triangles of the other are in convex pieces of the one."""
         with quiet():
             pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
-        return self._client.depth(pieces, mesh, _pose(one), _pose(other))
+        return self._client.depth(pieces, mesh, one.pose, other.pose)
 
     def _pieces_of(self, item: Item) -> int:
         shapes = self._shapes_of(item)
@@ -240,7 +246,7 @@ class Scene:
         return shapes.mesh
 
 
-def _vertices(placed: Sequence[PlacedItem], layout: Layout) -> Points:
+def _vertices(placed: Sequence[ItemInBox], layout: Layout) -> Points:
     """Compute all vertices (n, 3) of the items that a layout shows."""
     meshes = [np.empty((0, 3))]
     for one, pose in zip(placed, layout.poses, strict=True):
@@ -258,8 +264,3 @@ def _cell_boxes_meet(one: PlacedItem, other: PlacedItem) -> bool:
 def _key(item: Item) -> tuple[str, float]:
     """Return the key of an item's shapes, the same in every rotation."""
     return item.shape.digest, item.scale
-
-
-def _pose(placed: PlacedItem) -> Pose:
-    """Compute the pose of an item on the grid."""
-    return Pose.from_rotation(placed.center, placed.item.rotation)

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim.box import Box, BoxState
+from packit_sim import placement
+from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError
-from packit_sim.engine import feasibility
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import BoxState
 from tests.zoo import BALL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 seeds = st.integers(0, 2**32 - 1)
@@ -28,7 +29,10 @@ def assert_cache_is_that_of_a_new_box(box: Box) -> None:
 
 
 def fine_cells(occupancy: Occupancy) -> np.ndarray:
-    """(bricks, 64, 2) words of the cells that are outer and not inner, 0 elsewhere."""
+    """(
+    from packit_sim.placement import BoxState
+    bricks, 64, 2) words of the cells that are outer and not inner, 0 elsewhere.
+    """
     bits = np.arange(64, dtype=np.uint64)
     outer, inner = ((words[:, None] >> bits) & 1 for words in occupancy.bricks.T)
     surface = (outer == 1) & (inner == 0)
@@ -52,14 +56,14 @@ def test_what_is_accepted_is_inside_disjoint_and_not_denser_than_1(seed) -> None
         corners = placed.item.mesh.bounds + placed.center
         assert (corners >= -1e-8).all() and (corners <= box.size + 1e-8).all()
     for a, b in itertools.combinations(box.placed, 2):
-        assert not feasibility.conflicts(a, b)
+        assert not placement.conflicts(a, b)
 
 
 @given(seeds)
 def test_pose_puts_the_canonical_mesh_in_its_place(seed) -> None:
     for placed in random_box(np.random.default_rng(seed)).placed:
         canonical = placed.item.shape.mesh.vertices
-        there = canonical @ placed.pose[:3, :3].T + placed.pose[:3, 3]
+        there = canonical @ placed.matrix[:3, :3].T + placed.matrix[:3, 3]
         assert np.allclose(there, placed.item.mesh.vertices + placed.center, atol=1e-12)
         middle = np.array(placed.location) / 25 + np.array(placed.item.cells) / 200
         assert np.allclose((there.min(axis=0) + there.max(axis=0)) / 2, middle)
@@ -175,7 +179,7 @@ def test_a_kinematic_box_wants_a_free_way_down_whatever_it_is_asked() -> None:
     assert np.array_equal(box.feasible_in_any(small), mask)
     assert np.array_equal(box.feasible_rotations(small)[7], mask)
     assert not box.rotations_at(small, (4, 4, 0)).any() and box.rotations_at(small, (3, 4, 0)).all()
-    assert box.why_not(small, (4, 4, 0)) == feasibility.Blockers((), (), above=(0,))
+    assert box.why_not(small, (4, 4, 0)) == placement.Blockers((), (), above=(0,))
     assert box.why_not(small, (4, 4, 5)).items == (0,) and not box.why_not(small, (3, 4, 0))
     with pytest.raises(InfeasibleError, match=r"come down from above: placed item 0 \('cube'\) is"):
         box.place(small, (4, 4, 0))

@@ -12,10 +12,10 @@ from PIL import Image
 from trimesh import creation
 
 from packit_sim.datasets.packs import read_packs
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.evaluation.results import read_results
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PlacedItem
 from packit_sim.scene import Scene
 
 SMALL = ("--pool", "6", "--generations", "1")

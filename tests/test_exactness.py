@@ -15,12 +15,13 @@ import pytest
 import trimesh
 from trimesh import creation
 
+from packit_sim import placement
 from packit_sim.box import Box
-from packit_sim.engine import feasibility, nofit
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine import nofit
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PlacedItem
 from tests.zoo import ZOO, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -109,7 +110,7 @@ def test_mask_equals_the_oracle(mask_seed: tuple[int, int]) -> None:
     rng = np.random.default_rng(mask_seed)
     *items, item = KINDS[number % len(KINDS)](rng)
     box = filled(items, rng)
-    truth = feasibility.oracle(box, item)
+    truth = placement.oracle(box, item)
     for _ in range(nofit.MEETINGS + 2):
         mask = box.feasible(item)
         assert mask.shape == truth.shape == (25, 25, 25)
@@ -121,7 +122,7 @@ def test_mask_equals_the_oracle(mask_seed: tuple[int, int]) -> None:
         candidate = PlacedItem(item, tuple(location.tolist()))
         reason = box.why_not(item, location)
         assert bool(reason) is not bool(truth[candidate.location])
-        assert bool(reason.walls) is not feasibility.is_inside(box.cells, candidate)
+        assert bool(reason.walls) is not placement.is_inside(box.cells, candidate)
         assert reason.items == tuple(
-            n for n, other in enumerate(box.placed) if feasibility.conflicts(other, candidate)
+            n for n, other in enumerate(box.placed) if placement.conflicts(other, candidate)
         )

@@ -55,7 +55,7 @@ def check_nodes(scene: trimesh.Scene, frame: str, unit: float) -> None:
     assert set(scene.graph.nodes_geometry) == set(names) and len(set(names)) == 5
     for name, placed in zip(names, box.placed, strict=True):
         pose, geometry = scene.graph.get(name, frame)
-        assert np.allclose(pose, np.diag((unit, unit, unit, 1)) @ placed.pose, atol=1e-6 * unit)
+        assert np.allclose(pose, np.diag((unit, unit, unit, 1)) @ placed.matrix, atol=1e-6 * unit)
         mesh = scene.geometry[geometry]
         shape = placed.item.shape.mesh
         assert np.array_equal(mesh.faces, shape.faces)
@@ -135,7 +135,7 @@ def test_json_is_a_packing_that_holds(written: Callable[[str], Path]) -> None:
     assert told["box"] == box.size.tolist()
     assert [item["name"] for item in told["items"]] == export.names(box.placed)
     for item, placed in zip(told["items"], box.placed, strict=True):
-        assert np.array_equal(item["pose"], placed.pose)
+        assert np.array_equal(item["pose"], placed.matrix)
         mesh = trimesh.load_mesh(path.parent / item["mesh"], process=False)
         assert np.allclose(mesh.vertices, placed.item.shape.mesh.vertices, atol=1e-7)
         assert np.array_equal(mesh.faces, placed.item.shape.mesh.faces)

@@ -14,10 +14,10 @@ from trimesh import creation
 from packit_sim.box import Box
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.engine.disassembly import disassemble, find_route
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.engine.sweeping import Axis, cyclic, plainly_rises, room, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import PlacedItem
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from packit_sim.box import Box, BoxState
+from packit_sim.box import Box
 from packit_sim.core.errors import BusyError, PackFormatError, PhysicsError
 from packit_sim.core.files import claimed
 from packit_sim.core.parallel import Workers
@@ -19,6 +19,7 @@ from packit_sim.evaluation.results import ResultsError, Rollout, read_results, w
 from packit_sim.physics.convex import decomposition, disk_cache
 from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.placement import BoxState
 from packit_sim.reports import tables
 from packit_sim.reports.runs import Runs
 from tests.runs import everyday, packit, rollout

@@ -28,10 +28,10 @@ from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettin
 from packit_agents.learning.training import Training, TrainingError
 from packit_agents.learning.training_settings import TrainingSettings, read_settings
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
+from packit_sim import placement
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, load_tasks, write_packs
-from packit_sim.engine import feasibility
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PLACEMENT_FEATURES
@@ -208,7 +208,7 @@ def test_the_head_for_locations_can_say_bottom_left_back_fill() -> None:
     for _ in range(20):
         mask = rng.random((25, 25, 25)) < 0.001
         best = np.where(mask, logits.detach().numpy(), -np.inf).argmax()
-        assert np.unravel_index(best, mask.shape) == feasibility.first(mask)
+        assert np.unravel_index(best, mask.shape) == placement.first(mask)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.engine import insertion
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PlacedItem
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 EVERYDAY = ShapeLibrary.open("everyday")

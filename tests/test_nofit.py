@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core import caches
-from packit_sim.engine import feasibility, nofit
+from packit_sim.engine import nofit
 from packit_sim.engine.nofit import MEETINGS, NoFit
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.engine.screening_kernels import BLOCKED, OPEN
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import PlacedItem
 from tests.zoo import BALL, RING, ZOO, random_item
 
 
@@ -24,7 +25,7 @@ def test_a_table_says_of_every_offset_what_the_oracle_says(seed: int) -> None:
     for place in np.ndindex(*(size + 2 for size in table.states.shape)):  # and one beyond
         x, y, z = (a + n - 1 - r for a, n, r in zip(here, place, table.reach, strict=True))
         a, b = PlacedItem(first, here), PlacedItem(second, (x, y, z))
-        expected = feasibility.conflicts(a, b)
+        expected = placement.conflicts(a, b)
         assert table.conflict(a, b) is table.conflict(b, a) is expected
     assert not (table.states == OPEN).any()
     if first.key != second.key:
@@ -35,7 +36,7 @@ def test_a_table_says_of_every_offset_what_the_oracle_says(seed: int) -> None:
             for location in rng.integers(10, 31, size=(20, 3)):
                 candidate = PlacedItem(item, tuple(location.tolist()))
                 blocked = states[candidate.location] == BLOCKED
-                assert blocked == feasibility.conflicts(placed, candidate)
+                assert blocked == placement.conflicts(placed, candidate)
 
 
 def test_a_pair_earns_its_table_by_meeting_and_again_when_it_is_gone() -> None:

@@ -21,8 +21,6 @@ from packit_sim import Agent
 from packit_sim.core.errors import InfeasibleError, PackFormatError
 from packit_sim.datasets.packs import LibraryRef, Pack, Task, verify
 from packit_sim.datasets.verification import verify_dataset
-from packit_sim.engine import bodies
-from packit_sim.engine.feasibility import first
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import Rollout, read_results, write_results
 from packit_sim.game.episode import End, Episode
@@ -32,7 +30,9 @@ from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
-from packit_sim.physics.settling_box import Lying, SettlingBox
+from packit_sim.physics.settling import SettledItem
+from packit_sim.physics.settling_box import SettlingBox
+from packit_sim.placement import PosedItem, first, oracle
 from packit_sim.rules import Rules
 from packit_sim.viewer.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of
@@ -81,12 +81,12 @@ def settled() -> SettlingBox:
 
 @pytest.mark.parametrize("item", [cube_of(7), Item(BALL, 0.003), Item(TILTED, 0.004, 9)])
 def test_masks_are_exact_among_what_settled(settled: SettlingBox, item: Item) -> None:
-    turned = [one for one in settled.placed if not np.allclose(one.pose, one.landed)]
+    turned = [one for one in settled.placed if not np.allclose(one.matrix, one.landed.matrix)]
     assert len({tuple(np.round(one.center / 0.04, 3) % 1) for one in settled.placed}) > 1
     assert all(one.inside for one in settled.placed) and len(turned) < 4
     mask = settled.feasible(item)
     assert 0 < mask.sum() < mask.size
-    assert np.array_equal(mask, bodies.oracle(CELLS, settled.placed, item))
+    assert np.array_equal(mask, oracle(settled, item))
     assert settled.blbf(item) == first(mask)
     assert np.array_equal(settled.feasible_rotations(item)[item.rotation], mask)
     assert settled.rotations_at(item, (0, 0, 9)).tolist() == [
@@ -113,7 +113,7 @@ def test_a_ball_in_a_bowl_ends_at_the_bottom_and_is_in_the_way_there() -> None:
     assert rolled.vertices[:, 2].min() == pytest.approx(lowest, abs=0.01)
     assert rolled.counts and rolled.drift == 0.0
     assert not box.is_feasible(ball, bottom)
-    assert np.array_equal(box.feasible(ball), bodies.oracle(CELLS, box.placed, ball))
+    assert np.array_equal(box.feasible(ball), oracle(box, ball))
 
 
 def test_an_item_falls_as_far_as_it_can() -> None:
@@ -153,11 +153,16 @@ def test_what_counts() -> None:
     cube = cube_of(10)
     here, there = np.eye(4), np.eye(4)
     there[2, 3] = 0.06
-    assert Lying(cube, here, True, here).counts
-    assert not Lying(cube, here, True, there).counts
-    assert Lying(cube, here, True, there).drift == pytest.approx(0.06)
-    assert not Lying(cube, here, False, here).counts
-    assert not Lying(cube, here, True).counts
+    landed, elsewhere = PosedItem(cube, here), PosedItem(cube, there)
+
+    def item(inside: bool, landed: PosedItem | None) -> SettledItem:
+        return SettledItem(PosedItem(cube, here), np.eye(4), (), (), inside, landed)
+
+    assert item(True, landed).counts
+    assert not item(True, elsewhere).counts
+    assert item(True, elsewhere).drift == pytest.approx(0.06)
+    assert not item(False, landed).counts
+    assert not item(True, None).counts
 
 
 def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
@@ -176,15 +181,13 @@ def test_the_future_follows_from_the_state() -> None:
     first_box.place(Item(TILTED, 0.01), (2, 2, 1))
     state = pickle.loads(pickle.dumps(first_box.snapshot()))
     first_box.place(cube_of(8), (3, 3, 5))
-    ends = [one.pose for one in first_box.placed]
+    ends = [one.matrix for one in first_box.placed]
     other.restore(state)
     other.place(cube_of(8), (3, 3, 5))
-    assert [one.pose.tobytes() for one in other.placed] == [end.tobytes() for end in ends]
+    assert [one.matrix.tobytes() for one in other.placed] == [end.tobytes() for end in ends]
     other.restore(state)
     assert other.placed == state.placed and len(other.placed) == 1
-    assert np.array_equal(
-        other.feasible(cube_of(8)), bodies.oracle(CELLS, state.placed, cube_of(8))
-    )
+    assert np.array_equal(other.feasible(cube_of(8)), oracle(state, cube_of(8)))
     with pytest.raises(ValueError, match="can't be restored"):
         SettlingBox((20, 20, 20), SETTINGS).restore(state)
 
@@ -226,7 +229,7 @@ def test_the_same_seed_is_the_same_episode() -> None:
             action = int(rng.choice(np.flatnonzero(env.action_masks())))
             seen, reward, *_ = env.step(action)
             told += [action, reward, seen["action_mask"].tobytes()]
-        return [*told, *(one.pose.tobytes() for one in env.episode.box.placed)]
+        return [*told, *(one.matrix.tobytes() for one in env.episode.box.placed)]
 
     assert played() == played()
 
@@ -239,7 +242,7 @@ def test_a_state_is_gone_back_to() -> None:
     ends = []
     for _ in range(2):
         env.step(1)
-        ends.append([one.pose.tobytes() for one in env.episode.box.placed])
+        ends.append([one.matrix.tobytes() for one in env.episode.box.placed])
         env.set_state(state)
         assert len(env.episode.box.placed) == 1
     assert ends[0] == ends[1]
@@ -265,7 +268,7 @@ def test_easy_has_physics_too() -> None:
     env.step(5)
     seen, *_ = env.step(1)
     ball = env.episode.task.items[1]
-    expected = bodies.oracle(CELLS, env.episode.box.placed, ball)
+    expected = oracle(env.episode.box, ball)
     assert np.array_equal(seen["locations"], expected)  # all rotations of a ball are nearly one
     env.close()
 
@@ -289,7 +292,7 @@ def test_the_page_shows_where_items_lie(settled: SettlingBox) -> None:
         for shown, lying in zip(viewer.items, settled.placed, strict=True):
             assert np.allclose(shown.position, lying.center)
             turn = transformations.quaternion_matrix(shown.wxyz)[:3, :3]
-            assert np.allclose(turn * np.cbrt(lying.item.scale), lying.pose[:3, :3], atol=1e-6)
+            assert np.allclose(turn * np.cbrt(lying.item.scale), lying.matrix[:3, :3], atol=1e-6)
 
 
 def test_many_play_side_by_side() -> None:

@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.core.errors import InfeasibleError
-from packit_sim.engine import feasibility
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.collision import collides
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PlacedItem
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, SOUP, ZOO, cube_of, fill, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -23,7 +24,7 @@ box_sizes = st.tuples(*[st.integers(4, 13).map(lambda n: 4 * n)] * 3)
 
 def assert_exact(box: Box, item: Item) -> None:
     mask = box.feasible(item)
-    truth = feasibility.oracle(box, item)
+    truth = placement.oracle(box, item)
     assert mask.shape == truth.shape and mask.dtype == bool
     assert (mask == truth).all(), f"{(mask != truth).sum()} locations differ for {item} in {box}"
     ranked = sorted(map(tuple, np.argwhere(truth).tolist()), key=lambda at: (at[2], at[0], at[1]))
@@ -69,7 +70,7 @@ def test_all_rotations_at_once_are_the_masks_one_by_one(seed) -> None:
     together = box.feasible_rotations(item)
     assert together.shape == (24, 10, 8, 9)
     for rotation in range(24):
-        assert (together[rotation] == feasibility.oracle(box, item.turned(rotation))).all()
+        assert (together[rotation] == placement.oracle(box, item.turned(rotation))).all()
     caches.clear()
     union = box.feasible_in_any(item)
     assert (union == together.any(axis=0)).all()
@@ -93,7 +94,7 @@ def test_why_not_names_each_wall_and_each_item_that_is_in_the_way(seed) -> None:
         reason = box.why_not(item, location)
         assert bool(reason) is not bool(mask[location])
         assert reason.items == tuple(
-            n for n, other in enumerate(box.placed) if feasibility.conflicts(other, candidate)
+            n for n, other in enumerate(box.placed) if placement.conflicts(other, candidate)
         )
         assert reason.walls == tuple(
             wall
@@ -129,8 +130,8 @@ def feasible_at(box: Box, item: Item, location: tuple[int, int, int]) -> bool:
     candidate = PlacedItem(item, location)
     answers = {
         bool(box.feasible(item)[location]),
-        feasibility.is_valid(box.cells, box.placed, candidate),
-        feasibility.is_feasible(box._occupancy, candidate),
+        placement.is_valid(box.cells, box.placed, candidate),
+        placement.is_feasible(box._occupancy, candidate),
     }
     assert len(answers) == 1
     return answers.pop()
@@ -161,7 +162,7 @@ def test_what_is_wholly_inside_a_solid_is_rejected_though_no_surfaces_meet() -> 
         inside = Item(CUBE, 0.05**3)
         middle = tuple(1 + c // 8 for c in outside.cells)
         host, guest = PlacedItem(outside, (1, 1, 1)), PlacedItem(inside, middle)
-        assert not feasibility.collides(host, guest)
+        assert not collides(host, guest)
         box = Box()
         box.place(outside, (1, 1, 1))
         assert not feasible_at(box, inside, middle)
@@ -218,7 +219,7 @@ def test_overlap_up_to_the_tolerance_is_contact_and_beyond_it_a_conflict() -> No
         cube = cube_of(24 + 100 * overlap)
         assert cube.cells == (25, 25, 25)
         beside = PlacedItem(cube, (6, 0, 0))
-        assert feasibility.conflicts(PlacedItem(cube, (0, 0, 0)), beside) is expected
+        assert placement.conflicts(PlacedItem(cube, (0, 0, 0)), beside) is expected
 
 
 @pytest.mark.parametrize("shape", [PLATE, SOUP], ids=lambda s: s.id)
@@ -260,5 +261,5 @@ def test_collision_is_symmetric_and_the_same_everywhere(seed) -> None:
         at = rng.integers(3, 9, size=3)
         first = PlacedItem(a, tuple(at.tolist()))
         second = PlacedItem(b, tuple((at + offset).tolist()))
-        answers |= {feasibility.conflicts(first, second), feasibility.conflicts(second, first)}
+        answers |= {placement.conflicts(first, second), placement.conflicts(second, first)}
     assert len(answers) == 1

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render import renderers, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
-from packit_sim.render.layouts import GAP, Layout, unplaced
+from packit_sim.render.layouts import GAP, Layout
 from packit_sim.render.looks import BACKGROUND, Cut, Look
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.scene import Scene
@@ -258,7 +258,7 @@ def test_what_stands_before_the_glass_is_not_behind_it() -> None:
     )
     layout = Layout((near,), standing.points)
     shots = []
-    with Scene(unplaced(items, (100, 100, 100))) as scene:
+    with Scene(BoxState((100, 100, 100), layout.posed(items))) as scene:
         shots += [scene.snapshot(SIDE, SIDE, Look(box=b), layout) for b in ("ghost", "edges")]
     item = (shots[0].segmentation == 0) & (shots[1].segmentation == 0)
     assert item.sum() > 100
@@ -306,7 +306,7 @@ def test_a_new_item_with_an_old_body_s_number_is_in_its_own_place(renderer: str)
 def test_a_layout_puts_items_anywhere_or_nowhere() -> None:
     items = [cube_of(20), Item(BALL, 0.02), Item(RING, 0.05)]
     layout = Layout.standing(items, np.ones(3))
-    with Scene(unplaced(items, (100, 100, 100))) as scene:
+    with Scene(BoxState((100, 100, 100), layout.posed(items))) as scene:
         whole = scene.snapshot(2 * SIDE, SIDE, Look(), layout)
         hidden = dataclasses.replace(layout, poses=(layout.poses[0], None, layout.poses[2]))
         less = scene.snapshot(2 * SIDE, SIDE, Look(), hidden)

@@ -195,7 +195,7 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
         canonical = (vertices / 65535 - 0.5) * shape["extents"]
         pose = np.array(item["pose"]).reshape(3, 4)
         shown = canonical @ pose[:, :3].T + pose[:, 3]
-        real = one.item.shape.mesh.vertices @ one.pose[:3, :3].T + one.pose[:3, 3]
+        real = one.item.shape.mesh.vertices @ one.matrix[:3, :3].T + one.matrix[:3, 3]
         assert np.abs(shown.min(axis=0) - real.min(axis=0)).max() < 0.02
         assert np.abs(shown.max(axis=0) - real.max(axis=0)).max() < 0.02
         assert re.fullmatch("#[0-9a-f]{6}", item["colors"]["share"])

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.datasets.packs import Task, load_tasks
-from packit_sim.engine import feasibility
 from packit_sim.envs.env import PackItEnv
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -68,7 +68,7 @@ def test_no_sequence_of_actions_corrupts_the_box(tasks, easy, task, seed, valid,
     replayed = Box()
     for n, candidate in enumerate(episode.box.placed):
         if n < 4:
-            assert feasibility.is_valid((100, 100, 100), episode.box.placed[:n], candidate)
+            assert placement.is_valid((100, 100, 100), episode.box.placed[:n], candidate)
         replayed.place(candidate.item, candidate.location)
     assert np.array_equal(replayed.outer_words, episode.box.outer_words)
     if over:

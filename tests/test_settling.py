@@ -13,7 +13,7 @@ import pytest
 from trimesh import creation, transformations
 
 from packit_sim import ShapeLibrary, read_packs
-from packit_sim.box import Box, BoxState
+from packit_sim.box import Box
 from packit_sim.core.errors import PhysicsError
 from packit_sim.datasets.packs import dataset_file
 from packit_sim.geometry.lattice import STEP, Triple
@@ -23,9 +23,10 @@ from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.penetration import penetrations, wall_penetrations
 from packit_sim.physics.settings import INSIDE, DecompositionSettings, PhysicsSettings
-from packit_sim.physics.settling import Settled, settle, settle_each
+from packit_sim.physics.settling import Settled, SettledItem, settle, settle_each
 from packit_sim.physics.stability import stability
 from packit_sim.physics.world import World
+from packit_sim.placement import BoxState
 from packit_sim.render.layouts import Layout
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
@@ -284,7 +285,8 @@ def shifted(box: Box, *shifts: tuple[float, float, float]) -> Settled:
     for placed, shift in zip(box.placed, shifts, strict=True):
         move = np.eye(4)
         move[:3, 3] = shift
-        items.append(settling._settled(placed, move, (), (), box.size))
+        inside = settling._is_inside(placed, move, box.size)
+        items.append(SettledItem(placed, move, (), (), inside))
     return Settled(tuple(items), box.size, 0.0, True, (0.0, 0.0), 0.0)
 
 

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import EvolutionSettings, evolve
+from packit_sim import EvolutionSettings, evolve, placement
 from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
@@ -26,7 +26,6 @@ from packit_sim.datasets.packs import (
 )
 from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import Report, verify_dataset
-from packit_sim.engine import feasibility
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -161,7 +160,7 @@ def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_p
         item = random_item(ZOO, 0.25, rng)
         locations = np.argwhere(box.feasible(item))
         if len(locations):
-            places.append(feasibility.first(feasibility.oracle(box, item)))
+            places.append(placement.first(placement.oracle(box, item)))
             box.place(item, rng.choice(locations))
     evolved = Evolved(seed=0, generation=0, size=1.0, settings=EvolutionSettings(cells=box.cells))
     write_packs(tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library), evolved)])
@@ -746,7 +745,7 @@ def test_our_own_packs_hold_as_another_tools_packings(split, packs, library, tmp
     for placed in pack.placed(library):
         name = f"{placed.item.shape.id}.ply"
         placed.item.shape.mesh.export(tmp_path / name)
-        items.append({"mesh": name, "pose": placed.pose.tolist()})
+        items.append({"mesh": name, "pose": placed.matrix.tolist()})
     (tmp_path / "packing.json").write_text(json.dumps({"box": [1, 1, 1], "items": items}))
     report = verify_packing(tmp_path / "packing.json")
     assert report.holds, _told(report)

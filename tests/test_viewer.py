@@ -92,7 +92,7 @@ def test_items_stand_where_they_are_placed() -> None:
         box.place(Item(BOWL, 0.05, rotation), (rotation % 5, 3, 7))
         box.place(Item(CUBE, 0.02, rotation), (0, 15, rotation % 3))
         with Viewer(box) as viewer:
-            assert np.allclose(poses(viewer), [placed.pose for placed in box.placed], atol=1e-6)
+            assert np.allclose(poses(viewer), [placed.matrix for placed in box.placed], atol=1e-6)
 
 
 def test_every_triangle_is_shown() -> None:
@@ -117,7 +117,7 @@ def test_update_changes_only_what_changed(viewer: Viewer) -> None:
     assert viewer.items[0] is cube and viewer.items[1] is ball
     assert viewer.items[2] is not ring
     assert len(viewer.items) == 4
-    assert np.allclose(poses(viewer), [placed.pose for placed in box.placed], atol=1e-6)
+    assert np.allclose(poses(viewer), [placed.matrix for placed in box.placed], atol=1e-6)
     viewer.update(Box())
     assert viewer.items == ()
 

@@ -7,10 +7,10 @@ import pytest
 import trimesh
 
 from packit_sim.box import Box
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PlacedItem
 from tests.zoo import BALL, CUBE, RING, TILTED, cube_of
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.peers.grids import Voxels, voxels
 from benchmarks.peers.posed import Posed, largest_first
 from benchmarks.peers.spectral import Metrics
+from packit_sim import placement
 from packit_sim.datasets.packs import Task
-from packit_sim.engine import feasibility
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 
@@ -53,5 +53,5 @@ class VoxelHeuristic:
         metrics = Metrics(filled)
         step = STEP // self.side
         shared = metrics.collisions(metrics.spectrum(own), own.shape)[::step, ::step, ::step]
-        node = feasibility.first(shared < 0.5)
+        node = placement.first(shared < 0.5)
         return None if node is None else (node[0] * step, node[1] * step, node[2] * step)

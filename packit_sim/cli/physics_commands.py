@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from packit_sim.box import BoxState
 from packit_sim.cli.console import (
     LibraryOption,
     PacksArgument,
@@ -27,8 +26,8 @@ from packit_sim.engine.compaction import compact
 from packit_sim.engine.disassembly import MOVES
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.quality import pack_quality
-from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
-from packit_sim.physics.stability import DISTANCE
+from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.placement import BoxState, PlacedItem
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Number of packs, from the first.")]
 OutOption = Annotated[Path | None, typer.Option("--out", help="JSON file for all numbers.")]
@@ -104,7 +103,7 @@ Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
 
 def _boxes(
     packs: str, split: str | None, library: str, limit: int | None, out: Path | None
-) -> Iterator[tuple[Pack, BoxState]]:
+) -> Iterator[tuple[Pack, BoxState[PlacedItem]]]:
     """Yield packs with the state of their boxes, with a progress bar."""
     if out is not None:
         prepare_folder(out)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import typer
 from PIL import ImageColor
 
-from packit_sim.box import BoxState as Contents
 from packit_sim.cli.console import (
     LibraryOption,
     PacksArgument,
@@ -28,12 +27,13 @@ from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.media import export, films, video
+from packit_sim.physics.settings import DISTANCE
 from packit_sim.physics.settling import settle
-from packit_sim.physics.stability import DISTANCE
+from packit_sim.placement import BoxState, Contents, PlacedItem
 from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
-from packit_sim.render.layouts import Layout, unplaced
+from packit_sim.render.layouts import Layout
 from packit_sim.render.legends import beside
 from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
 from packit_sim.scene import Scene
@@ -219,7 +219,7 @@ def _shown(
     categories: Sequence[str] | None,
     ids: Sequence[str] | None,
     color: ColoringName,
-) -> tuple[Contents, Layout | None, Coloring]:
+) -> tuple[Contents[Any], Layout | None, Coloring]:
     """Return what to draw, its layout unless it is in its box, and its colours."""
     if color == "stability" and (packs is None or task):
         raise PackItError(
@@ -230,7 +230,8 @@ def _shown(
         if not (categories or ids):
             raise PackItError("nothing to draw: give PACKS, or shapes by --category or --id")
         items = [Item(library[name]) for name in selection(library, categories, ids)]
-        return unplaced(items, BOX_CELLS), Layout.standing(items), rule
+        layout = Layout.standing(items)
+        return BoxState(BOX_CELLS, layout.posed(items)), layout, rule
     if categories or ids:
         raise PackItError(
             f"--category and --id select from a library: leave them out, or {packs!r}"
@@ -239,7 +240,8 @@ def _shown(
     if task:
         items = list(pack.task(library).items)
         size = np.array(pack.cells) * CELL
-        return unplaced(items, pack.cells), Layout.standing(items, size), rule
+        layout = Layout.standing(items, size)
+        return BoxState(pack.cells, layout.posed(items)), layout, rule
     box = pack.contents(library)
     played = pack.provenance
     if color == "share" and isinstance(played, Played) and played.total > 0:
@@ -247,7 +249,7 @@ def _shown(
     return box, None, _by_stability(box) if color == "stability" else rule
 
 
-def _by_stability(box: Contents) -> Coloring:
+def _by_stability(box: Contents[PlacedItem]) -> Coloring:
     """Colour items by the largest movement of their points under gravity."""
     farthest = {n: item.farthest for n, item in enumerate(settle(box).items)}
     return ByNumber("moves under gravity", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")

@@ -17,8 +17,9 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
+from packit_sim import placement
 from packit_sim._version import __version__
-from packit_sim.box import Box, BoxState
+from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import (
     ArgumentError,
@@ -29,16 +30,14 @@ from packit_sim.core.errors import (
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN, Count, Provenance, RotationIndex
-from packit_sim.engine import feasibility
 from packit_sim.engine.base_box import BaseBox
-from packit_sim.engine.bodies import PosedItem
-from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.settings import INSIDE
+from packit_sim.placement import BoxState, ItemInBox, PlacedItem, PosedItem
 
 FORMAT = 2
 """Version of the format of packs, results and manifests that this module writes."""
@@ -136,21 +135,16 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         fields = item.shape.id, item.scale, item.rotation
         if isinstance(inside, PlacedItem):
             return cls(*fields, inside.location)
-        pose = Pose.from_matrix(inside.pose, float(np.cbrt(item.scale)))
-        x, y, z = pose.position.tolist()
+        x, y, z = inside.pose.position.tolist()
         counted = bool(getattr(inside, "counts", True))
-        return cls(*fields, None, FreePose((x, y, z), pose.wxyz), counted)
+        return cls(*fields, None, FreePose((x, y, z), inside.pose.wxyz), counted)
 
     def placed(self, item: Item) -> PlacedItem | PosedItem:
         """Return the given item where this record says."""
         if self.location is not None:
             return PlacedItem(item, self.location)
         assert self.pose is not None
-        pose = Pose(np.array(self.pose.position), self.pose.wxyz)
-        matrix = np.eye(4)
-        matrix[:3, :3] = pose.axes * np.cbrt(item.scale)
-        matrix[:3, 3] = pose.position
-        return PosedItem(item, matrix)
+        return PosedItem.at(item, Pose(np.array(self.pose.position), self.pose.wxyz))
 
 
 class _Header(Struct):
@@ -186,7 +180,7 @@ class Pack:
     outside: tuple[ItemRecord, ...] = ()
 
     @classmethod
-    def of(cls, box: BaseBox, library: LibraryRef, provenance: Provenance = UNKNOWN) -> Pack:
+    def of(cls, box: BaseBox[Any], library: LibraryRef, provenance: Provenance = UNKNOWN) -> Pack:
         """Record what is in a box now.
 
         Parameters
@@ -239,7 +233,7 @@ class Pack:
             )
         return tuple(i.placed(Item(library[i.shape], i.scale, i.rotation)) for i in self.items)
 
-    def contents(self, library: ShapeLibrary) -> BoxState:
+    def contents(self, library: ShapeLibrary) -> BoxState[PlacedItem]:
         """Return the box's state on the grid, unchecked.
 
         Parameters
@@ -363,7 +357,7 @@ class Pack:
             if item.location is None:
                 continue
             try:
-                feasibility.checked_location(self.cells, item.location)
+                placement.checked_location(self.cells, item.location)
             except InfeasibleError as error:
                 raise PackFormatError(f"field 'items[{n}].location': {error}") from None
 
@@ -491,10 +485,10 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
             if pack.items[n].counted and not inside:
                 problems.append(f"{what} is not inside the box, within {INSIDE} box units")
             continue
-        if not feasibility.is_inside(pack.cells, candidate):
+        if not placement.is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        blocking = [n for n, other in before.items() if feasibility.conflicts(other, candidate)]
+        blocking = [n for n, other in before.items() if placement.conflicts(other, candidate)]
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
         before[n] = candidate

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim import placement
 from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.datasets.packs import (
     FORMATS,
@@ -29,11 +30,10 @@ from packit_sim.datasets.packs import (
     verify,
 )
 from packit_sim.datasets.provenance import Evolved, Played, Provenance
-from packit_sim.engine import feasibility
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
+from packit_sim.placement import PlacedItem
 
 SCALE_SLACK = 1e-12
 """How far, relatively, an item's scale may be from one of its settings': rounding of products."""
@@ -354,7 +354,7 @@ def _order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str
     outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
     before: list[PlacedItem] = []
     for n, candidate in enumerate(placed):
-        if not feasibility.is_inside(cells, candidate):
+        if not placement.is_inside(cells, candidate):
             continue
         free = _earlier(outer, inner, before, candidate)
         if free is not None:
@@ -397,7 +397,7 @@ def _earlier(
     for x, y, z in left.tolist():
         at = PlacedItem(item, (x, y, z))
         for n, other in enumerate(asked):
-            if feasibility.conflicts(other, at):
+            if placement.conflicts(other, at):
                 asked.insert(0, asked.pop(n))
                 break
         else:

@@ -1,4 +1,4 @@
-"""Whether two items' collision meshes cross, by FCL: the only room that knows it."""
+"""Whether two items' collision meshes cross, by FCL: the only module that imports it."""
 
 from __future__ import annotations
 
@@ -11,61 +11,64 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_fcl_call
-from packit_sim.engine.occupancy import ItemInBox, PlacedItem
+from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 
 COLLISION_MESHES_BUDGET = 2_000_000
-"""Triangles that the process's cache of collision meshes holds, roughly 0.7 kB each."""
+"""Triangles in the process's cache of collision meshes, roughly 0.7 kB each."""
 
 COLLISIONS_BUDGET = 250_000
-"""Answers of FCL that the process remembers, roughly 0.4 kB each."""
+"""Remembered answers about pairs of items on the grid, roughly 0.4 kB each."""
 
-BODY_COLLISIONS_BUDGET = 100_000
-"""Such answers about bodies off the grid."""
+OFF_GRID_COLLISIONS_BUDGET = 100_000
+"""Remembered answers about items off the grid."""
 
 _moving = threading.Lock()
-"""Held while a mesh is somewhere for a question."""
+"""Held while a mesh is moved for a query."""
 
 _REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
 
-def collides(a: PlacedItem, b: PlacedItem) -> bool:
-    """Whether FCL finds a triangle of one collision mesh that crosses one of the other.
+def collides(placed: PlacedItem, other: ItemInBox) -> bool:
+    """Ask FCL whether a triangle of one item's collision mesh crosses one of the other's.
 
-    A fact of the two items and the whole half cells between their centres: the first in a fixed
-    order of items stands at the origin, whatever the place in the box or the order of placing.
+    Parameters
+    ----------
+    placed : PlacedItem
+        An item on the grid.
+    other : ItemInBox
+        An item on the grid or off it.
+
+    Notes
+    -----
+    Between two items on the grid the answer depends only on the items and the whole half cells
+    between their centres: the first in a fixed order of items is put at the origin, wherever they
+    are in the box and whichever was placed first. The pose of an item off the grid is taken
+    relative to the centre of the one on the grid.
     """
-    return _ask(*_canonical(a, b))
+    if isinstance(other, PlacedItem):
+        return _on_grid(*_canonical(placed, other))
+    return _off_grid(placed, other)
 
 
-def collides_memo(a: PlacedItem, b: PlacedItem) -> bool:
-    """As `collides`, and remembered: the engine's way to ask. The oracle asks anew each time."""
-    return _remembered(*_canonical(a, b))
-
-
-@bounded_cache(
-    "collisions",
-    COLLISIONS_BUDGET,
-    "answers",
-    size=lambda answer: 1,
-    key=lambda a, b, offset: (a.key, b.key, offset),
-)
-def _remembered(a: Item, b: Item, offset: Triple) -> bool:
-    count_fcl_call()
-    return _ask(a, b, offset)
+def collides_memo(placed: PlacedItem, other: ItemInBox) -> bool:
+    """Answer as `collides`, from memory where possible. The oracle asks FCL each time."""
+    if isinstance(other, PlacedItem):
+        return _on_grid_memo(*_canonical(placed, other))
+    return _off_grid_memo(placed, other)
 
 
 def _canonical(a: PlacedItem, b: PlacedItem) -> tuple[Item, Item, Triple]:
-    """Two items in a fixed order, and by how many grid nodes the second is beyond the first."""
+    """Put two items in a fixed order; the second is so many grid nodes from the first."""
     if (b.item.key, b.location) < (a.item.key, a.location):
         a, b = b, a
     (i, j, k), (u, v, w) = a.location, b.location
     return a.item, b.item, (u - i, v - j, w - k)
 
 
-def _ask(a: Item, b: Item, offset: Triple) -> bool:
+def _on_grid(a: Item, b: Item, offset: Triple) -> bool:
     half_cells = [
         2 * STEP * steps + own - theirs
         for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
@@ -77,66 +80,80 @@ def _ask(a: Item, b: Item, offset: Triple) -> bool:
         return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
 
 
-def meets(placed: PlacedItem, body: ItemInBox) -> bool:
-    """As `collides`, of an item on the grid and one that may be anywhere, in any turn.
+@bounded_cache(
+    "collisions",
+    COLLISIONS_BUDGET,
+    "answers",
+    size=lambda answer: 1,
+    key=lambda a, b, offset: (a.key, b.key, offset),
+)
+def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
+    count_fcl_call()
+    return _on_grid(a, b, offset)
 
-    The pose of the second is taken as seen from the centre of the first.
-    """
-    turn = body.pose[:3, :3] / np.cbrt(body.item.scale)
-    there = fcl.Transform(turn, body.pose[:3, 3] - placed.center)
+
+def _off_grid(placed: PlacedItem, other: ItemInBox) -> bool:
+    rotation = other.matrix[:3, :3] / np.cbrt(other.item.scale)
+    transform = fcl.Transform(rotation, other.matrix[:3, 3] - placed.center)
     fixed = collision_mesh(placed.item).fixed(placed.item.rotation)
-    loose = collision_mesh(body.item).loose
+    loose = collision_mesh(other.item).loose
     with _moving:
-        loose.setTransform(there)
+        loose.setTransform(transform)
         return bool(fcl.collide(fixed, loose, _REQUEST, fcl.CollisionResult()))
 
 
 @bounded_cache(
-    "collisions with bodies",
-    BODY_COLLISIONS_BUDGET,
+    "collisions off the grid",
+    OFF_GRID_COLLISIONS_BUDGET,
     "answers",
     size=lambda answer: 1,
-    key=lambda placed, body: (placed.item.key, placed.location, body.item.key, body.pose.tobytes()),
+    key=lambda placed, other: (
+        placed.item.key,
+        placed.location,
+        other.item.key,
+        other.matrix.tobytes(),
+    ),
 )
-def meets_memo(placed: PlacedItem, body: ItemInBox) -> bool:
-    """As `meets`, and remembered."""
+def _off_grid_memo(placed: PlacedItem, other: ItemInBox) -> bool:
     count_fcl_call()
-    return meets(placed, body)
+    return _off_grid(placed, other)
 
 
 class CollisionMesh:
-    """A shape at a scale as FCL sees it: drawn in by half the contact tolerance on each side."""
+    """A shape at a scale as FCL sees it: shrunk by half the contact tolerance on each side."""
 
     def __init__(self, shape: Shape, scale: float) -> None:
         extents = Item(shape, scale).extents
-        drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
+        shrink = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
         vertices, faces = np.asarray(shape.mesh.vertices), np.asarray(shape.mesh.faces)
         self.triangles = len(faces)
         self.model = fcl.BVHModel()
         self.model.beginModel(len(vertices), len(faces))
-        self.model.addSubModel(vertices * (np.cbrt(scale) * drawn_in), faces)
+        self.model.addSubModel(vertices * (np.cbrt(scale) * shrink), faces)
         self.model.endModel()
         self._fixed: dict[int, fcl.CollisionObject] = {}
         self._moving: dict[int, fcl.CollisionObject] = {}
 
     def fixed(self, rotation: int) -> fcl.CollisionObject:
-        """Turned, and centred on the origin."""
-        return self._turned(self._fixed, rotation)
+        """Look up the rotated mesh that is centred on the origin."""
+        return self._rotated(self._fixed, rotation)
 
     def moving(self, rotation: int) -> fcl.CollisionObject:
-        """Turned, and wherever it was put last."""
-        return self._turned(self._moving, rotation)
+        """Look up the rotated mesh that queries translate."""
+        return self._rotated(self._moving, rotation)
 
     @cached_property
     def loose(self) -> fcl.CollisionObject:
-        """Turned and put wherever it was last."""
+        """The mesh that queries rotate and translate."""
         return fcl.CollisionObject(self.model, fcl.Transform())
 
-    def _turned(self, made: dict[int, fcl.CollisionObject], rotation: int) -> fcl.CollisionObject:
-        if rotation not in made:  # python-fcl never frees all of one: so none is made twice
-            there = fcl.Transform(_turn(rotation), np.zeros(3))
-            made[rotation] = fcl.CollisionObject(self.model, there)
-        return made[rotation]
+    def _rotated(
+        self, objects: dict[int, fcl.CollisionObject], rotation: int
+    ) -> fcl.CollisionObject:
+        if rotation not in objects:  # python-fcl never frees one entirely: create none twice
+            transform = fcl.Transform(_matrix(rotation), np.zeros(3))
+            objects[rotation] = fcl.CollisionObject(self.model, transform)
+        return objects[rotation]
 
 
 @bounded_cache(
@@ -147,19 +164,24 @@ class CollisionMesh:
     key=lambda item: (item.shape.digest, item.scale),
 )
 def collision_mesh(item: Item) -> CollisionMesh:
-    """The collision mesh of an item's shape at its scale."""
+    """Look up the collision mesh of an item's shape at its scale."""
     return CollisionMesh(item.shape, item.scale)
 
 
 @cache
-def _turn(rotation: int) -> npt.NDArray[np.float64]:
+def _matrix(rotation: int) -> npt.NDArray[np.float64]:
     return rotations.MATRICES[rotation].astype(float)
 
 
 class LooseMesh:
-    """A mesh somewhere, off the grid, as FCL sees it.
+    """A mesh anywhere, off the grid, as FCL sees it.
 
-    vertices: (n, 3) in box units, where they are. faces: (m, 3).
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+        Its vertices, in box units.
+    faces : ndarray of int64, shape (m, 3)
+        Its triangles, as indices of vertices.
     """
 
     def __init__(self, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> None:
@@ -170,7 +192,7 @@ class LooseMesh:
         self._object = fcl.CollisionObject(model, fcl.Transform())
 
     def crosses(self, other: LooseMesh, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> bool:
-        """Whether FCL finds a triangle of one that crosses one of the other, shifted by (3,)."""
+        """Ask FCL whether a triangle crosses one of another mesh, translated by shift (3,)."""
         with _moving:
             other._object.setTranslation(np.array(shift))
             return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))

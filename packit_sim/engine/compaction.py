@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.engine.feasibility import Contents
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.sweeping import Axis, room
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
 
@@ -71,7 +70,7 @@ class Compacted:
         return volume / float(_reach(self.placed, centers).prod()) if self.placed else 0.0
 
 
-def compact(box: Contents, rounds: int = ROUNDS) -> Compacted:
+def compact(box: Contents[PlacedItem], rounds: int = ROUNDS) -> Compacted:
     """Pushes all items down, the lowest first, then left, then back, and again until all stay.
 
     rounds: after which it ends in any case.
@@ -87,10 +86,10 @@ def compact(box: Contents, rounds: int = ROUNDS) -> Compacted:
                 centers[n, axis] -= _way(placed, centers, n, axis)
         farthest = float(np.abs(centers - before).max())
         made += 1
-    return Compacted(placed, centers - start, made, farthest <= LEAST)
+    return Compacted(tuple(placed), centers - start, made, farthest <= LEAST)
 
 
-def drops(box: Contents) -> Floats:
+def drops(box: Contents[PlacedItem]) -> Floats:
     """(n,) how far each item hangs above what is below it, or the floor, all others as they are."""
     centers = _centers(box.placed)
     return np.array([_way(box.placed, centers, n, DOWN) for n in range(len(box.placed))])

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine import feasibility, insertion
-from packit_sim.engine.feasibility import Contents, Mask
-from packit_sim.engine.occupancy import Occupancy, PlacedItem
+from packit_sim.engine.feasibility import Mask
+from packit_sim.engine.items import Contents, PlacedItem
+from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.sweeping import Axis, room
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
@@ -63,7 +64,7 @@ class Disassembly:
         return share(self.volumes, self.out)
 
 
-def disassemble(box: Contents, moves: int = MOVES) -> Disassembly:
+def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
     """Looks for ways of so many moves at most, the last of which goes up.
 
     Raises ValueError unless moves is at least 1.
@@ -78,7 +79,7 @@ def disassemble(box: Contents, moves: int = MOVES) -> Disassembly:
     return Disassembly(volumes, into, tuple(out), _interlocked(box, out, moves))
 
 
-def insertion_routes(box: Contents, moves: int = MOVES) -> tuple[Route | None, ...]:
+def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Route | None, ...]:
     """How each item gets to its place, past those placed before it: `Disassembly.into` alone.
 
     Raises ValueError unless moves is at least 1.
@@ -172,7 +173,9 @@ def _way(before: dict[Triple, Triple | None], end: Triple) -> Route:
     return tuple(reversed(way))
 
 
-def _interlocked(box: Contents, out: Sequence[Route | None], moves: int) -> tuple[int, ...]:
+def _interlocked(
+    box: Contents[PlacedItem], out: Sequence[Route | None], moves: int
+) -> tuple[int, ...]:
     """What is left where all that has a way out is taken out, again and again."""
     free = [n for n, way in enumerate(out) if way]
     left = [n for n, way in enumerate(out) if not way]

@@ -1,26 +1,27 @@
 """Feasible locations: where an item can stand in a box, exactly (DESIGN: Feasible).
 
 Cheap filters first: cell boxes, then the words of fine cells, and FCL for the few locations that
-the words leave open. `oracle` is the slow and obvious statement of the same; the two always agree.
+the words leave open. Items in the box may be on the grid or off it; the candidate is on the grid.
+`oracle.oracle` states the same as a plain loop; the two always agree.
 """
 
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.caches import bounded_cache
 from packit_sim.core.counters import count
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import nofit, screening
-from packit_sim.engine.collision import collides, collides_memo
-from packit_sim.engine.occupancy import Occupancy, PlacedItem
+from packit_sim.engine.collision import collides_memo
+from packit_sim.engine.items import PlacedItem
+from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening import (
     Locations,
     open_pairs,
@@ -31,7 +32,7 @@ from packit_sim.engine.screening import (
 )
 from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry.lattice import Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 
 Mask = npt.NDArray[np.bool_]
@@ -42,20 +43,8 @@ WALLS = ("right", "front", "top")
 ORIGIN: Triple = (0, 0, 0)
 """The first location in the order of bottom-left-back fill."""
 
-FINE_CELLS_BUDGET = 2**30
-"""Bytes in the process's cache of whole fine arrays, which only the oracle asks for."""
 
-
-class Contents(Protocol):
-    """A box as seen from here: its cells an axis, and what is placed in it, in order."""
-
-    @property
-    def cells(self) -> Triple: ...
-    @property
-    def placed(self) -> tuple[PlacedItem, ...]: ...
-
-
-def feasible(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
+def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
     """The exact mask: bool over the grid's nodes, True where the item is feasible."""
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
@@ -69,7 +58,7 @@ def feasible(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
     return mask
 
 
-def feasible_in_any(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
+def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
     """The exact union of the masks of all 24 rotations: PackIt-Easy's question (section 4.3).
 
     Meshes are asked only about locations that cells show free in no rotation.
@@ -91,7 +80,7 @@ def feasible_in_any(occupancy: Occupancy[PlacedItem], item: Item) -> Mask:
 
 
 def _states(
-    occupancy: Occupancy[PlacedItem], item: Item
+    occupancy: Occupancy[Any], item: Item
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
     """What is known of each location that is inside the box, and the tables that say the rest."""
     tables = nofit.tables(occupancy.placed, item)
@@ -104,7 +93,7 @@ def _states(
 
 
 def _decided(
-    occupancy: Occupancy[PlacedItem],
+    occupancy: Occupancy[Any],
     item: Item,
     tables: Sequence[nofit.NoFit] | None,
     undecided: Locations,
@@ -125,7 +114,7 @@ def _decided(
     )
 
 
-def blbf(occupancy: Occupancy[PlacedItem], item: Item, start: Triple = ORIGIN) -> Triple | None:
+def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Triple | None:
     """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None.
 
     start: where to begin, in that order.
@@ -137,7 +126,7 @@ def blbf(occupancy: Occupancy[PlacedItem], item: Item, start: Triple = ORIGIN) -
     for location, partners, looked_at in unblocked(occupancy, item, start):
         undecided += len(partners) > 0
         candidate = PlacedItem(item, location)
-        if not any(collides_memo(placed[n], candidate) for n in partners.tolist()):
+        if not any(collides_memo(candidate, placed[n]) for n in partners.tolist()):
             count("searches", looked_at, undecided)
             return location
     count("searches", math.prod(screening.locations(occupancy.cells, item)), undecided)
@@ -150,7 +139,7 @@ def first(mask: Mask) -> Triple | None:
     return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
 
 
-def is_feasible(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> bool:
+def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
     """Whether one item is feasible at one location: the mask's value there."""
     if not is_inside(occupancy.cells, candidate):
         return False
@@ -161,9 +150,7 @@ def is_feasible(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> bool
     )
 
 
-def crosses(
-    occupancy: Occupancy[PlacedItem], item: Item, locations: Locations
-) -> npt.NDArray[np.bool_]:
+def crosses(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
     """Whether a placed item's mesh crosses the item's at each of some locations (n, 3), by FCL.
 
     Asked only where the cells of the two leave it open; no location may be blocked by them.
@@ -175,7 +162,7 @@ def crosses(
     for n, m in open_pairs(occupancy, item, locations).tolist():
         if not crossing[n]:
             i, j, k = locations[n].tolist()
-            crossing[n] = collides_memo(placed[m], PlacedItem(item, (i, j, k)))
+            crossing[n] = collides_memo(PlacedItem(item, (i, j, k)), placed[m])
     return crossing
 
 
@@ -223,46 +210,6 @@ def is_inside(cells: Triple, candidate: PlacedItem) -> bool:
     return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
 
 
-def oracle(box: Contents, item: Item) -> Mask:
-    """The mask by the plain loop of DESIGN: slow, obvious, and always right."""
-    mask = np.zeros(grid_nodes(box.cells), dtype=bool)
-    for i, j, k in np.ndindex(mask.shape):
-        mask[i, j, k] = is_valid(box.cells, box.placed, PlacedItem(item, (i, j, k)))
-    return mask
-
-
-def is_valid(cells: Triple, placed: Iterable[PlacedItem], candidate: PlacedItem) -> bool:
-    """The oracle's answer for one location, among placed items in a box of so many cells."""
-    return is_inside(cells, candidate) and not any(conflicts(other, candidate) for other in placed)
-
-
-def conflicts(a: PlacedItem, b: PlacedItem) -> bool:
-    """Whether two items can't both stand where they are, by the oracle's definition.
-
-    One holds a fine cell inside it that is outer for the other, or their collision meshes cross.
-    What lies wholly within the fine cells that another's surface touches, so within 1/400 of that
-    surface, and does not cross it, is no conflict, on whichever side of it.
-    """
-    start = np.maximum(a.start, b.start)
-    stop = np.minimum(a.stop, b.stop)
-    if (start >= stop).any():
-        return False
-    window_a, window_b = (
-        tuple(
-            slice(*s)
-            for s in zip(*((np.array((start, stop)) - p.start) * FINE_PER_CELL), strict=True)
-        )
-        for p in (a, b)
-    )
-    outer_a, inner_a = whole_cells(a.item)
-    outer_b, inner_b = whole_cells(b.item)
-    return bool(
-        (inner_a[window_a] & outer_b[window_b]).any()
-        or (outer_a[window_a] & inner_b[window_b]).any()
-        or collides(a, b)
-    )
-
-
 def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
     """A location as a triple of ints. Raises InfeasibleError where it is no node of the grid."""
     nodes = grid_nodes(cells)
@@ -278,15 +225,3 @@ def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
             f"it reaches from (0, 0, 0) to {tuple(n - 1 for n in nodes)}"
         )
     return i, j, k
-
-
-@bounded_cache(
-    "whole fine arrays",
-    FINE_CELLS_BUDGET,
-    "bytes",
-    size=lambda fine: fine[0].nbytes + fine[1].nbytes,
-    key=operator.attrgetter("key"),
-)
-def whole_cells(item: Item) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """What oracles look at. Bool over the fine cells of the item's cell box: outer, and inner."""
-    return item.voxels.outer_fine, item.voxels.inner_fine

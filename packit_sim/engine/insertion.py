@@ -21,7 +21,7 @@ import numpy.typing as npt
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.screening import Locations
 from packit_sim.engine.sweeping import plainly_rises, surface
 from packit_sim.engine.sweeping_kernels import rises

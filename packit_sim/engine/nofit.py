@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.collision import collides_memo
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.screening import States, screen_offsets
 from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, merge
 from packit_sim.geometry.lattice import Triple
@@ -62,8 +62,13 @@ class NoFit:
         return 1 if placed.item.key <= item.key else -1
 
 
-def tables(placed: Sequence[PlacedItem], item: Item) -> list[NoFit] | None:
-    """The tables of an item and each placed one; None where a pair has none and did not earn it."""
+def tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
+    """Look up the tables of an item and each placed one.
+
+    None if a placed item is off the grid, or if a pair has no table and did not meet often enough.
+    """
+    if not all(isinstance(other, PlacedItem) for other in placed):
+        return None
     pairs = [_ordered(other.item, item) for other in placed]
     kept = [_table.peek(*pair) for pair in pairs]
     earned = True

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.engine import screening_kernels
-from packit_sim.engine.occupancy import Occupancy, PlacedItem
+from packit_sim.engine.items import PlacedItem
+from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 

@@ -18,13 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from packit_sim.box import Box
 from packit_sim.core.counters import CallCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
-from packit_sim.engine.base_box import BaseBox
-from packit_sim.engine.feasibility import Contents
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.game.agents import Policy, load_policy
 from packit_sim.game.episode import Episode, Stage, State, stages
@@ -35,7 +32,6 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import PACKIT, Rules
 
 if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
-    from packit_sim.render.layouts import Layout
     from packit_sim.scene import Look, Scene
     from packit_sim.viewer.viewer import Viewer
 
@@ -319,13 +315,13 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """Draw the box: uint8 (512, 512, 3) if the render mode is "rgb_array", else None."""
         if self.render_mode != "rgb_array":
             return None
-        box, layout = _shown(self.episode.box)
+        box = self.episode.box
         if self._scene is None:
             from packit_sim.scene import Scene
 
             self._scene = Scene(box)
         self._scene.update(box)
-        return self._scene.snapshot(look=self.look, layout=layout).image
+        return self._scene.snapshot(look=self.look).image
 
     def close(self) -> None:
         """Close the scene and the page, if there are any."""
@@ -395,16 +391,6 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
                     f"it fits into no box of {self.cells}"
                 )
-
-
-def _shown(box: BaseBox) -> tuple[Contents, Layout | None]:
-    """Return a box to draw, and where its items are drawn if they lie off the grid."""
-    if isinstance(box, Box):
-        return box, None
-    from packit_sim.render.layouts import Layout, unplaced
-
-    items = [posed.item for posed in box.placed]
-    return unplaced(items, box.cells), Layout.packed(box.placed, box.size)
 
 
 def _source(

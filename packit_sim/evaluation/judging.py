@@ -11,13 +11,13 @@ from pathlib import Path
 
 from msgspec import structs
 
-from packit_sim.box import BoxState
 from packit_sim.core.parallel import Workers
 from packit_sim.evaluation.results import ResultsError, Rollout, opened
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
+from packit_sim.placement import BoxState, PlacedItem
 
 _log = logging.getLogger(__name__)
 
@@ -82,6 +82,6 @@ def is_judged(rollout: Rollout, pieces: Method) -> bool:
     return played.pieces == pieces and all(name in played.scores for name in SCORES)
 
 
-def _judged(number: int, box: BoxState, pieces: Method) -> tuple[int, QualityScores]:
+def _judged(number: int, box: BoxState[PlacedItem], pieces: Method) -> tuple[int, QualityScores]:
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
     return number, QualityScores.of(box, settings)

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from packit_sim.box import BoxState
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, Task, dataset_file, read_packs
 from packit_sim.datasets.provenance import UNKNOWN, Evolved, Played
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import BoxState, PlacedItem
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class PackView:
         """What an item brings: its share of the volume of all."""
         return self.items[number].volume / self.total
 
-    def at(self, step: int) -> BoxState:
+    def at(self, step: int) -> BoxState[PlacedItem]:
         """The box when so many items were placed."""
         return BoxState(self.cells, self.placed[:step])
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
-from packit_sim.engine.feasibility import ORIGIN
 from packit_sim.explorer import panels
 from packit_sim.explorer.collection import PackCollection, PackView
 from packit_sim.explorer.controls import Controls, ViewRequest
@@ -21,6 +20,7 @@ from packit_sim.explorer.fit_query import FitQuery
 from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import ORIGIN
 from packit_sim.render.coloring import COLORINGS, UNKNOWN, ByShare, Color, Legend, by_order
 from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
 from packit_sim.viewer.web_page import LOOPBACK, WebPage

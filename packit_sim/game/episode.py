@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim import placement
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
-from packit_sim.engine import feasibility
 from packit_sim.engine.base_box import BaseBox
-from packit_sim.engine.feasibility import Mask
-from packit_sim.engine.occupancy import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import ItemInBox, Mask, PlacedItem
 from packit_sim.rules import PACKIT, Rules
 
 
@@ -66,7 +65,7 @@ class ChosenItem:
         Whether `blbf` and `feasible` are over all 24 rotations instead of the item's own.
     """
 
-    def __init__(self, box: BaseBox, item: Item, any_rotation: bool = False) -> None:
+    def __init__(self, box: BaseBox[Any], item: Item, any_rotation: bool = False) -> None:
         self._box = box
         self._any_rotation = any_rotation
         self._rotations: tuple[Triple, npt.NDArray[np.bool_]] | None = None
@@ -77,7 +76,7 @@ class ChosenItem:
         """The bottom-left-back-fill location, None if the item fits nowhere."""
         if not self._any_rotation:
             return self._box.blbf(self.item)
-        return feasibility.first(self.feasible)
+        return placement.first(self.feasible)
 
     @cached_property
     def feasible(self) -> Mask:

@@ -10,11 +10,11 @@ import numpy as np
 
 from packit_sim.box import Box
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.engine.feasibility import ORIGIN
 from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import ORIGIN
 
 _SLACK = 1e-9
 """Rounding of sums of volumes."""

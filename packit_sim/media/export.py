@@ -15,10 +15,9 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from packit_sim.core.errors import ArgumentError, RenderError
-from packit_sim.engine.feasibility import Contents
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
+from packit_sim.placement import Contents, ItemInBox
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
 from packit_sim.render.image_files import written
 from packit_sim.render.lettering import plain
@@ -37,7 +36,7 @@ _GAMMA = 2.2
 
 
 def export(
-    box: Contents,
+    box: Contents[ItemInBox],
     path: str | os.PathLike[str],
     *,
     coloring: Coloring = by_item,
@@ -78,13 +77,13 @@ def require(path: Path | str) -> None:
         )
 
 
-def names(placed: Sequence[PlacedItem]) -> list[str]:
+def names(placed: Sequence[ItemInBox]) -> list[str]:
     """A name for each item, unique, in plain ASCII."""
     digits = max(2, len(str(len(placed) - 1)))
     return [f"{n:0{digits}d} {plain(p.item.shape.id)}" for n, p in enumerate(placed)]
 
 
-def _glb(box: Contents, coloring: Coloring) -> bytes:
+def _glb(box: Contents[ItemInBox], coloring: Coloring) -> bytes:
     scene = trimesh.Scene()
     scene.graph.update(frame_from=scene.graph.base_frame, frame_to=BOX, matrix=_Y_UP)
     colors = coloring([placed.item for placed in box.placed]).of
@@ -94,14 +93,14 @@ def _glb(box: Contents, coloring: Coloring) -> bytes:
         mesh.visual = TextureVisuals(material=_material(color))
         own = f"{_mesh_name(shape)} {hexadecimal(color)}"
         if own in scene.geometry:
-            scene.graph.update(frame_from=BOX, frame_to=name, matrix=placed.pose, geometry=own)
+            scene.graph.update(frame_from=BOX, frame_to=name, matrix=placed.matrix, geometry=own)
         else:
-            scene.add_geometry(mesh, name, own, parent_node_name=BOX, transform=placed.pose)
+            scene.add_geometry(mesh, name, own, parent_node_name=BOX, transform=placed.matrix)
     scene.metadata["cells"] = list(box.cells)
     return bytes(scene.export(file_type="glb"))
 
 
-def _3mf(placed: Sequence[PlacedItem], unit_mm: float) -> bytes:
+def _3mf(placed: Sequence[ItemInBox], unit_mm: float) -> bytes:
     scene = trimesh.Scene()
     for name, one, pose in zip(names(placed), placed, _poses_mm(placed, unit_mm), strict=True):
         shape = one.item.shape
@@ -114,14 +113,14 @@ def _3mf(placed: Sequence[PlacedItem], unit_mm: float) -> bytes:
     return bytes(scene.export(file_type="3mf"))
 
 
-def _stl(placed: Sequence[PlacedItem], unit_mm: float) -> bytes:
+def _stl(placed: Sequence[ItemInBox], unit_mm: float) -> bytes:
     scene = trimesh.Scene()
     for one, pose in zip(placed, _poses_mm(placed, unit_mm), strict=True):
         scene.add_geometry(one.item.shape.mesh, transform=pose)
     return bytes(scene.to_mesh().export(file_type="stl"))
 
 
-def _write_packing(box: Contents, path: Path) -> None:
+def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
     folder = path.with_name(f"{path.stem}-meshes")
     files = {}
     try:
@@ -140,7 +139,7 @@ def _write_packing(box: Contents, path: Path) -> None:
             "name": name,
             "shape": placed.item.shape.id,
             "mesh": files[placed.item.shape.digest],
-            "pose": placed.pose.tolist(),
+            "pose": placed.matrix.tolist(),
         }
         for name, placed in zip(names(box.placed), box.placed, strict=True)
     ]
@@ -150,9 +149,9 @@ def _write_packing(box: Contents, path: Path) -> None:
         out.write((json.dumps(told, indent=1, ensure_ascii=False) + "\n").encode())
 
 
-def _poses_mm(placed: Sequence[PlacedItem], unit_mm: float) -> Iterator[npt.NDArray[np.float64]]:
+def _poses_mm(placed: Sequence[ItemInBox], unit_mm: float) -> Iterator[npt.NDArray[np.float64]]:
     for one in placed:
-        yield np.diag((unit_mm, unit_mm, unit_mm, 1.0)) @ one.pose
+        yield np.diag((unit_mm, unit_mm, unit_mm, 1.0)) @ one.matrix
 
 
 def _mesh_name(shape: Shape) -> str:
@@ -167,7 +166,7 @@ def _material(color: Color) -> PBRMaterial:
     )
 
 
-_PRINTED: dict[str, Callable[[Sequence[PlacedItem], float], bytes]] = {".3mf": _3mf, ".stl": _stl}
+_PRINTED: dict[str, Callable[[Sequence[ItemInBox], float], bytes]] = {".3mf": _3mf, ".stl": _stl}
 
 SUFFIXES = (".glb", *_PRINTED, ".json")
 """The formats that a box can be written in."""

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.engine.feasibility import Contents
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
+from packit_sim.placement import Contents, ItemInBox, PlacedItem
 from packit_sim.render.cameras import turntable
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import GAP, Floats, Layout
@@ -71,7 +70,9 @@ class Pace:
         return 2 * self.rest + (self.flight + self.gap * (items - 1) if items else 0.0)
 
 
-def packing(box: Contents, look: Look = DEFAULT_LOOK, pace: Pace | None = None) -> Iterator[Frame]:
+def packing(
+    box: Contents[PlacedItem], look: Look = DEFAULT_LOOK, pace: Pace | None = None
+) -> Iterator[Frame]:
     """Frames in which the items of a box, which stand beside it, come in one after the other.
 
     Each rises, turns on the way, and comes in from above, or from the side on which least of what
@@ -85,7 +86,7 @@ def packing(box: Contents, look: Look = DEFAULT_LOOK, pace: Pace | None = None) 
     return _packing(box, look, pace or Pace())
 
 
-def _packing(box: Contents, look: Look, pace: Pace) -> Iterator[Frame]:
+def _packing(box: Contents[PlacedItem], look: Look, pace: Pace) -> Iterator[Frame]:
     """Frames of `packing`."""
     size = np.array(box.cells) * CELL
     outside = Layout.standing([placed.item for placed in box.placed], size)
@@ -107,7 +108,7 @@ def _packing(box: Contents, look: Look, pace: Pace) -> Iterator[Frame]:
         yield look, Layout(tuple(poses), points)
 
 
-def turning(box: Contents, views: int, look: Look = DEFAULT_LOOK) -> Iterator[Frame]:
+def turning(box: Contents[ItemInBox], views: int, look: Look = DEFAULT_LOOK) -> Iterator[Frame]:
     """Frames of one turn around a box, so many, which can be shown again without a jump."""
     size = np.array(box.cells) * CELL
     layout = Layout.packed(box.placed, size, look.explode).all_round(size)
@@ -116,7 +117,7 @@ def turning(box: Contents, views: int, look: Look = DEFAULT_LOOK) -> Iterator[Fr
 
 
 def shot(
-    box: Contents, frames: Iterable[Frame], width: int = 512, height: int = 512
+    box: Contents[ItemInBox], frames: Iterable[Frame], width: int = 512, height: int = 512
 ) -> Iterator[RGBImage]:
     """The pictures (H, W, 3) of frames, one at a time."""
     with Scene(box) as scene:
@@ -124,7 +125,7 @@ def shot(
             yield scene.snapshot(width, height, look, layout).image
 
 
-def sides(box: Contents) -> list[tuple[int, int]]:
+def sides(box: Contents[PlacedItem]) -> list[tuple[int, int]]:
     """For each item, from where it comes in: axis, and 1 for the side where that is large, or -1.
 
     The one from which the fewest of its cells pass through cells of items before it.

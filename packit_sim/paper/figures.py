@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.box import Box, BoxState
+from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.engine.feasibility import Contents
 from packit_sim.evaluation.results import Rollout
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, STEP
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import BoxState, Contents, ItemInBox
 from packit_sim.render import plots
 from packit_sim.render.cameras import FRONT, TOP, Camera
 from packit_sim.render.coloring import COLORINGS, UNKNOWN, Color, Colors
-from packit_sim.render.layouts import Layout, unplaced
+from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look
 from packit_sim.render.rendering import Snapshot
 from packit_sim.scene import Scene
@@ -58,9 +58,9 @@ def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
     """
     task = pack.task(library)
     size = np.array(task.cells) * CELL
-    outside = _shot(
-        unplaced(task.items, task.cells), _WHITE, Layout.standing(task.items, size), 5 / 3
-    )
+    layout = Layout.standing(task.items, size)
+    items = BoxState(task.cells, layout.posed(task.items))
+    outside = _shot(items, _WHITE, layout, 5 / 3)
     inside = _shot(pack.contents(library))
     with plots.drawn(path, [["outside"] * 5 + ["inside"] * 3], 12, 4.9) as (_, axes):
         _show(axes["outside"], outside, f"A task: {len(task.items)} items and an empty box")
@@ -192,7 +192,10 @@ def draw_rollouts(
 
 
 def _shot(
-    contents: Contents, look: Look = _WHITE, layout: Layout | None = None, aspect: float = 1.0
+    contents: Contents[ItemInBox],
+    look: Look = _WHITE,
+    layout: Layout | None = None,
+    aspect: float = 1.0,
 ) -> Snapshot:
     with Scene(contents) as scene:
         return scene.snapshot(round(_SIDE * aspect), _SIDE, look, layout)
@@ -201,7 +204,8 @@ def _shot(
 def _outside(items: Sequence[Item], chosen: int) -> Snapshot:
     """What is still outside, the chosen one in colour."""
     look = replace(_WHITE, coloring=Highlight(frozenset([chosen])), box="none")
-    return _shot(unplaced(items, BOX_CELLS), look, Layout.standing(items), _PANEL)
+    layout = Layout.standing(items)
+    return _shot(BoxState(BOX_CELLS, layout.posed(items)), look, layout, _PANEL)
 
 
 def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
@@ -220,10 +224,13 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
     )
     camera = Camera(azimuth=90, elevation=14, fov=12)
     look = replace(_WHITE, camera=camera, box="none", coloring=Highlight(chosen))
-    return _shot(unplaced(turned, BOX_CELLS), look, Layout(poses, points), _PANEL)
+    layout = Layout(poses, points)
+    return _shot(BoxState(BOX_CELLS, layout.posed(turned)), look, layout, _PANEL)
 
 
-def _left(rollout: Rollout, task: Task, library: ShapeLibrary) -> tuple[BoxState, Layout]:
+def _left(
+    rollout: Rollout, task: Task, library: ShapeLibrary
+) -> tuple[Contents[ItemInBox], Layout]:
     """A box as an agent left it, and what it left outside, beside it."""
     placed = rollout.pack.contents(library).placed
     outside = list(task.items)
@@ -231,7 +238,7 @@ def _left(rollout: Rollout, task: Task, library: ShapeLibrary) -> tuple[BoxState
         outside.remove(one.item.turned(0))
     size = np.array(task.cells) * CELL
     packed, standing = Layout.packed(placed, size), Layout.standing(outside, size)
-    contents = unplaced([*(one.item for one in placed), *outside], task.cells)
+    contents: BoxState[ItemInBox] = BoxState(task.cells, (*placed, *standing.posed(outside)))
     points = np.concatenate((packed.points, standing.points))
     return contents, Layout((*packed.poses, *standing.poses), points)
 

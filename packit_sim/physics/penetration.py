@@ -9,10 +9,10 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
-from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import Floats
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
+from packit_sim.placement import PosedItem
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths, in box units, that are told apart."""
@@ -67,7 +67,7 @@ class _Body:
 
     def at(self, vertices: Floats) -> LooseMesh:
         """Its mesh, with the vertices elsewhere."""
-        return LooseMesh(vertices, self.item.placed.item.mesh.faces)
+        return LooseMesh(vertices, self.item.item.mesh.faces)
 
 
 def _depth(one: _Body, other: _Body) -> float:
@@ -85,8 +85,8 @@ class _WayBack:
     """The straight way of a settled item to where it was packed beside another."""
 
     def __init__(self, one: SettledItem, other: SettledItem) -> None:
-        self._item, self._here = one.placed.item, one.pose
-        self._start = Pose.from_matrix(other.move @ one.placed.pose, np.cbrt(self._item.scale))
+        self._item, self._here = one.item, one.pose
+        self._start = PosedItem(one.item, other.move @ one.start.matrix).pose
         cosine = min(abs(float(np.dot(self._here.wxyz, self._start.wxyz))), 1.0)
         radius = float(np.linalg.norm(self._item.extents)) / 2
         shift = float(np.linalg.norm(self._start.position - self._here.position))
@@ -105,12 +105,12 @@ def _is_in(one: _Body, other: _Body) -> bool:
 
     Voxels tell that, and may close the way into a hollow in which one was packed: that is allowed.
     """
-    shape, packed = other.item.placed.item.shape, other.item.placed.pose
+    shape, packed = other.item.item.shape, other.item.start.matrix
     half = shape.extents / 2
     corners = _seen_from(other.item.move @ packed, one.vertices)
     if (np.abs(corners) > half).any():
         return False
-    before = _seen_from(packed, one.item.placed.vertices)
+    before = _seen_from(packed, one.item.start.vertices)
     before = before[(np.abs(before) <= half).all(axis=1)]
     solid = Solid(shape)
     return bool(solid.encloses(corners).any() and not solid.encloses(before).any())

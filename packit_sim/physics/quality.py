@@ -8,11 +8,11 @@ import numpy as np
 
 from packit_sim.engine.compaction import Compacted, compact, drops
 from packit_sim.engine.disassembly import MOVES, Disassembly, disassemble, insertion_routes, share
-from packit_sim.engine.feasibility import Contents
 from packit_sim.geometry.lattice import CELL, STEP
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import settle
-from packit_sim.physics.stability import DISTANCE, Stability, stability, stable_share
+from packit_sim.physics.stability import Stability, stability, stable_share
+from packit_sim.placement import Contents, PlacedItem
 
 FLOATS = STEP * CELL
 """Box units: an item that hangs higher above what is below it floats. On the grid all may hang by
@@ -52,7 +52,7 @@ class PackQuality:
 
 
 def pack_quality(
-    box: Contents,
+    box: Contents[PlacedItem],
     settings: PhysicsSettings | None = None,
     *,
     distance: float = DISTANCE,
@@ -84,7 +84,9 @@ class QualityScores:
     floating: int
 
     @classmethod
-    def of(cls, box: Contents, settings: PhysicsSettings | None = None) -> QualityScores:
+    def of(
+        cls, box: Contents[PlacedItem], settings: PhysicsSettings | None = None
+    ) -> QualityScores:
         """The same numbers as of `pack_quality`, without all else that it finds out."""
         volumes = [placed.item.volume for placed in box.placed]
         return cls(
@@ -94,6 +96,6 @@ class QualityScores:
         )
 
 
-def floating(box: Contents) -> tuple[int, ...]:
+def floating(box: Contents[PlacedItem]) -> tuple[int, ...]:
     """Numbers of items that hang by more than `FLOATS`, all others as they are."""
     return tuple(np.flatnonzero(drops(box) > FLOATS).tolist())

@@ -15,6 +15,11 @@ INSIDE = 0.005
 """Box units by which an item may reach out of the box and still be inside: a contact gives way a
 little, and pieces fall short of the mesh by about as much."""
 
+DISTANCE = 0.05
+"""Box units by which no point of a stable item moves. Items are placed on grid nodes, so that one
+may be up to a grid step, 0.04, above what supports it: dropping by that much is no instability. A
+corner 0.5 from the edge over which an item tilts moves this far at 6 degrees."""
+
 
 @dataclass(frozen=True)
 class DecompositionSettings:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.engine.occupancy import ItemInBox, Load
+from packit_sim.core.caches import cached_property
+from packit_sim.engine.items import triangles
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Floats, Piece
-from packit_sim.physics.settings import INSIDE, PhysicsSettings
+from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS, World
+from packit_sim.placement import Contents, ItemInBox, PosedItem
 
 _LOOK = 10
 """Steps of time from one look at the speeds to the next."""
@@ -23,32 +26,95 @@ _LOOK = 10
 
 @dataclass(frozen=True, eq=False)
 class SettledItem:
-    """What became of a placed item.
+    """An item that gravity has moved.
 
-    move: (4, 4), from where it was packed to where it ended, in box units. displacement: how far
-    its bounding box's centre moved, and farthest: how far the point of its mesh that moved most, in
-    box units. rotation: degrees. items: numbers of those that it presses on or that press on it at
-    the end, and walls: which of `WALLS`. inside: whether all of it is in the box (see `INSIDE`).
+    Attributes
+    ----------
+    start : ItemInBox
+        The item where it was let go.
+    move : ndarray of float64, shape (4, 4)
+        The rigid motion from there to where it ended, in box units.
+    items : tuple of int
+        The numbers of the items that press on it or that it presses on, at the end.
+    walls : tuple of str
+        The walls and the floor that it presses on, at the end, in the order of `WALLS`.
+    inside : bool
+        Whether all of it is inside the box (see `INSIDE`).
+    landed : PosedItem, optional
+        The item the first time that everything was at rest; None before that.
     """
 
-    placed: ItemInBox
+    start: ItemInBox
     move: Floats
-    displacement: float
-    farthest: float
-    rotation: float
     items: tuple[int, ...]
     walls: tuple[str, ...]
     inside: bool
+    landed: PosedItem | None = None
+
+    @cached_property
+    def posed(self) -> PosedItem:
+        """The item where it ended."""
+        return PosedItem(self.item, self.move @ self.start.matrix)
 
     @property
-    def vertices(self) -> Floats:
-        """(n, 3) of its mesh, where it ended, in box units."""
-        return _moved(self.placed, self.move)
+    def item(self) -> Item:
+        """The item, in the rotation in which it was placed."""
+        return self.start.item
+
+    @property
+    def center(self) -> Floats:
+        """Where the centre of its shape's bounding box ended, (3,) in box units."""
+        return self.posed.center
+
+    @property
+    def matrix(self) -> Floats:
+        """The (4, 4) shape-to-box matrix where it ended."""
+        return self.posed.matrix
 
     @property
     def pose(self) -> Pose:
-        """Where a picture shows it."""
-        return Pose.from_matrix(self.move @ self.placed.pose, np.cbrt(self.placed.item.scale))
+        """The same without the item's scale."""
+        return self.posed.pose
+
+    @property
+    def vertices(self) -> Floats:
+        """The vertices of its mesh where it ended, (n, 3) in box units."""
+        return self.posed.vertices
+
+    @property
+    def displacement(self) -> float:
+        """How far the centre of its bounding box moved, in box units."""
+        center = self.move[:3, :3] @ self.start.center + self.move[:3, 3]
+        return float(np.linalg.norm(center - self.start.center))
+
+    @cached_property
+    def farthest(self) -> float:
+        """How far the point of its mesh moved that moved most, in box units."""
+        return _farthest(self.start.vertices, _moved(self.start, self.move))
+
+    @property
+    def rotation(self) -> float:
+        """The angle of the motion, in degrees."""
+        cosine = (np.trace(self.move[:3, :3]) - 1) / 2
+        return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+
+    @cached_property
+    def drift(self) -> float:
+        """How far the point of its mesh is that is farthest from where it landed, in box units."""
+        return np.inf if self.landed is None else _farthest(self.landed.vertices, self.vertices)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is inside and stable: less than `DISTANCE` from where it landed."""
+        return self.inside and self.drift < DISTANCE
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SettledItem):
+            return NotImplemented
+        return (self.posed, self.inside, self.landed) == (other.posed, other.inside, other.landed)
+
+    def __hash__(self) -> int:
+        return hash(self.posed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +134,7 @@ class Settled:
     cut: float
 
 
-def settle(box: Load, settings: PhysicsSettings | None = None) -> Settled:
+def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
     """Lets go of all that is placed, at once, until it is at rest or the time is over.
 
     Items start where they were packed, without speed. The same box and settings give the same
@@ -81,7 +147,7 @@ def settle(box: Load, settings: PhysicsSettings | None = None) -> Settled:
         return _simulated(world, box, settings, cut, free, [])
 
 
-def settle_each(box: Load, settings: PhysicsSettings | None = None) -> Settled:
+def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
     """Lets go of each item by itself, where it was packed, on those placed before it.
 
     Those are held where they were packed, and what comes later is not there yet: it is what the
@@ -99,11 +165,11 @@ def settle_each(box: Load, settings: PhysicsSettings | None = None) -> Settled:
         return _simulated(world, box, settings, cut, free, held)
 
 
-def _size(box: Load) -> Floats:
+def _size(box: Contents[ItemInBox]) -> Floats:
     return np.array(box.cells) * CELL
 
 
-def _masses(box: Load, settings: PhysicsSettings) -> list[float]:
+def _masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
     """In kg."""
     masses = [p.item.volume * settings.side**3 * settings.density for p in box.placed]
     least = settings.lightest * max(masses, default=0.0)
@@ -119,7 +185,7 @@ def _pieces(
     ]
     if not settings.fitted:
         return [[piece for piece, _ in parts] for parts in whole], 0.0
-    pieces = fitted(whole, [p.vertices[p.item.mesh.faces] for p in items])
+    pieces = fitted(whole, [triangles(p) for p in items])
     before = sum(piece.volume for parts in whole for piece, _ in parts)
     after = sum(piece.volume for own in pieces for piece in own)
     return pieces, 1 - after / before if items else 0.0
@@ -128,14 +194,14 @@ def _pieces(
 def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
     size = float(np.cbrt(placed.item.scale))
     return [
-        (piece.moved(placed.pose[:3, :3], placed.pose[:3, 3]), out * size)
+        (piece.moved(placed.matrix[:3, :3], placed.matrix[:3, 3]), out * size)
         for piece, out in zip(decomposition.pieces, decomposition.overhangs, strict=True)
     ]
 
 
 def _simulated(
     world: World,
-    box: Load,
+    box: Contents[ItemInBox],
     settings: PhysicsSettings,
     cut: float,
     free: Sequence[int],
@@ -154,39 +220,32 @@ def _simulated(
         calm = calm + look if (world.speeds < settings.rest).all() else 0.0
     moves, contacts = world.moves, world.contacts
     known = {number: n for numbers in (held, free) for n, number in enumerate(numbers)}
+    at_rest, size = calm >= settings.calm, _size(box)
     items = []
-    for placed, own in zip(box.placed, free, strict=True):
+    for start, own in zip(box.placed, free, strict=True):
         met = [b if a == own else a for a, b in contacts if own in (a, b)]
-        items.append(
-            _settled(
-                placed,
-                moves[own],
-                tuple(sorted(known[other] for other in met if isinstance(other, int))),
-                tuple(wall for wall in WALLS if wall in met),
-                _size(box),
-            )
+        settled = SettledItem(
+            start,
+            moves[own],
+            tuple(sorted(known[other] for other in met if isinstance(other, int))),
+            tuple(wall for wall in WALLS if wall in met),
+            _is_inside(start, moves[own], size),
         )
-    at_rest = calm >= settings.calm
-    return Settled(tuple(items), _size(box), seconds, at_rest, (energy, world.energy), cut)
+        items.append(replace(settled, landed=settled.posed) if at_rest else settled)
+    return Settled(tuple(items), size, seconds, at_rest, (energy, world.energy), cut)
 
 
-def _settled(
-    placed: ItemInBox, move: Floats, items: tuple[int, ...], walls: tuple[str, ...], size: Floats
-) -> SettledItem:
-    before, after = _moved(placed, np.eye(4)), _moved(placed, move)
-    center = move[:3, :3] @ placed.center + move[:3, 3]
-    return SettledItem(
-        placed,
-        move,
-        float(np.linalg.norm(center - placed.center)),
-        float(np.linalg.norm(after - before, axis=1).max()),
-        math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(move[:3, :3]) - 1) / 2)))),
-        items,
-        walls,
-        bool((after > -INSIDE).all() and (after < size + INSIDE).all()),
-    )
+def _farthest(before: Floats, after: Floats) -> float:
+    """Compute the largest distance between points (n, 3) before and after."""
+    return float(np.linalg.norm(after - before, axis=1).max())
 
 
-def _moved(placed: ItemInBox, move: Floats) -> Floats:
-    """(n, 3) vertices of an item's mesh, moved from its place, in box units."""
-    return placed.vertices @ move[:3, :3].T + move[:3, 3]
+def _is_inside(start: ItemInBox, move: Floats, size: Floats) -> bool:
+    """Decide whether an item is inside a box of extents (3,) after a motion (4, 4)."""
+    vertices = _moved(start, move)
+    return bool((vertices > -INSIDE).all() and (vertices < size + INSIDE).all())
+
+
+def _moved(start: ItemInBox, move: Floats) -> Floats:
+    """Move the vertices (n, 3) of an item's mesh, in box units."""
+    return start.vertices @ move[:3, :3].T + move[:3, 3]

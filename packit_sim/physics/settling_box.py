@@ -1,153 +1,96 @@
-"""A box in which gravity has its way: after each item that is placed, all come to rest.
+"""A box in which all items settle after each placement.
 
-Items are brought on the grid, where they are feasible among those that lie there, and let go. They
-end anywhere, in any turn. Each time a new world is made of where they lie, without speed: so what
-comes next follows from the state alone, and a snapshot is all that it takes to go back.
+Items are placed on the grid, at locations that are feasible among the items where they rest, and
+let go. They end anywhere, in any rotation. Each placement is simulated in a new world, in which all
+items start without speed, so that the future depends on the state alone, and a snapshot is all that
+it takes to go back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
-import numpy as np
-
-from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import ArgumentError, InfeasibleError
-from packit_sim.engine import bodies
+from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine.base_box import BaseBox
-from packit_sim.engine.bodies import Bodies, PosedItem
-from packit_sim.engine.feasibility import ORIGIN, Mask, checked_location
-from packit_sim.engine.occupancy import PlacedItem
-from packit_sim.geometry.lattice import BOX_CELLS, Triple
+from packit_sim.engine.occupancy import Occupancy
+from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
-from packit_sim.physics.convex.pieces import Floats
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, SettledItem, settle
-from packit_sim.physics.stability import DISTANCE
+from packit_sim.placement import BoxState, PlacedItem, PosedItem, checked_location
 
 
-@dataclass(frozen=True, eq=False)
-class Lying(PosedItem):
-    """A body in a box that settles.
+class SettlingBox(BaseBox[SettledItem]):
+    """A box whose items come to rest after each placement.
 
-    inside: whether all of it is in the box (see `settling.INSIDE`). landed: its pose the first time
-    that all was at rest, None before that.
+    Parameters
+    ----------
+    cells : sequence of int, default: (100, 100, 100)
+        Cells along x, y and z, whole grid steps. A cell is 1/100 of a box unit.
+    settings : PhysicsSettings, optional
+        The settings of the world. By default a box unit is half a metre.
+
+    Raises
+    ------
+    ValueError
+        If the cells are not possible.
     """
-
-    inside: bool = True
-    landed: Floats | None = None
-
-    @cached_property
-    def drift(self) -> float:
-        """How far the point of its mesh is that is farthest from where it landed, in box units."""
-        if self.landed is None:
-            return np.inf
-        before = PosedItem(self.item, self.landed).vertices
-        return float(np.linalg.norm(self.vertices - before, axis=1).max())
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is inside and stable: it landed, and is less than 0.05 from there."""
-        return self.inside and self.drift < DISTANCE
-
-
-@dataclass(frozen=True)
-class SettlingBoxState:
-    """The whole state of a box that settles: its cells an axis, and what lies where. A value."""
-
-    cells: Triple
-    placed: tuple[Lying, ...]
-
-
-class SettlingBox(BaseBox):
-    """A box whose items come to rest after each that is placed.
-
-    cells: as of `Box`. settings: of the world; a box unit is half a metre in the usual one.
-    Raises ValueError where the cells are not possible.
-    """
-
-    _occupancy: Bodies
 
     def __init__(
         self, cells: Sequence[int] = BOX_CELLS, settings: PhysicsSettings | None = None
     ) -> None:
         super().__init__(cells)
         self.settings = settings or PhysicsSettings()
-        self._placed: tuple[Lying, ...] = ()
-
-    @property
-    def placed(self) -> tuple[Lying, ...]:
-        """What was placed, in that order, as it lies, also what is not in the box any more."""
-        return self._placed
 
     @property
     def counted(self) -> float:
-        """Volume of what is inside and stable (see `Lying.counts`), in box units cubed."""
-        return sum(lying.item.volume for lying in self._placed if lying.counts)
+        """The volume of the items that are inside and stable, in box units cubed."""
+        return sum(settled.item.volume for settled in self.placed if settled.counts)
 
     @property
     def density(self) -> float:
-        """Volume of what is inside and stable over the box's."""
+        """The volume of the items that are inside and stable, over the box's volume."""
         return self.counted / float(self.size.prod())
 
-    def feasible(self, item: Item) -> Mask:
-        return bodies.feasible(self._occupancy, item)
-
-    def blbf(self, item: Item, start: Triple = ORIGIN) -> Triple | None:
-        return bodies.blbf(self._occupancy, item, start)
-
     def place(self, item: Item, location: Sequence[int]) -> Settled:
-        """Lets go of an item, and returns what became of all.
+        """Place an item and let all items settle.
 
-        Raises InfeasibleError, and changes nothing, where it is not feasible; PhysicsError where
-        its pieces can't be made (see `decomposition.decompose`).
+        Parameters
+        ----------
+        item : Item
+            The item to place, in its rotation.
+        location : sequence of int
+            The grid node (i, j, k) at which it is let go.
+
+        Returns
+        -------
+        Settled
+            How the items moved.
+
+        Raises
+        ------
+        InfeasibleError
+            If the item is not feasible there. The box is unchanged.
+        PhysicsError
+            If the item can't be decomposed into convex pieces (see `decomposition.decompose`).
         """
         candidate = PlacedItem(item, checked_location(self.cells, location))
-        if not self._can_stand(candidate):
+        if not self._is_feasible(candidate):
             raise InfeasibleError(
                 f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation}) at "
-                f"{candidate.location} is not inside the box, or in conflict with what lies there"
+                f"{candidate.location} is not inside the box, or in conflict with items there"
             )
-        let_go = SettlingBoxState(self.cells, (*self._placed, Lying(item, candidate.pose)))
-        settled = settle(let_go, self.settings)
-        self._fill(
-            tuple(
-                _lying(before, after, settled.at_rest)
-                for before, after in zip(let_go.placed, settled.items, strict=True)
-            )
-        )
+        landed = [*(before.landed for before in self.placed), None]
+        start = (*(before.posed for before in self.placed), PosedItem.of(candidate))
+        settled = settle(BoxState(self.cells, start), self.settings)
+        occupancy: Occupancy[SettledItem] = Occupancy(self.cells)
+        for after, first in zip(settled.items, landed, strict=True):
+            occupancy.add(replace(after, landed=first or after.landed))
+        self._occupancy = occupancy
         return settled
 
     def put(self, item: Item, location: Sequence[int]) -> float:
         before = self.counted
         self.place(item, location)
         return self.counted - before
-
-    def snapshot(self) -> SettlingBoxState:
-        return SettlingBoxState(self.cells, self._placed)
-
-    def restore(self, snapshot: SettlingBoxState) -> None:
-        if snapshot.cells != self.cells:
-            raise ArgumentError(
-                f"a snapshot of a box of {snapshot.cells} cells can't be restored "
-                f"in one of {self.cells}"
-            )
-        if snapshot.placed is not self._placed:
-            self._fill(snapshot.placed)
-
-    def _can_stand(self, candidate: PlacedItem) -> bool:
-        return bodies.is_feasible(self._occupancy, candidate)
-
-    def _fill(self, placed: tuple[Lying, ...]) -> None:
-        self._occupancy = bodies.filled(self.cells, placed)
-        self._placed = placed
-
-
-def _lying(before: Lying, after: SettledItem, at_rest: bool) -> Lying:
-    """What became of a body."""
-    pose = after.move @ before.pose
-    landed = before.landed
-    if landed is None and at_rest:
-        landed = pose
-    return Lying(before.item, pose, after.inside, landed)

@@ -5,14 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.engine.feasibility import Contents
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
-
-DISTANCE = 0.05
-"""Box units by which no point of a stable item moves. Items stand on grid nodes, so that one may
-hang by up to a step of the grid, 0.04, above what it stands on: to drop by that much is no fault of
-who packed it. A corner 0.5 from where an item tilts moves as far at 6 degrees."""
+from packit_sim.placement import Contents, ItemInBox
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +34,7 @@ class Stability:
 
 
 def stability(
-    box: Contents, settings: PhysicsSettings | None = None, distance: float = DISTANCE
+    box: Contents[ItemInBox], settings: PhysicsSettings | None = None, distance: float = DISTANCE
 ) -> Stability:
     """Lets go of a pack, whole and item by item. Raises ValueError unless distance is above 0."""
     if not distance > 0:
@@ -49,6 +44,6 @@ def stability(
 
 def stable_share(settled: Settled, distance: float = DISTANCE) -> float:
     """Share of the volume of which no point moved so far; 1 where there is none."""
-    volumes = [item.placed.item.volume for item in settled.items]
-    stable = [item.placed.item.volume for item in settled.items if item.farthest < distance]
+    volumes = [item.item.volume for item in settled.items]
+    stable = [item.item.volume for item in settled.items if item.farthest < distance]
     return sum(stable) / sum(volumes) if volumes else 1.0

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.box import BoxState
-from packit_sim.engine.occupancy import ItemInBox, PlacedItem
-from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
-
-if TYPE_CHECKING:
-    from packit_sim.physics.settling import SettledItem
+from packit_sim.placement import ItemInBox, PosedItem
 
 Floats = npt.NDArray[np.float64]
 
@@ -53,12 +47,12 @@ class Layout:
             How much farther, as a share of the distance.
         """
         middle = size * (0.5, 0.5, 0.0)
-        poses = [Pose.from_matrix(p.pose, np.cbrt(p.item.scale)) for p in placed]
+        poses = [p.pose for p in placed]
         moved = [replace(p, position=p.position + explode * (p.position - middle)) for p in poses]
         return cls(tuple(moved), _corners([p.item for p in placed], moved))
 
     @classmethod
-    def settled(cls, items: Sequence[SettledItem]) -> Layout:
+    def settled(cls, items: Sequence[ItemInBox]) -> Layout:
         """Show items where they came to rest."""
         points = [np.empty((0, 3)), *(item.vertices for item in items)]
         return cls(tuple(item.pose for item in items), np.concatenate(points))
@@ -80,6 +74,11 @@ class Layout:
         poses = [Pose(center) for center in centers]
         return cls(tuple(poses), _corners(upright, poses))
 
+    def posed(self, items: Sequence[Item]) -> tuple[PosedItem, ...]:
+        """Put items where this layout shows them; it must hide none."""
+        poses = [pose for pose in self.poses if pose is not None]
+        return tuple(PosedItem.at(item, pose) for item, pose in zip(items, poses, strict=True))
+
     def all_round(self, size: Floats) -> Layout:
         """Extend `points` so that a camera that circles a box of extents (3,) keeps all in view."""
         points = np.concatenate((self.points, np.indices((2, 2, 2)).reshape(3, 8).T * size))
@@ -90,11 +89,6 @@ class Layout:
         heights = points[:, 2].min(), points[:, 2].max()
         rings = [np.column_stack((ring, np.full(len(ring), height))) for height in heights]
         return replace(self, points=np.concatenate(rings))
-
-
-def unplaced(items: Sequence[Item], cells: Triple) -> BoxState:
-    """Items as a box's contents, for a picture that shows them by a layout: places mean nothing."""
-    return BoxState(cells, tuple(PlacedItem(item, (n, 0, 0)) for n, item in enumerate(items)))
 
 
 def _rows(extents: Floats, size: Floats | None) -> list[Floats]:

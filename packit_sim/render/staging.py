@@ -8,8 +8,9 @@ import numpy as np
 import trimesh
 from trimesh import creation
 
-from packit_sim.engine.occupancy import PlacedItem
+from packit_sim.core.errors import RenderError
 from packit_sim.geometry.poses import Pose
+from packit_sim.placement import ItemInBox, PlacedItem
 from packit_sim.render.bullet import BulletClient
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
@@ -52,7 +53,7 @@ class BodyStager:
         self._size: Points | None = None
         self._edges = self._floor = -1
         self._cut: Cut | None = None
-        self._parts: dict[PlacedItem, tuple[int, ...]] = {}
+        self._parts: dict[ItemInBox, tuple[int, ...]] = {}
 
     def remove(self, bodies: Iterable[int]) -> None:
         """Remove bodies; PyBullet may use their numbers again."""
@@ -63,7 +64,7 @@ class BodyStager:
 
     def arrange(
         self,
-        bodies: Mapping[PlacedItem, int],
+        bodies: Mapping[ItemInBox, int],
         look: Look,
         layout: Layout,
         size: Points,
@@ -72,7 +73,7 @@ class BodyStager:
 
         Parameters
         ----------
-        bodies : Mapping[PlacedItem, int]
+        bodies : Mapping[ItemInBox, int]
             The body's number of each placed item.
         look : Look
             How the box is shown.
@@ -114,7 +115,7 @@ class BodyStager:
         self._paint(self._edges, edges)
         self._paint(self._floor, floor)
 
-    def _cut_open(self, bodies: Mapping[PlacedItem, int], cut: Cut | None) -> None:
+    def _cut_open(self, bodies: Mapping[ItemInBox, int], cut: Cut | None) -> None:
         """Create bodies of what remains of items that are cut, none of those that are hidden."""
         gone = [placed for placed in self._parts if placed not in bodies or cut != self._cut]
         for placed in gone:
@@ -123,6 +124,8 @@ class BodyStager:
         if cut is None:
             return
         for placed in bodies.keys() - self._parts.keys():
+            if not isinstance(placed, PlacedItem):
+                raise RenderError("only items on the grid can be cut open: leave out the cut")
             if is_beyond(placed, cut):
                 self._parts[placed] = ()
             elif (left := section(placed, cut)) is not None:

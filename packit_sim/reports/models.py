@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.errors import MeshError
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.media.export import names
+from packit_sim.placement import PlacedItem
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 
 TRIANGLES = 1500
@@ -55,7 +55,7 @@ class Models:
                     {
                         "shape": self._number(one.item.shape),
                         "name": name,
-                        "pose": np.round(one.pose[:3], 6).ravel().tolist(),
+                        "pose": np.round(one.matrix[:3], 6).ravel().tolist(),
                         "share": round(one.item.volume / total, 6),
                         "colors": {rule: found[n] for rule, found in colors.items()},
                     }

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from packit_sim.engine.occupancy import ItemInBox, Load, PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.poses import UPRIGHT, Pose
+from packit_sim.placement import Contents, ItemInBox, PlacedItem
 from packit_sim.render.coloring import Color, by_item
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut
@@ -92,7 +92,7 @@ class BoxView:
         """Viser's handle of each item, in the order of placing."""
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
-    def show(self, box: Load, display: DisplaySettings = DEFAULT_DISPLAY) -> None:
+    def show(self, box: Contents[ItemInBox], display: DisplaySettings = DEFAULT_DISPLAY) -> None:
         """Shows the box as it stands; items that stayed are left alone."""
         with self._server.atomic():
             if box.cells != self._cells:
@@ -245,7 +245,7 @@ def corners(cells: Triple) -> Floats:
     return np.indices((2, 2, 2)).reshape(3, 8).T * np.array(cells) * CELL
 
 
-def reach(box: Load, explode: float = 0.0) -> Floats:
+def reach(box: Contents[ItemInBox], explode: float = 0.0) -> Floats:
     """(n, 3) corners of a box and of its items, which may be moved apart, in box units."""
     layout = Layout.packed(box.placed, np.array(box.cells) * CELL, explode)
     return np.concatenate((corners(box.cells), layout.points))

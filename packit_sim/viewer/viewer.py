@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from packit_sim.engine.occupancy import Load
 from packit_sim.geometry.lattice import Triple
+from packit_sim.placement import Contents, ItemInBox
 from packit_sim.viewer.box_view import BoxView, corners
 from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
@@ -24,7 +24,9 @@ class Viewer:
     address: str
     """Where a browser on this machine finds the page."""
 
-    def __init__(self, box: Load, *, host: str = LOOPBACK, port: int | None = None) -> None:
+    def __init__(
+        self, box: Contents[ItemInBox], *, host: str = LOOPBACK, port: int | None = None
+    ) -> None:
         self._page = WebPage(host, port)
         self.address = self._page.address
         self._cells: Triple | None = None
@@ -41,7 +43,7 @@ class Viewer:
         """Viser's handle of each item that is shown, in the order of placing; none when closed."""
         return self._shown.items if self._page.is_open else ()
 
-    def update(self, box: Load) -> None:
+    def update(self, box: Contents[ItemInBox]) -> None:
         """Shows the box as it stands; items that stayed are left alone.
 
         Raises RenderError after `close`.

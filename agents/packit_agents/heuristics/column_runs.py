@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.engine.feasibility import Mask
+from packit_sim.placement import Mask
 
 Stretches = npt.NDArray[np.int64]
 

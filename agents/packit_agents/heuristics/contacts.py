@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from packit_agents.heuristics.column_runs import stretches
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.feasibility import Mask
 from packit_sim.geometry.bits import FULL, HIGH, LOW, Words
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.word_kernels import count_bits
+from packit_sim.placement import Mask
 
 _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
 """By how many bits neighbours along x, y and z are apart in a word."""

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from packit_agents.heuristics.column_runs import stretches
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.feasibility import Mask
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import Mask
 
 Heights = npt.NDArray[np.int64]
 Clearances = npt.NDArray[np.uint16]

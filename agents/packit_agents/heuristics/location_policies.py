@@ -20,11 +20,11 @@ import numpy.typing as npt
 from packit_agents.heuristics.action_scores import ActionScores, by_chance, by_rank
 from packit_agents.heuristics.contacts import contacts, neighbours
 from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, room_below
-from packit_sim.engine.feasibility import Mask
 from packit_sim.game.episode import Episode
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import Mask
 
 Costs = npt.NDArray[np.int64]
 """[x, y, z] over the grid's nodes: less is better."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_agents.heuristics.action_scores import ActionScores, by_chance, by_rank
-from packit_sim.engine.occupancy import PlacedItem
 from packit_sim.game.episode import Episode
 from packit_sim.geometry import rotations
+from packit_sim.placement import PlacedItem
 
 
 @dataclass(frozen=True)

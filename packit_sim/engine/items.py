@@ -1,0 +1,190 @@
+"""Items somewhere in a box: on the grid, or anywhere in any rotation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from packit_sim.core.caches import cached_property
+from packit_sim.geometry.lattice import CELL, STEP, Triple
+from packit_sim.geometry.poses import Floats, Pose
+from packit_sim.geometry.shapes import Item
+
+
+class ItemInBox(Protocol):
+    """An item somewhere in a box.
+
+    Attributes
+    ----------
+    item : Item
+        The item. An item off the grid keeps the rotation in which it was placed.
+    center : ndarray of float64, shape (3,)
+        Where the centre of its shape's bounding box is, in box units.
+    matrix : ndarray of float64, shape (4, 4)
+        The shape-to-box matrix: maps the canonical mesh, `item.shape.mesh`, into the box.
+    pose : Pose
+        The same without the item's scale.
+    vertices : ndarray of float64, shape (n, 3)
+        The vertices of its mesh, in box units.
+    """
+
+    @property
+    def item(self) -> Item: ...
+    @property
+    def center(self) -> Floats: ...
+    @property
+    def matrix(self) -> Floats: ...
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def vertices(self) -> Floats: ...
+
+
+ItemT = TypeVar("ItemT")
+"""A type of items in a box, an `ItemInBox`."""
+
+_ItemT_co = TypeVar("_ItemT_co", covariant=True)
+
+
+class Contents(Protocol[_ItemT_co]):
+    """The contents of a box.
+
+    Attributes
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z.
+    placed : sequence of ItemInBox
+        The items, in the order of placing.
+    """
+
+    @property
+    def cells(self) -> Triple: ...
+    @property
+    def placed(self) -> Sequence[_ItemT_co]: ...
+
+
+@dataclass(frozen=True)
+class BoxState(Generic[ItemT]):
+    """The whole state of a box, as a value.
+
+    Attributes
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z.
+    placed : tuple of ItemInBox
+        The items, in the order of placing.
+    """
+
+    cells: Triple
+    placed: tuple[ItemT, ...]
+
+
+@dataclass(frozen=True)
+class PlacedItem:
+    """An item at a location of the grid.
+
+    Attributes
+    ----------
+    item : Item
+        The item, in its rotation.
+    location : Triple
+        The grid node (i, j, k) at which the min corner of its cell box is.
+    """
+
+    item: Item
+    location: Triple
+
+    @property
+    def start(self) -> Triple:
+        """The min corner of the cell box, in cells."""
+        i, j, k = self.location
+        return i * STEP, j * STEP, k * STEP
+
+    @property
+    def stop(self) -> Triple:
+        """The max corner of the cell box, in cells."""
+        (x, y, z), (a, b, c) = self.start, self.item.cells
+        return x + a, y + b, z + c
+
+    @cached_property
+    def center(self) -> Floats:
+        """Where the centre of the item's bounding box is, (3,) in box units."""
+        return (np.array(self.start) + np.array(self.stop)) / 2 * CELL
+
+    @cached_property
+    def matrix(self) -> Floats:
+        """The (4, 4) shape-to-box matrix: maps the canonical mesh, `item.shape.mesh`."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.item.linear
+        matrix[:3, 3] = self.center
+        return matrix
+
+    @property
+    def pose(self) -> Pose:
+        """The shape-to-box matrix without the item's scale."""
+        return Pose.from_rotation(self.center, self.item.rotation)
+
+    @property
+    def vertices(self) -> Floats:
+        """The vertices of the item's mesh, (n, 3) in box units."""
+        return np.asarray(self.item.mesh.vertices + self.center)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedItem:
+    """An item anywhere, in any rotation.
+
+    Attributes
+    ----------
+    item : Item
+        The item, in the rotation in which it was placed.
+    matrix : ndarray of float64, shape (4, 4)
+        The shape-to-box matrix: the item's scale, a rotation and a translation.
+    """
+
+    item: Item
+    matrix: Floats
+
+    @classmethod
+    def of(cls, placed: PlacedItem) -> PosedItem:
+        """Take an item off the grid, where it is."""
+        return cls(placed.item, placed.matrix)
+
+    @classmethod
+    def at(cls, item: Item, pose: Pose) -> PosedItem:
+        """Put an item anywhere, in any rotation."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose.axes * np.cbrt(item.scale)
+        matrix[:3, 3] = pose.position
+        return cls(item, matrix)
+
+    @property
+    def center(self) -> Floats:
+        """Where the centre of the shape's bounding box is, (3,) in box units."""
+        return np.asarray(self.matrix[:3, 3])
+
+    @property
+    def pose(self) -> Pose:
+        """The shape-to-box matrix without the item's scale."""
+        return Pose.from_matrix(self.matrix, np.cbrt(self.item.scale))
+
+    @cached_property
+    def vertices(self) -> Floats:
+        """The vertices of the item's mesh, (n, 3) in box units."""
+        return np.asarray(self.item.shape.mesh.vertices @ self.matrix[:3, :3].T + self.center)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PosedItem):
+            return NotImplemented
+        return self.item == other.item and np.array_equal(self.matrix, other.matrix)
+
+    def __hash__(self) -> int:
+        return hash((self.item, self.matrix.tobytes()))
+
+
+def triangles(placed: ItemInBox) -> Floats:
+    """The corners of the triangles of an item's mesh, (n, 3, 3) in box units."""
+    return placed.vertices[placed.item.shape.mesh.faces]

@@ -1,0 +1,132 @@
+"""The oracle: the definition of a feasible location as a plain loop (DESIGN: Feasible)."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.caches import bounded_cache
+from packit_sim.engine.collision import collides
+from packit_sim.engine.feasibility import Mask, is_inside
+from packit_sim.engine.items import Contents, ItemInBox, PlacedItem, triangles
+from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxelization import lattice_cells
+from packit_sim.geometry.voxels import unpack
+
+FINE_CELLS_BUDGET = 2**30
+"""Bytes in the process's cache of whole fine arrays, which only the oracle uses."""
+
+_Fine = tuple[npt.NDArray[np.int64], Mask, Mask]
+"""The first fine cell (3,), and bool arrays [x, y, z] of the outer and the inner ones."""
+
+
+def oracle(box: Contents[ItemInBox], item: Item) -> Mask:
+    """Compute the mask of feasible locations by a loop over all locations and all items.
+
+    Slow, obvious, and always right: `feasibility.feasible` always equals it.
+
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    item : Item
+        The item to place, in its rotation.
+
+    Returns
+    -------
+    Mask
+        Bool over the grid nodes, indexed [x, y, z].
+    """
+    mask = np.zeros(grid_nodes(box.cells), dtype=bool)
+    for i, j, k in np.ndindex(mask.shape):
+        mask[i, j, k] = is_valid(box.cells, box.placed, PlacedItem(item, (i, j, k)))
+    return mask
+
+
+def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) -> bool:
+    """Decide one location: the oracle's mask there.
+
+    Parameters
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z.
+    placed : iterable of ItemInBox
+        The items in the box.
+    candidate : PlacedItem
+        The item to place, at the location.
+    """
+    return is_inside(cells, candidate) and not any(conflicts(candidate, other) for other in placed)
+
+
+def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
+    """Decide whether two items exclude each other where they are.
+
+    They do if a fine cell is inner for one item and outer for the other, or if their collision
+    meshes cross.
+
+    Parameters
+    ----------
+    candidate : PlacedItem
+        An item on the grid.
+    other : ItemInBox
+        An item on the grid or off it.
+
+    Notes
+    -----
+    Anything that lies entirely within the fine cells that another's surface touches, hence within
+    1/400 of that surface, and does not cross it, is no conflict, on either side of the surface.
+    """
+    if isinstance(other, PlacedItem) and not _boxes_overlap(candidate, other):
+        return False
+    (own_start, outer, inner), (start, their_outer, their_inner) = map(_fine, (candidate, other))
+    low = np.maximum(own_start, start)
+    high = np.minimum(own_start + outer.shape, start + their_outer.shape)
+    if (low >= high).any():
+        return False
+    own, their = (tuple(map(slice, low - at, high - at)) for at in (own_start, start))
+    return bool(
+        (inner[own] & their_outer[their]).any()
+        or (outer[own] & their_inner[their]).any()
+        or collides(candidate, other)
+    )
+
+
+def _boxes_overlap(a: PlacedItem, b: PlacedItem) -> bool:
+    return all(
+        a_start < b_stop and b_start < a_stop
+        for a_start, a_stop, b_start, b_stop in zip(a.start, a.stop, b.start, b.stop, strict=True)
+    )
+
+
+def _fine(placed: ItemInBox) -> _Fine:
+    """Voxelize an item: its first fine cell in the box, and the arrays of those from there on."""
+    if isinstance(placed, PlacedItem):
+        return np.array(placed.start) * FINE_PER_CELL, *_of_item(placed.item)
+    return _off_grid(placed)
+
+
+@bounded_cache(
+    "whole fine arrays",
+    FINE_CELLS_BUDGET,
+    "bytes",
+    size=lambda fine: fine[0].nbytes + fine[1].nbytes,
+    key=operator.attrgetter("key"),
+)
+def _of_item(item: Item) -> tuple[Mask, Mask]:
+    return item.voxels.outer_fine, item.voxels.inner_fine
+
+
+@bounded_cache(
+    "whole fine arrays off the grid",
+    FINE_CELLS_BUDGET,
+    "bytes",
+    size=lambda fine: fine[1].nbytes + fine[2].nbytes,
+    key=lambda placed: (placed.item.key, placed.matrix.tobytes()),
+)
+def _off_grid(placed: ItemInBox) -> _Fine:
+    start, touched, reached = lattice_cells(triangles(placed))
+    return start * FINE_PER_CELL, unpack(~reached), unpack(~(touched | reached))
