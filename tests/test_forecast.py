@@ -6,7 +6,7 @@ from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import UNKNOWN, Evolved
 from packit_sim.generation.jobs import Progress
-from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, told
+from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, format_remaining
 
 SETTINGS = EvolutionSettings(generations=99, patience=20)
 """An evolution has 100 generations, the first included, or ends 20 after its best."""
@@ -89,4 +89,4 @@ def test_packs_without_a_recorded_generation_count_as_the_longest() -> None:
     ],
 )
 def test_a_time_is_told_as_roughly_as_it_is_known(seconds: float | None, text: str) -> None:
-    assert told(seconds) == text
+    assert format_remaining(seconds) == text

@@ -215,9 +215,9 @@ def verdict_table(own: Sequence[Sequence[Rollout]]) -> Table:
     table = _number_table("", "density", "reward", *SCORES)
     for number, rollouts in enumerate(own, start=1):
         score = Score.of(rollouts[0].agent, rollouts)
-        told = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
+        estimates = [Estimate.of([r.played.scores[name] for r in rollouts]) for name in SCORES]
         cells = [interval(estimate, ".3f", ".2f") for estimate in (score.density, score.reward)]
-        cells += [interval(estimate, ".3f", ".2f") for estimate in told]
+        cells += [interval(estimate, ".3f", ".2f") for estimate in estimates]
         table.add_row(str(number), *cells)
     table.caption = (
         f"boxes of {len(own[0])} tasks after the last step: shares of the placed volume, and "

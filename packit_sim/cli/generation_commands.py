@@ -133,7 +133,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
                         )
                     note = f"density {at.density:.3f}"
                     progress.update(bars[at.number], completed=at.generation + 1, note=note)
-                left = time_estimates.told(expected.seconds_left(standing, clock()))
+                left = time_estimates.format_remaining(expected.seconds_left(standing, clock()))
                 progress.update(whole, note=left)
 
         def follow() -> None:
@@ -145,7 +145,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
                 expected.finish(number, pack)
                 if number in bars:
                     progress.remove_task(bars.pop(number))
-            left = time_estimates.told(expected.seconds_left(under_way(file), clock()))
+            left = time_estimates.format_remaining(expected.seconds_left(under_way(file), clock()))
             progress.console.print(
                 f"pack {number}: density {pack.density:.3f}, {len(pack.items)} items, "
                 f"{_generation(pack)}" + (f"; {left}" if left else ""),

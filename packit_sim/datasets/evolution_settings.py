@@ -53,28 +53,37 @@ class EvolutionSettings:
     def __post_init__(self) -> None:
         """Raises ValueError that names the setting that is out of range."""
         checks = {
-            "pool": self.pool >= 1,
-            "population": self.population > self.survivors,
-            "elite": self.elite >= 1,
-            "lucky": self.lucky >= 0,
-            "generations": self.generations >= 0,
-            "patience": self.patience >= 1,
-            "keep_every": self.keep_every >= 1,
-            "scales": len(self.scales) > 0 and all(s > 0 for s in self.scales),
-            "size_range": 0 < self.size_range[0] <= self.size_range[1],
-            "swap_rate": 0 <= self.swap_rate <= 1,
-            "point_rate": 0 <= self.point_rate <= 1,
-            "search": self.search in SEARCHES,
+            "pool": (self.pool >= 1, "at least 1"),
+            "population": (
+                self.population > self.survivors,
+                f"more than the {self.survivors} survivors",
+            ),
+            "elite": (self.elite >= 1, "at least 1"),
+            "lucky": (self.lucky >= 0, "at least 0"),
+            "generations": (self.generations >= 0, "at least 0"),
+            "patience": (self.patience >= 1, "at least 1"),
+            "keep_every": (self.keep_every >= 1, "at least 1"),
+            "scales": (
+                len(self.scales) > 0 and all(s > 0 for s in self.scales),
+                "one number above 0 or more",
+            ),
+            "size_range": (
+                0 < self.size_range[0] <= self.size_range[1],
+                "two numbers above 0, the smaller first",
+            ),
+            "swap_rate": (0 <= self.swap_rate <= 1, "0 to 1"),
+            "point_rate": (0 <= self.point_rate <= 1, "0 to 1"),
+            "search": (self.search in SEARCHES, f"choose from {', '.join(SEARCHES)}"),
         }
         if self.search == "climbing":  # type: ignore[comparison-overlap]
             raise ArgumentError(
                 "evolution setting search = 'climbing': this search was removed, since its "
                 f"packs were less dense; choose from {', '.join(SEARCHES)}"
             )
-        for name, holds in checks.items():
+        for name, (holds, valid) in checks.items():
             if not holds:
                 raise ArgumentError(
-                    f"evolution setting {name} = {getattr(self, name)!r} is not possible"
+                    f"evolution setting {name} = {getattr(self, name)!r} is not possible: {valid}"
                 )
         box_cells(self.cells)
 

@@ -80,7 +80,7 @@ class TimeEstimate:
         return last + 1
 
 
-def told(seconds: float | None) -> str:
+def format_remaining(seconds: float | None) -> str:
     """A time as a forecast should tell it, no more exactly than it is known."""
     if not seconds:
         return ""
