@@ -6,12 +6,13 @@ import hashlib
 import shlex
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from packit_sim.core import templates
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import (
@@ -40,7 +41,9 @@ OPTIONS = {
 PAPER = "Goyal and Deng, *PackIt: A Virtual Environment for Geometric Planning*, ICML 2020"
 
 EVERYDAY = "everyday"
-"""The built-in library: what it is for a dataset to be of it is known."""
+"""The built-in library; the page says what its shapes mean for a dataset."""
+
+TEMPLATE = Path(__file__).with_name("datasheet.md.jinja")
 
 WIDTH = 100
 """Characters of a line of text."""
@@ -81,6 +84,12 @@ class Part:
         if len(self._evolved) < len(self.packs) or len(different) != 1:
             return None
         return different.pop().to_json()
+
+    @property
+    def file_row(self) -> list[str]:
+        """The file's name, its number of packs, their seeds and its digest."""
+        seeds = f"{self.seeds[0]} to {self.seeds[-1]}" if self.seeds else "unknown"
+        return [f"`{self.file.name}`", str(self.census.packs), seeds, f"`{self.sha256}`"]
 
     @property
     def _evolved(self) -> list[Evolved]:
@@ -127,157 +136,61 @@ def page(
     the packs, where it is known. opened_as: what the library is opened by, for commands.
     """
     path = dataset_path(source)
-    name = path.name if path.is_dir() else path.stem
-    packs = sum(part.census.packs for part in parts)
-    splits = ", ".join(f"{part.census.packs:,} {part.split}" for part in parts)
-    told = f" ({splits})" if len(parts) > 1 or parts[0].split != WHOLE else ""
-    licensed = ["--licence", licence] if licence else []
-    command = shlex.join(["packit", "packs", "datasheet", str(source), *licensed])
-    opening = (
-        f"{_count(packs, 'pack')}{told} of shapes of the library `{library.name}`. This page is by "
-        f"`{command}`; its intervals are of means, by bootstrap over packs."
-    )
-    sections = {
-        "How it was made": _making(name, parts, library, opened_as),
-        "Files": _files(parts),
-        "What is in it": [*_statistics(parts), f"![Histograms of {name}]({picture})"],
-        "Licence": [_wrapped(_licences(parts, library, licence))],
-        "Known limits": [
-            "\n".join(_wrapped(f"- {limit}", "  ") for limit in _limits(parts, library))
-        ],
-    }
-    blocks = [f"# {name}", _wrapped(opening)]
-    for heading, paragraphs in sections.items():
-        blocks += [f"## {heading}", *paragraphs]
-    return "\n\n".join(blocks) + "\n"
-
-
-def _making(name: str, parts: Sequence[Part], library: ShapeLibrary, opened_as: str) -> list[str]:
-    commands = {part.split: part.command(opened_as, name) for part in parts}
-    ref = LibraryRef.of(library)
-    made = (
-        f"Library `{ref.name}`, version {ref.version}, digest `{ref.digest}`. PackIt-Sim "
-        + ", ".join(dict.fromkeys(part.version or "of unknown version" for part in parts))
-        + "."
-    )
-    blocks = [_wrapped(made)]
-    known = [f"    {command}" for command in commands.values() if command]
-    if known:
-        blocks += [_wrapped("These make it again, pack by pack and bit for bit:"), "\n".join(known)]
-    for split, command in commands.items():
-        if command is None:
-            blocks.append(
-                _wrapped(f"No one command makes {split}: each pack tells how it was made.")
-            )
     settings = {part.split: part.settings for part in parts if part.settings is not None}
-    if settings:
-        names = dict.fromkeys(name for told in settings.values() for name in told)
-        rows = [[name, *(_plain(told.get(name)) for told in settings.values())] for name in names]
-        blocks.append(_table(["setting", *settings], rows))
-    return blocks
+    paper = {name: _plain(value) for name, value in EvolutionSettings().to_json().items()}
+    used = {name: dict.fromkeys(_plain(s.get(name)) for s in settings.values()) for name in paper}
+    columns = [part.census.rows() for part in parts]
+    shapes = sorted(set().union(*(part.census.shapes for part in parts)))
+    licences = Counter(library.info(id).licence or "unknown" for id in shapes if _known(library))
+    licensed = ["--licence", licence] if licence else []
+    name = path.name if path.is_dir() else path.stem
+    content = {
+        "name": name,
+        "command": shlex.join(["packit", "packs", "datasheet", str(source), *licensed]),
+        "library": LibraryRef.of(library),
+        "parts": parts,
+        "splits": [part.split for part in parts],
+        "packs": sum(part.census.packs for part in parts),
+        "versions": list(dict.fromkeys(part.version or "of unknown version" for part in parts)),
+        "commands": {part.split: part.command(opened_as, name) for part in parts},
+        "settings": settings,
+        "setting_rows": [
+            [name, *(_plain(one.get(name)) for one in settings.values())]
+            for name in dict.fromkeys(name for one in settings.values() for name in one)
+        ],
+        "usual": paper,
+        "changed": {n: " and ".join(found) for n, found in used.items() if {*found} - {paper[n]}},
+        "file_rows": [part.file_row for part in parts],
+        "statistics_rows": [
+            [name, *(column.get(name, "").replace("\n", ", ") for column in columns)]
+            for name in dict.fromkeys(name for column in columns for name in column)
+        ],
+        "picture": picture,
+        "licence": licence,
+        "licences": licences.most_common() if _known(library) else None,
+        "shapes": len(shapes),
+        "shared": len(_shared_objects(parts, library)),
+        "count": _count,
+        "whole": WHOLE,
+        "everyday": EVERYDAY,
+        "paper": PAPER,
+    }
+    filters = {"wrap": _wrapped}
+    return templates.render(TEMPLATE, content, filters=filters)
 
 
-def _files(parts: Sequence[Part]) -> list[str]:
-    rows = [
-        [
-            f"`{part.file.name}`",
-            str(part.census.packs),
-            f"{part.seeds[0]} to {part.seeds[-1]}" if part.seeds else "not told",
-            f"`{part.sha256}`",
-        ]
+def _known(library: ShapeLibrary) -> bool:
+    """Whether a library knows the licence and the object of each shape."""
+    return library.source.is_catalogued
+
+
+def _shared_objects(parts: Sequence[Part], library: ShapeLibrary) -> set[str]:
+    """The objects, or else the shapes, that more than one split holds."""
+    held = [
+        {library.info(id).group if _known(library) else id for id in part.census.shapes}
         for part in parts
     ]
-    checked = "`packit verify` replays every pack by the oracle, and tells whatever does not hold."
-    return [_table(["file", "packs", "seeds", "SHA-256"], rows), _wrapped(checked)]
-
-
-def _statistics(parts: Sequence[Part]) -> list[str]:
-    columns = [part.census.rows() for part in parts]
-    names = dict.fromkeys(name for column in columns for name in column)
-    rows = [
-        [name, *(column.get(name, "").replace("\n", ", ") for column in columns)] for name in names
-    ]
-    return [_table(["", *(part.split for part in parts)], rows)]
-
-
-def _licences(parts: Sequence[Part], library: ShapeLibrary, licence: str) -> str:
-    told = f"The packs: {licence}." if licence else "The packs' makers tell theirs."
-    shapes = sorted(set().union(*(part.census.shapes for part in parts)))
-    if not library.source.is_catalogued:
-        return f"{told} The shapes' owners tell theirs."
-    found = Counter(library.info(id).licence or "none told" for id in shapes)
-    listed = ", ".join(f"{name} ({count})" for name, count in found.most_common())
-    return (
-        f"{told} The {len(shapes)} shapes in them are not part of the dataset, and are under their "
-        f"own: {listed}."
-    )
-
-
-def _limits(parts: Sequence[Part], library: ShapeLibrary) -> Iterable[str]:
-    """What whoever uses the dataset should know."""
-    if library.name == EVERYDAY:
-        yield (
-            "The shapes are everyday objects, not ShapeNet's: no number measured on these packs "
-            f"compares with one of the paper's ({PAPER})."
-        )
-    else:
-        yield (
-            f"Numbers measured on these packs are about shapes of `{library.name}`: they compare "
-            f"with the paper's ({PAPER}) as far as those shapes do."
-        )
-    settings = [part.settings for part in parts if part.settings is not None]
-    if settings:
-        yield (
-            "The packs are evolved, and every item stands at its bottom-left-back-fill location "
-            "among those before it: places are biased towards the bottom, the left and the back, "
-            "and agents that fill from there may have it easier than others."
-        )
-        yield from _unlike_the_paper(settings)
-    yield (
-        "A pack is free of collisions, and no more is claimed: it need not be stable under "
-        "gravity, nor can its items always be inserted one after the other. Scores for these are "
-        "separate."
-    )
-    yield "A ground truth is a dense pack that was found, not the densest there is."
-    if len(parts) > 1:
-        yield _shared(parts, library)
-
-
-def _unlike_the_paper(settings: Sequence[Mapping[str, Any]]) -> Iterable[str]:
-    paper = EvolutionSettings().to_json()
-    told = {name: dict.fromkeys(_plain(s.get(name)) for s in settings) for name in paper}
-    other = {
-        name: " and ".join(found)
-        for name, found in told.items()
-        if [*found] != [_plain(paper[name])]
-    }
-    if "generations" in other:
-        yield (
-            f"The evolutions had {other['generations']} generations at most, the paper's "
-            f"{paper['generations']}: with fewer, packs are looser and their tasks easier."
-        )
-    if "size_range" in other:
-        yield (
-            f"The linear size factor of a pack is drawn from {other['size_range']}, by the "
-            f"paper's authors from {_plain(paper['size_range'])}: smaller items are more items."
-        )
-
-
-def _shared(parts: Sequence[Part], library: ShapeLibrary) -> str:
-    """Whether splits have shapes in common, by object where the library knows."""
-
-    def objects(part: Part) -> set[str]:
-        if not library.source.is_catalogued:
-            return set(part.census.shapes)
-        return {library.info(id).group for id in part.census.shapes}
-
-    shared = set().union(*(objects(a) & objects(b) for a, b in combinations(parts, 2)))
-    if shared:
-        verb = "occurs" if len(shared) == 1 else "occur"
-        return f"{_count(len(shared), 'object')} {verb} in more than one split."
-    return (
-        "The splits share no object, but they share categories: a shape's like may be in another."
-    )
+    return set().union(*(one & other for one, other in combinations(held, 2)))
 
 
 def _version(file: Path) -> str | None:
@@ -288,11 +201,6 @@ def _version(file: Path) -> str | None:
         return None
 
 
-def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
-
-
 def _plain(value: Any) -> str:
     if isinstance(value, list):
         return (" to " if len(value) == 2 else ", ").join(map(str, value))
@@ -300,8 +208,10 @@ def _plain(value: Any) -> str:
 
 
 def _wrapped(text: str, indent: str = "") -> str:
+    """Break a paragraph into lines; the next ones are indented."""
+    words = " ".join(text.split())
     return textwrap.fill(
-        text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        words, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim._version import __version__
+from packit_sim.core import templates
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.core.errors import PackItError
 from packit_sim.libraries.library import assets_folder
 from packit_sim.render.coloring import ramp
 from packit_sim.render.plots import require
@@ -17,19 +17,10 @@ from packit_sim.reports.examples import Gallery
 from packit_sim.reports.runs import Runs
 
 
-class MissingJinjaError(PackItError, ImportError):
-    """Jinja is not installed."""
-
-
 def check_installed() -> None:
     """Raises MissingJinjaError or MissingMatplotlibError: to ask before there is work."""
     require()
-    try:
-        import jinja2  # noqa: F401
-    except ImportError as error:
-        raise MissingJinjaError(
-            "reports need Jinja, which is not installed: pip install 'packit-sim[report]'"
-        ) from error
+    templates.check_installed()
 
 
 @dataclass(frozen=True)
@@ -48,21 +39,8 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
     gallery: none where there is nothing to show. command: that makes it again.
     """
     check_installed()
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    from markupsafe import Markup
-
     here = Path(__file__).parent
     three = assets_folder() / "three"
-    made = Environment(
-        loader=FileSystemLoader(here),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-    def text(file: Path) -> Markup:
-        return Markup(file.read_text(encoding="utf-8"))
 
     content: dict[str, Any] = {
         "title": title,
@@ -73,16 +51,19 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
         "gallery": gallery,
         "tables": tables,
         "charts": charts,
-        "markup": Markup,
         "ramp": [f"rgb({', '.join(f'{255 * c:.0f}' for c in ramp(n / 8))})" for n in range(9)],
-        "style": text(here / "page.css"),
-        "sorting": text(here / "sorting.js"),
-        "viewer": text(here / "viewer.js"),
-        "three": text(three / "three.min.js"),
-        "licence": text(three / "LICENSE"),
+        "style": _read(here / "page.css"),
+        "sorting": _read(here / "sorting.js"),
+        "viewer": _read(here / "viewer.js"),
+        "three": _read(three / "three.min.js"),
+        "licence": _read(three / "LICENSE"),
         "models": gallery.models.to_json() if gallery else None,
     }
-    return made.get_template("page.html").render(content)
+    return templates.render(here / "page.html", content, html=True)
+
+
+def _read(file: Path) -> str:
+    return file.read_text(encoding="utf-8")
 
 
 def _headline(runs: Runs) -> Headline | None:
