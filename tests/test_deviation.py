@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.core.errors import MeshError
-from packit_sim.geometry.deviation import RELATIVE_SLACK, SLACK, Surface, deviation, distances
+from packit_sim.geometry.deviation import RELATIVE_SLACK, SLACK, Surface, deviation
+from packit_sim.geometry.deviation_kernels import distances
 
 ROUNDING = 1e-9
 

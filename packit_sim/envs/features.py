@@ -9,13 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.core.compilation import kernel
+from packit_sim.envs.feature_kernels import add_cells, update_counts
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.geometry.word_kernels import lowest_bit
-
-_1 = np.uint64(1)
 
 Means = npt.NDArray[np.float32]
 
@@ -47,7 +44,7 @@ class CubeMeans:
         voxels = item.voxels
         counts = np.zeros(self._sizes.shape, dtype=np.int32)
         corner = (np.array(self.grid[0]) - voxels.cells) // 2
-        _count(voxels.outer, voxels.bricks, corner, self._bins, counts)
+        add_cells(voxels.outer, voxels.bricks, corner, self._bins, counts)
         means = counts.astype(np.float32) / self._sizes
         means.setflags(write=False)
         return means
@@ -57,7 +54,7 @@ class CubeMeans:
 
         before, counts: of the last time; they are brought up to date. Both are 0 at first.
         """
-        _count_changes(words, before, self._bins, counts)
+        update_counts(words, before, self._bins, counts)
         return counts.astype(np.float32) / self._sizes
 
 
@@ -70,39 +67,3 @@ class CubeMeans:
 )
 def _of_item(means: CubeMeans, item: Item) -> Means:
     return means.count(item)
-
-
-@kernel
-def _count(words, bricks, corner, bins, counts):
-    """Adds the cells of bricks to the cubes that they are in."""
-    for n in range(len(words)):
-        x = corner[0] + 4 * bricks[n, 0]
-        y = corner[1] + 4 * bricks[n, 1]
-        z = corner[2] + 4 * bricks[n, 2]
-        word = words[n]
-        while word:
-            bit = lowest_bit(word)
-            word &= word - _1
-            counts[
-                bins[0, x + (bit >> 4)], bins[1, y + (bit >> 2 & 3)], bins[2, z + (bit & 3)]
-            ] += 1
-
-
-@kernel
-def _count_changes(words, before, bins, counts):
-    """Adds the cells that are new, takes off those that are gone, and remembers the words."""
-    nx, ny, nz = words.shape
-    for x in range(nx):
-        for y in range(ny):
-            for z in range(nz):
-                changed = words[x, y, z] ^ before[x, y, z]
-                while changed:
-                    bit = lowest_bit(changed)
-                    changed &= changed - _1
-                    change = 1 if words[x, y, z] >> np.uint64(bit) & _1 else -1
-                    counts[
-                        bins[0, 4 * x + (bit >> 4)],
-                        bins[1, 4 * y + (bit >> 2 & 3)],
-                        bins[2, 4 * z + (bit & 3)],
-                    ] += change
-                before[x, y, z] = words[x, y, z]

@@ -13,7 +13,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from packit_sim.geometry.deviation import Surface, distances
+from packit_sim.geometry.deviation import Surface
+from packit_sim.geometry.deviation_kernels import distances
 from packit_sim.geometry.shapes import Shape
 
 SAME = 0.004

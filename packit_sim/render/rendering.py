@@ -15,7 +15,7 @@ from packit_sim.render.coloring import Legend
 from packit_sim.render.ghosts import Ghost
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png, written
 from packit_sim.render.looks import Look
-from packit_sim.render.pixels import resolve
+from packit_sim.render.pixel_kernels import resolve
 
 _SUPERSAMPLING = {"egl": 2, "tiny": 1}
 """Samples along each side of a pixel."""
@@ -129,8 +129,7 @@ def take(
         np.broadcast_to(np.asarray(back, dtype=np.float32), (height, width, 3)),
         samples,
         _OUTLINE,
-        view.near,
-        view.far,
+        (view.near, view.far),
     )
     if panes is not None:
         image = panes.before(image, depth)

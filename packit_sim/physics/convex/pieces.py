@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from trimesh import remesh
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.compilation import kernel
+from packit_sim.physics.convex.polytope_kernels import clip
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -156,48 +156,8 @@ def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
 
 def clipped(triangles: Floats, planes: Floats) -> Floats:
     """(n, 3) corners of what of triangles (m, 3, 3) is behind all planes (k, 4)."""
-    points: Floats = _clipped(np.ascontiguousarray(triangles), planes, _ROUNDING)
+    points: Floats = clip(np.ascontiguousarray(triangles), planes, _ROUNDING)
     return points
-
-
-@kernel
-def _clipped(triangles, planes, slack):
-    """Each triangle is cut by one plane after the other (Sutherland and Hodgman, 1974)."""
-    most = len(planes) + 4
-    polygon, left, beyond = np.empty((most, 3)), np.empty((most, 3)), np.empty(most)
-    points, count = np.empty((64, 3)), 0
-    for t in range(len(triangles)):
-        polygon[:3], corners = triangles[t], 3
-        for p in range(len(planes)):
-            farthest = -np.inf
-            for c in range(corners):
-                beyond[c] = planes[p, 3] - slack
-                for d in range(3):
-                    beyond[c] += planes[p, d] * polygon[c, d]
-                farthest = max(farthest, beyond[c])
-            if farthest <= 0:
-                continue
-            kept = 0
-            for c in range(corners):
-                e = c + 1 if c + 1 < corners else 0
-                if beyond[c] <= 0:
-                    left[kept] = polygon[c]
-                    kept += 1
-                if (beyond[c] <= 0) != (beyond[e] <= 0):
-                    share = beyond[c] / (beyond[c] - beyond[e])
-                    for d in range(3):
-                        left[kept, d] = polygon[c, d] + share * (polygon[e, d] - polygon[c, d])
-                    kept += 1
-            polygon, left, corners = left, polygon, kept
-            if corners == 0:
-                break
-        if count + corners > len(points):
-            longer = np.empty((2 * (count + corners), 3))
-            longer[:count] = points[:count]
-            points = longer
-        points[count : count + corners] = polygon[:corners]
-        count += corners
-    return points[:count]
 
 
 def _hull(points: Floats) -> ConvexHull:

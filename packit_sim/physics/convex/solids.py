@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from packit_sim.core.compilation import kernel
 from packit_sim.geometry.lattice import FINE, cell_box
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.voxelization import fine_cells
 from packit_sim.geometry.voxels import unpack
 from packit_sim.physics.convex.pieces import Floats, Piece
+from packit_sim.physics.convex.polytope_kernels import farthest_inside
 
 RESOLUTION = 128
 """Voxels along the longest side of a shape."""
@@ -43,29 +43,9 @@ class Solid:
         high = np.minimum(np.ceil(places.max(axis=0)), self._distance.shape).astype(np.int64)
         planes = piece.planes.copy()
         planes[:, 3] = planes[:, 3] / self.voxel - planes[:, :3] @ (self._middle - 0.5)
-        return float(_farthest(self._distance, low, high, planes))
+        return float(farthest_inside(self._distance, low, high, planes))
 
     def encloses(self, points: Floats) -> npt.NDArray[np.bool_]:
         """Bool (n,): which of points (n, 3) in the shape's bounding box are in enclosed voxels."""
         x, y, z = np.floor(points / self.voxel + self._middle).astype(int).T
         return self._enclosed[x, y, z]
-
-
-@kernel
-def _farthest(distance, low, high, planes):
-    """The largest distance of voxels from low to high (3,) that are behind all planes (k, 4)."""
-    farthest = 0.0
-    for x in range(low[0], high[0]):
-        for y in range(low[1], high[1]):
-            for z in range(low[2], high[2]):
-                if distance[x, y, z] <= farthest:
-                    continue
-                inside = True
-                for p in range(len(planes)):
-                    across = planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z
-                    if across + planes[p, 3] > 0:
-                        inside = False
-                        break
-                if inside:
-                    farthest = distance[x, y, z]
-    return farthest

@@ -1,4 +1,4 @@
-"""What a renderer gives for a picture, brought to the picture's own pixels."""
+"""The kernel that turns a renderer's pixels into those of a picture."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from packit_sim.core.compilation import kernel
 
 
 @kernel
-def resolve(rgba, buffer, bodies, items, back, samples, outline, near, far):
-    """Colours (H, W, 3) float32, depth (H, W), segmentation (H, W), -1 where there is no item.
+def resolve(rgba, buffer, bodies, items, back, samples, outline, planes):
+    """Return colours (H, W, 3) float32, depth (H, W), segmentation (H, W), -1 for no item.
 
-    rgba: (H * samples, W * samples, 4), buffer and bodies of that size, too: a renderer's pixels,
-    `samples` by `samples` of which make one. items: the number of the item by that of the body.
-    back: (H, W, 3), the colours where there is no body. Pixels whose right or lower neighbour shows
-    another body keep the share `outline` of their brightness. near, far: depths of the planes
-    between which the buffer goes from 0 to 1; where there is no body the depth is inf.
+    rgba: (H * samples, W * samples, 4), and buffer and bodies of that height and width: the
+    renderer's pixels; one pixel of the picture is the mean of `samples` by `samples`. items: the
+    number of each body's item. back: (H, W, 3), the colours where there is no body. Pixels whose
+    right or lower neighbour shows another body keep the share `outline` of their brightness.
+    planes: near and far, depths at which the buffer is 0 and 1; without a body depth is inf.
     """
+    near, far = planes
     height, width = bodies.shape[0] // samples, bodies.shape[1] // samples
     image = np.zeros((height, width, 3), np.float32)
     depth = np.empty((height, width), np.float32)

@@ -1,0 +1,84 @@
+"""Kernels over columns of cells (see `heightmaps`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+from packit_sim.geometry.lattice import STEP
+
+
+@kernel
+def column_heights(words):
+    """Compute `heightmaps.heightmap`."""
+    nx, ny, _ = words.shape
+    heights = np.zeros((STEP * nx, STEP * ny), np.int64)
+    for x, y, z in np.ndindex(words.shape):
+        for column in range(16):
+            bits = words[x, y, z] >> np.uint64(STEP * column) & np.uint64(15)
+            if bits:
+                top = 1 + (bits > 1) + (bits > 3) + (bits > 7)
+                heights[STEP * x + column // 4, STEP * y + column % 4] = STEP * z + top
+    return heights
+
+
+@kernel
+def height_growth(heights, columns, mask):
+    """Compute `heightmaps.growth`: from some node on, each column raises the map by its excess."""
+    grown = np.zeros(mask.shape, np.int64)
+    nz = mask.shape[2]
+    count = np.empty(nz, np.int64)
+    height = np.empty(nz, np.int64)
+    for i, j in np.ndindex(mask.shape[:2]):
+        if not mask[i, j].any():
+            continue
+        count[:] = 0
+        height[:] = 0
+        for n in range(len(columns)):
+            x, y, _, top = columns[n]
+            under = heights[STEP * i + x, STEP * j + y] - top
+            first = max(under // STEP + 1, 0)
+            if first < nz:
+                count[first] += 1
+                height[first] += under
+        columns_out = heights_under = 0
+        for k in range(nz):
+            columns_out += count[k]
+            heights_under += height[k]
+            if mask[i, j, k]:
+                grown[i, j, k] = STEP * k * columns_out - heights_under
+    return grown
+
+
+@kernel
+def space_below(words):
+    """Compute `heightmaps.room_below`."""
+    nx, ny, nz = words.shape
+    spaces = np.empty((STEP, STEP, STEP, nx * ny * nz), np.uint16)
+    for x, y in np.ndindex((STEP * nx, STEP * ny)):
+        column = np.uint64(16 * (x % STEP) + STEP * (y % STEP))
+        brick = (x // STEP * ny + y // STEP) * nz
+        space = 0
+        for z in range(nz):
+            bits = words[x // STEP, y // STEP, z] >> column
+            for rest in range(STEP):
+                spaces[x % STEP, y % STEP, rest, brick + z] = space
+                space = 0 if bits >> np.uint64(rest) & np.uint64(1) else space + 1
+    return spaces
+
+
+@kernel
+def gaps_below(spaces, columns, nodes, runs):
+    """Compute `heightmaps.gaps`, (nodes,) in C order, at the nodes of runs (n, 2); 0 elsewhere.
+
+    spaces: flat. columns: index in it of each column's space at the first node. The numbers have no
+    meaning where the item is not inside the box: there it continues in the next row.
+    """
+    empty = np.zeros(nodes, np.int32)
+    for begin, end in runs:
+        total = empty[begin:end]
+        for column in columns:
+            below = spaces[column + begin : column + end]
+            for m in range(len(total)):
+                total[m] += below[m]
+    return empty
