@@ -36,7 +36,7 @@ from packit_sim.core.parallel import Workers
 from packit_sim.datasets.packs import dataset_file
 from packit_sim.engine.compaction import compact, drops
 from packit_sim.engine.disassembly import disassemble
-from packit_sim.physics.convex.decomposition import decompose, decompose_all, made
+from packit_sim.physics.convex.decomposition import decompose, decompose_all, decompose_anew
 from packit_sim.physics.penetration import penetrations, wall_penetrations
 from packit_sim.physics.quality import FLOATS
 from packit_sim.physics.settings import PhysicsSettings
@@ -96,7 +96,7 @@ def decompositions(
         caches.clear("decompositions")
         reading.append(timed(partial(decompose, shape, settings.decomposition))[0])
     hollow = [shape for shape in shapes if found[shape.id].method != "convex"]
-    making = [timed(partial(made, s, settings.decomposition))[0] for s in hollow[:anew]]
+    making = [timed(partial(decompose_anew, s, settings.decomposition))[0] for s in hollow[:anew]]
     return {
         "shapes": len(shapes),
         "methods": dict(Counter(one.method for one in found.values())),
@@ -104,7 +104,7 @@ def decompositions(
         "pieces": summary([len(one.pieces) for one in found.values()]),
         "volume error": summary([one.volume_error for one in found.values()]),
         "volume error, size": summary([abs(one.volume_error) for one in found.values()]),
-        "farthest out, canonical units": summary([max(one.overhangs) for one in found.values()]),
+        "farthest out, canonical units": summary([max(one.distances) for one in found.values()]),
         "read, s": summary(reading),
         "made, s": summary(making) if making else None,
     }

@@ -17,7 +17,7 @@ from packit_sim.core import caches
 from packit_sim.core.errors import PhysicsError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import decomposition, disk_cache
-from packit_sim.physics.convex.bisection import bisected
+from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.decomposition import Decomposition, decompose, decompose_all
 from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import (
@@ -147,8 +147,8 @@ def test_a_solid_knows_what_a_hull_fills() -> None:
     radius = BOWL.extents[0] / 2
     solid = Solid(BOWL)
     hull = Piece.around(np.asarray(BOWL.mesh.vertices))
-    assert solid.overhang(hull) == pytest.approx(radius, abs=4 * solid.voxel)
-    assert Solid(CUBE).overhang(Piece.around(np.asarray(CUBE.mesh.vertices))) == 0
+    assert solid.hausdorff(hull) == pytest.approx(radius, abs=4 * solid.voxel)
+    assert Solid(CUBE).hausdorff(Piece.around(np.asarray(CUBE.mesh.vertices))) == 0
     middle, wall = np.zeros((1, 3)), CUBE.extents / 2 - 1e-6
     assert Solid(CUBE).encloses(middle).all() and not Solid(CUBE).encloses(wall[None]).any()
     assert not solid.encloses(middle).any()
@@ -158,18 +158,18 @@ def test_a_solid_knows_what_a_hull_fills() -> None:
 def test_a_convex_shape_is_one_piece(shape: Shape) -> None:
     found = decompose(shape)  # by CoACD, which is not asked
     assert (len(found.pieces), found.method, found.problem) == (1, "convex", None)
-    assert found.overhangs == (0,)
+    assert found.distances == (0,)
     assert abs(found.volume_error) < 0.03 and (shape is BALL or abs(found.volume_error) < 1e-6)
 
 
 @pytest.mark.parametrize("shape", [BOWL, RING, SOUP], ids=lambda shape: shape.id)
 def test_halving_ends_where_no_hull_is_too_far_out(shape: Shape) -> None:
     solid = Solid(shape)
-    pieces = bisected(shape, solid, 0.03, 200)
+    pieces = bisect(shape, solid, 0.03, 200)
     assert 4 < len(pieces) < 200
-    assert max(map(solid.overhang, pieces)) <= 0.03
+    assert max(map(solid.hausdorff, pieces)) <= 0.03
     assert covers(pieces, shape)
-    assert len(bisected(shape, solid, 0.001, 7)) in (7, 8)
+    assert len(bisect(shape, solid, 0.001, 7)) in (7, 8)
 
 
 def angle() -> Shape:
@@ -190,7 +190,7 @@ def test_coacd_takes_an_angle_apart() -> None:
     found = decompose(shape)
     assert (found.method, found.problem, len(found.pieces)) == ("coacd", None, 2)
     assert found.volume_error == pytest.approx(0, abs=0.02)
-    assert max(found.overhangs) < 0.01
+    assert max(found.distances) < 0.01
     assert covers(found.pieces, shape)
     corner = shape.extents / 2 * (0.5, 1, 0.5)
     assert not any(is_in(corner[None], piece).any() for piece in found.pieces)
@@ -260,8 +260,8 @@ def test_settings_out_of_range(settings: dict, message: str) -> None:
 
 
 def same(one: Decomposition, other: Decomposition) -> bool:
-    return (one.overhangs, one.method, one.problem, one.volume_error) == (
-        other.overhangs,
+    return (one.distances, one.method, one.problem, one.volume_error) == (
+        other.distances,
         other.method,
         other.problem,
         other.volume_error,
@@ -272,18 +272,20 @@ def same(one: Decomposition, other: Decomposition) -> bool:
 
 
 def refuse(*arguments: object) -> None:
-    raise AssertionError("made anew")
+    raise AssertionError("computed again")
 
 
-def test_what_is_kept_is_not_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_pieces_are_not_computed_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = decompose(RING, HALVES)
     assert decompose(RING, HALVES) is first
     caches.clear("decompositions")
-    monkeypatch.setattr(decomposition, "made", refuse)
+    monkeypatch.setattr(decomposition, "decompose_anew", refuse)
     assert same(decompose(RING, HALVES), first)
     (kept,) = (path for path in folder.rglob("*") if path.is_file())
     assert kept.parent.name == "decompositions" and kept.name.startswith(RING.digest[:32])
-    with pytest.raises(AssertionError, match="made anew"):
+    with pytest.raises(AssertionError, match="computed again"):
         decompose(RING, DecompositionSettings(method="bisection", overhang=0.02))
 
 
@@ -309,9 +311,9 @@ def test_what_is_damaged_is_made_anew(
         kept.mkdir()
     caches.clear("decompositions")
     assert same(decompose(RING, HALVES), first)
-    assert "is damaged and is made anew" in caplog.text
+    assert "is damaged and will be computed again" in caplog.text
     if damage == "folder":
-        assert "can't be kept" in caplog.text
+        assert "can't be written" in caplog.text
     else:
         caplog.clear()
         caches.clear("decompositions")
@@ -325,7 +327,7 @@ def test_a_folder_that_cannot_be_written_is_gone_without(
     folder.write_text("a file is in the way")
     with caplog.at_level(logging.WARNING):
         assert decompose(RING, HALVES).method == "bisection"
-    assert "can't be kept" in caplog.text
+    assert "can't be written" in caplog.text
 
 
 def test_where_things_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

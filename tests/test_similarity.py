@@ -7,7 +7,7 @@ from trimesh import creation
 
 from packit_sim.geometry import rotations
 from packit_sim.geometry.shapes import Shape
-from packit_sim.geometry.similarity import SAME, groups
+from packit_sim.geometry.similarity import SAME, near_duplicates
 
 
 def _table(leg: float = 0.08, height: float = 0.7) -> trimesh.Trimesh:
@@ -45,7 +45,7 @@ def test_rotations_and_mirror_images_are_the_same(mesh: trimesh.Trimesh) -> None
     copies = [turned(mesh, rotation) for rotation in range(rotations.COUNT)]
     mirrored = mesh.copy().apply_transform(np.diag((-1, 1, 1, 1)))
     copies += [turned(mirrored, rotation) for rotation in (0, 7, 22)]
-    assert set(groups([shape(copy) for copy in copies])) == {0}
+    assert set(near_duplicates([shape(copy) for copy in copies])) == {0}
 
 
 @pytest.mark.parametrize(
@@ -59,23 +59,23 @@ def test_rotations_and_mirror_images_are_the_same(mesh: trimesh.Trimesh) -> None
     ids=["finer", "stretched", "larger", "thicker legs"],
 )
 def test_slightly_other_copies_are_the_same(copy: trimesh.Trimesh) -> None:
-    assert groups([shape(TABLE), shape(copy)]) == [0, 0]
+    assert near_duplicates([shape(TABLE), shape(copy)]) == [0, 0]
 
 
 def test_coarser_copies_are_the_same() -> None:
     coarse = creation.torus(0.5, 0.15, major_sections=32, minor_sections=16)
-    assert groups([shape(RING), shape(coarse)]) == [0, 0]
-    assert groups([shape(BALL), shape(creation.icosphere(subdivisions=3))]) == [0, 0]
+    assert near_duplicates([shape(RING), shape(coarse)]) == [0, 0]
+    assert near_duplicates([shape(BALL), shape(creation.icosphere(subdivisions=3))]) == [0, 0]
 
 
 def test_others_are_not() -> None:
-    assert groups([shape(mesh) for mesh in OBJECTS]) == [0, 1, 2, 3, 4]
+    assert near_duplicates([shape(mesh) for mesh in OBJECTS]) == [0, 1, 2, 3, 4]
 
 
 def test_the_same_extents_are_not_enough() -> None:
     block = creation.box(STEPS.extents)
-    assert groups([shape(STEPS), shape(block)]) == [0, 1]
-    assert groups([shape(creation.box((1, 1, 1))), shape(BALL)]) == [0, 1]
+    assert near_duplicates([shape(STEPS), shape(block)]) == [0, 1]
+    assert near_duplicates([shape(creation.box((1, 1, 1))), shape(BALL)]) == [0, 1]
 
 
 def test_flat_shapes_are_not_the_same_for_being_flat() -> None:
@@ -85,18 +85,18 @@ def test_flat_shapes_are_not_the_same_for_being_flat() -> None:
     wedge = trimesh.convex.convex_hull(
         [(x, y, z) for x in (0, 1) for y in (0, 0.7) for z in (0, height * (1 - 0.9 * x))]
     )
-    assert groups([shape(plate), shape(wedge)]) == [0, 1]
+    assert near_duplicates([shape(plate), shape(wedge)]) == [0, 1]
 
 
 def test_groups_are_what_is_connected() -> None:
     chain = [shape(TABLE.copy().apply_transform(np.diag((s, 1, 1, 1)))) for s in (1, 1.02, 1.04)]
-    assert groups(chain) == [0, 0, 0]
+    assert near_duplicates(chain) == [0, 0, 0]
 
 
 def test_the_order_does_not_matter() -> None:
     meshes = [copy for mesh in OBJECTS for copy in (mesh, turned(mesh, 9), turned(mesh, 14))]
     order = np.random.default_rng(0).permutation(len(meshes))
-    found = groups([shape(meshes[n]) for n in order])
+    found = near_duplicates([shape(meshes[n]) for n in order])
     assert list(dict.fromkeys(found)) == list(range(len(OBJECTS)))
     assert {frozenset(order[np.array(found) == number] // 3) for number in found} == {
         frozenset([n]) for n in range(len(OBJECTS))
@@ -104,5 +104,5 @@ def test_the_order_does_not_matter() -> None:
 
 
 def test_none_and_one() -> None:
-    assert groups([]) == []
-    assert groups([shape(TABLE)]) == [0]
+    assert near_duplicates([]) == []
+    assert near_duplicates([shape(TABLE)]) == [0]

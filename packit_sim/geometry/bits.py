@@ -1,4 +1,4 @@
-"""Words of 4 x 4 x 4 bits: bit `16 * x + 4 * y + z` stands for the place (x, y, z).
+"""Words of 4 x 4 x 4 bits: bit `16 * x + 4 * y + z` is the place (x, y, z).
 
 A cell's 64 fine cells are one such word, and so are the 64 cells of a brick.
 """
@@ -17,7 +17,7 @@ Words = npt.NDArray[np.uint64]
 FULL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
 STRIDES: npt.NDArray[np.int64] = np.array((16, 4, 1))
-"""By how many bits neighbours along x, y and z are apart."""
+"""Distance in bits of neighbours along x, y and z."""
 
 LOW: Words = np.array(
     (0x0000_0000_0000_FFFF, 0x000F_000F_000F_000F, 0x1111_1111_1111_1111), dtype=np.uint64
@@ -33,11 +33,23 @@ for _table in (STRIDES, LOW, HIGH):
 
 @cache
 def turning_swaps(rotation: int) -> Words:
-    """(n, 2): how the bits of a word move under one of the 24 rotations.
+    """Compute how the bits of a word move under one of the 24 rotations.
 
-    Each row is a shift and a mask: the bits in the mask are exchanged with those a shift higher.
-    What a rotation does to a place is to exchange and to complement the six bits of its number,
-    and each of these exchanges bits of the word that are a fixed distance apart.
+    Parameters
+    ----------
+    rotation : int
+        Index of the rotation, 0 to 23.
+
+    Returns
+    -------
+    Words
+        (n, 2) uint64, read-only. Each row is a shift and a mask: the bits in the mask are exchanged
+        with those that are `shift` places higher.
+
+    Notes
+    -----
+    A rotation exchanges and complements some of the six bits of a place's number. Each of these
+    steps exchanges bits of the word that are a fixed distance apart.
     """
     axes, signs = rotations.AXES[rotation].tolist(), rotations.SIGNS[rotation].tolist()
     number = np.arange(64)

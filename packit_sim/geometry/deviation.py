@@ -1,9 +1,9 @@
-"""How far two surfaces are apart at most: a bound of their Hausdorff distance, not an estimate.
+"""The Hausdorff distance of two surfaces: a guaranteed bound, not an estimate.
 
-The distance from a convex set is a convex function: no point of a piece of one surface is farther
-from a triangle of the other than the farthest of its corners is. Pieces are cut until the best
-triangle for each says enough: branch and bound, as by Tang, Lee and Kim ("Interactive Hausdorff
-distance computation for general polygonal models", 2009).
+The distance from a convex set is a convex function, so no point of a piece of one surface is
+farther from a triangle of the other than the piece's farthest corner. Pieces are cut until the
+nearest triangle of each gives a tight bound. This is branch and bound, as by Tang, Lee and Kim
+("Interactive Hausdorff distance computation for general polygonal models", 2009).
 """
 
 from __future__ import annotations
@@ -19,24 +19,35 @@ from packit_sim.core.errors import MeshError
 from packit_sim.geometry.deviation_kernels import bound, farthest
 
 RELATIVE_SLACK = 0.02
-"""How much more than the distance its bound may be, as a share of it."""
+"""Relative slack of the bound: how much larger than the distance it may be."""
 
 SLACK = 1e-5
-"""How much more it may be beside that, as a share of the larger bounding box's diagonal: a tenth of
-the contact tolerance for an item as long as the box."""
+"""Further slack, relative to the larger bounding box's diagonal: a tenth of the contact tolerance
+for an item as long as the box."""
 
 _PER_LEAF = 4
 """Triangles in a leaf of a tree, at most."""
 
 
 def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
-    """A bound of the Hausdorff distance of two surfaces: no point of either is farther from the
-    other, in their unit of length.
+    """Compute an upper bound of the Hausdorff distance of two surfaces.
 
-    It is more than that distance by at most `RELATIVE_SLACK` of it and `SLACK` of the larger
-    diagonal. Both hold but for the rounding of 64-bit arithmetic, for any triangles: open surfaces,
-    crossing ones, triangles without area. Raises MeshError where a mesh has no triangles, or
-    vertices that are not finite.
+    Parameters
+    ----------
+    a, b : trimesh.Trimesh
+        Any triangles: open or intersecting surfaces, and triangles without area.
+
+    Returns
+    -------
+    float
+        No point of either surface is farther from the other, in the meshes' unit. The bound exceeds
+        the distance by at most `RELATIVE_SLACK` of it and `SLACK` of the larger diagonal; all this
+        up to the rounding of 64-bit arithmetic.
+
+    Raises
+    ------
+    MeshError
+        If a mesh has no triangles, or vertices that are not finite.
     """
     one, other = sorted((Surface.of(a), Surface.of(b)), key=lambda surface: -len(surface.triangles))
     slack = SLACK * max(one.diagonal, other.diagonal)
@@ -50,9 +61,14 @@ def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
 class Surface(NamedTuple):
     """Triangles in a complete binary tree of boxes; the children of node n are 2 n and 2 n + 1.
 
-    triangles: (n, 3, 3), those of a leaf together. boxes: (2 leaves, 2, 3), lowest and highest
-    corners, from the root at 1 to the leaves at the end. starts: (leaves + 1,), where each leaf's
-    triangles start.
+    Attributes
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, those of a leaf next to each other.
+    boxes : ndarray
+        (2 leaves, 2, 3) float64, lowest and highest corners, from the root at 1 to the leaves.
+    starts : ndarray
+        (leaves + 1,) int64, where each leaf's triangles start.
     """
 
     triangles: npt.NDArray[np.float64]
@@ -61,13 +77,29 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, mesh: trimesh.Trimesh) -> Surface:
-        """Raises MeshError where there are no triangles, or vertices that are not finite."""
+        """Build the tree of a mesh.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            The surface.
+
+        Returns
+        -------
+        Surface
+            Its triangles in a tree.
+
+        Raises
+        ------
+        MeshError
+            If the mesh has no triangles, or vertices that are not finite.
+        """
         triangles = np.array(mesh.triangles, dtype=np.float64)
         if len(triangles) == 0:
             raise MeshError("a mesh without triangles is at no distance from anything")
         if not np.isfinite(triangles).all():
             raise MeshError("a mesh whose vertices are not finite is at no distance from anything")
-        tree = cKDTree(triangles.mean(axis=1), leafsize=_PER_LEAF)  # halves it, and so on
+        tree = cKDTree(triangles.mean(axis=1), leafsize=_PER_LEAF)  # halves recursively
         triangles = triangles[tree.indices]
         leaves = 1
         while leaves * _PER_LEAF < len(triangles):
@@ -85,5 +117,5 @@ class Surface(NamedTuple):
 
     @property
     def diagonal(self) -> float:
-        """Of the bounding box."""
+        """Diagonal of the bounding box."""
         return float(np.linalg.norm(self.boxes[1, 1] - self.boxes[1, 0]))

@@ -1,7 +1,7 @@
 """The lattice that items and boxes share: cells, fine cells, grid nodes, and the tolerances.
 
-A box unit holds 100 cells an axis, a cell 4 x 4 x 4 fine cells (64: one machine word), and the
-grid has a node every 4 cells. Because an item's cell box is centred on it and stands on a node,
+A box unit has 100 cells along each axis, a cell has 4 x 4 x 4 fine cells (64: one machine word),
+and the grid has a node every 4 cells. An item's cell box is centred on it and placed at a node, so
 the cells and the fine cells of any two items in a box always line up.
 """
 
@@ -31,34 +31,58 @@ STEP = 4
 """Cells between neighbouring grid nodes."""
 
 BOX_CELLS = (100, 100, 100)
-"""Cells an axis of the benchmark's box, the unit cube."""
+"""Cells along each axis of the benchmark's box, the unit cube."""
 
 MAX_CELLS = 512
-"""The most cells an axis that a box, or an item that is voxelised, may have."""
+"""Largest number of cells along an axis of a box, or of an item that is voxelized."""
 
 CONTACT_TOLERANCE = 1e-4
 """How far two accepted items may interpenetrate, in box units: surfaces that touch are no conflict,
-and parts that lie on a grid touch all the time. Collision meshes are drawn in by half of it on each
-side, and cells are grown by half of it when they are tested against a surface."""
+and parts on a grid touch all the time. Collision meshes are shrunk by half of it on each side, and
+cells are grown by half of it when they are tested against a surface."""
 
 CELL_ROUNDING = 1e-6
 """How far, in cells, an extent may exceed a whole number of cells and still be rounded down to it:
-what floating point makes of an extent that is meant to be whole."""
+the rounding error of an extent that is meant to be whole."""
 
 Triple = tuple[int, int, int]
 
 
 def cell_box(extents: npt.ArrayLike) -> Triple:
-    """Cells an axis of the cell box around extents (3,) in box units; at least one an axis."""
+    """Compute the cell box of extents.
+
+    Parameters
+    ----------
+    extents : array_like
+        (3,) in box units.
+
+    Returns
+    -------
+    Triple
+        Cells along each axis, at least one.
+    """
     cells = np.ceil(np.asarray(extents, dtype=float) * CELLS_PER_UNIT - CELL_ROUNDING)
     x, y, z = np.maximum(cells, 1).astype(int).tolist()
     return x, y, z
 
 
 def box_cells(cells: Sequence[int]) -> Triple:
-    """The cells of a box as a checked triple.
+    """Check the cells of a box.
 
-    Raises ValueError where they are not three whole numbers of grid steps up to `MAX_CELLS`.
+    Parameters
+    ----------
+    cells : Sequence[int]
+        Cells along each axis.
+
+    Returns
+    -------
+    Triple
+        The same, as a tuple.
+
+    Raises
+    ------
+    ArgumentError
+        If they are not three whole numbers of grid steps up to `MAX_CELLS`.
     """
     try:
         x, y, z = (operator.index(c) for c in cells)
@@ -73,5 +97,5 @@ def box_cells(cells: Sequence[int]) -> Triple:
 
 
 def grid_nodes(cells: Triple) -> Triple:
-    """Grid nodes an axis of a box of this many cells: the shape of its masks."""
+    """Return the grid nodes along each axis of a box with these cells: the shape of its masks."""
     return cells[0] // STEP, cells[1] // STEP, cells[2] // STEP

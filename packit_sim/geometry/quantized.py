@@ -1,4 +1,4 @@
-"""Meshes as a stored library keeps them: compact, and the same bits on every machine."""
+"""Meshes as a stored library keeps them: compact, and bit for bit the same on every machine."""
 
 from __future__ import annotations
 
@@ -18,10 +18,16 @@ LATTICE_STEPS = 65535
 
 @dataclass(frozen=True, eq=False)
 class QuantizedMesh:
-    """A canonical mesh on the lattice of its bounding box: what a stored library keeps of it.
+    """A canonical mesh with vertices on the lattice of its bounding box.
 
-    vertices: (n, 3) uint16, from 0 to 65535 along each axis. faces: (m, 3) uint16, or uint32 where
-    there are more vertices. extents: (3,) float64, canonical.
+    Attributes
+    ----------
+    vertices : ndarray
+        (n, 3) uint16, from 0 to 65535 along each axis.
+    faces : ndarray
+        (m, 3) uint16, or uint32 if there are more vertices.
+    extents : ndarray
+        (3,) float64, in canonical units.
     """
 
     vertices: npt.NDArray[np.uint16]
@@ -30,9 +36,22 @@ class QuantizedMesh:
 
     @classmethod
     def of(cls, shape: Shape) -> QuantizedMesh:
-        """The mesh on the lattice, less the triangles that lose their area there.
+        """Quantize a shape's mesh, without the triangles that lose their area.
 
-        Vertices move by up to half a step. Raises MeshError where nothing solid is left.
+        Parameters
+        ----------
+        shape : Shape
+            The shape; its vertices move by up to half a lattice step.
+
+        Returns
+        -------
+        QuantizedMesh
+            Its mesh on the lattice.
+
+        Raises
+        ------
+        MeshError
+            If nothing solid is left.
         """
         while True:
             low, extents = shape.mesh.bounds[0], np.array(shape.mesh.extents, dtype=np.float64)
@@ -52,7 +71,7 @@ class QuantizedMesh:
 
     @classmethod
     def load(cls, file: Path) -> QuantizedMesh:
-        """Raises whatever a file that is no such mesh makes numpy and zipfile raise."""
+        """Read a file that `save` wrote; other files raise exceptions of numpy and zipfile."""
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             return cls(arrays["vertices"], arrays["faces"], arrays["extents"])
 
@@ -62,6 +81,6 @@ class QuantizedMesh:
         np.savez_compressed(file, vertices=self.vertices, faces=self.faces, extents=self.extents)
 
     def mesh(self) -> trimesh.Trimesh:
-        """The canonical mesh: exactly centred, the same bits on every machine."""
+        """Return the canonical mesh: exactly centred, bit for bit the same on every machine."""
         vertices = (self.vertices / LATTICE_STEPS - 0.5) * self.extents
         return trimesh.Trimesh(vertices, self.faces.astype(np.int64), process=False)

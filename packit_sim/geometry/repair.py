@@ -1,4 +1,4 @@
-"""Repairs of meshes, each counted: doubled vertices and triangles, winding, small holes."""
+"""Repairs of meshes, each counted: duplicate vertices and triangles, winding, small holes."""
 
 from __future__ import annotations
 
@@ -11,17 +11,26 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 MAX_HOLE = 0.02
-"""Of the bounding box's diagonal: the longest diagonal of a hole that is filled. Larger ones may be
-meant: the mouth of a bag, an open box."""
+"""Longest diagonal of a hole that is filled, relative to the bounding box's diagonal. Larger holes
+may be intended: the mouth of a bag, an open box."""
 
 
 @dataclass(frozen=True)
 class Repairs:
     """How much of a mesh was repaired.
 
-    merged_vertices: that stood where another stood. duplicate_triangles, flat_triangles: dropped,
-    since another has the same corners, or there is no area. flipped_triangles: turned over, so that
-    neighbours agree on what is outside. filled_holes: closed with triangles.
+    Attributes
+    ----------
+    merged_vertices : int
+        Vertices merged with another at the same position.
+    duplicate_triangles : int
+        Triangles dropped because another has the same corners.
+    flat_triangles : int
+        Triangles dropped because they have no area.
+    flipped_triangles : int
+        Triangles whose winding was reversed to agree with their neighbours.
+    filled_holes : int
+        Holes closed with triangles.
     """
 
     merged_vertices: int = 0
@@ -35,10 +44,19 @@ class Repairs:
 
 
 def clean_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
-    """A mesh without doubled vertices, doubled triangles and those without area.
+    """Remove duplicate vertices, duplicate triangles and triangles without area.
 
-    Its surface stays the same. The mesh should be about one unit in size: vertices nearer than
-    trimesh's `tol.merge` (1e-8) are the same.
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        A mesh about one unit in size: vertices nearer than trimesh's `tol.merge` (1e-8) are merged.
+
+    Returns
+    -------
+    clean : trimesh.Trimesh
+        A mesh with the same surface.
+    repairs : Repairs
+        What was removed.
     """
     clean = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     clean.remove_unreferenced_vertices()
@@ -58,11 +76,27 @@ def clean_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
 def repair_mesh(
     mesh: trimesh.Trimesh, max_hole: float = MAX_HOLE
 ) -> tuple[trimesh.Trimesh, Repairs]:
-    """A clean mesh with neighbours that agree on what is outside, and without small holes.
+    """Make the winding of a clean mesh consistent, and fill its small holes.
 
-    Where they disagree as few triangles are turned as make a part consistent, or as make it face
-    outwards where it is closed; a part that has but one side (a Moebius strip) stays as it is.
-    Holes whose rim is one loop no longer than `max_hole` (see `MAX_HOLE`) get a fan of triangles.
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        A mesh as `clean_mesh` returns it.
+    max_hole : float
+        Longest diagonal of a hole to fill, relative to the mesh's (see `MAX_HOLE`).
+
+    Returns
+    -------
+    whole : trimesh.Trimesh
+        The repaired mesh.
+    repairs : Repairs
+        The numbers of flipped triangles and of filled holes.
+
+    Notes
+    -----
+    As few triangles are flipped as make a component consistent, or as make it face outwards if it
+    is closed; a one-sided component (a Moebius strip) stays as it is. A hole whose rim is one loop
+    is filled with a fan of triangles.
     """
     faces = np.array(mesh.faces)
     flip = _inconsistent(mesh)
@@ -78,11 +112,11 @@ def repair_mesh(
 
 
 def _inconsistent(mesh: trimesh.Trimesh) -> npt.NDArray[np.bool_]:
-    """Bool (m,): the triangles to turn.
+    """Return bool (m,): the triangles to flip.
 
-    Each triangle is two nodes of a graph, as it is and turned; an edge that two triangles run
-    through in opposite directions joins like nodes, else unlike ones. The two components of a part
-    are its two ways to be consistent; where they are one there is none.
+    Each triangle is two nodes of a graph, as it is and flipped. Two triangles that run through a
+    common edge in opposite directions join like nodes, others unlike ones. The graph's two
+    components of a part of the mesh are its two consistent windings; if they are one, it has none.
     """
     count = len(mesh.faces)
     if mesh.is_winding_consistent:
@@ -117,14 +151,14 @@ def _inconsistent(mesh: trimesh.Trimesh) -> npt.NDArray[np.bool_]:
 def _runs_forward(
     faces: npt.NDArray[np.int64], edges: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.bool_]:
-    """Bool (n,): whether each triangle goes through its edge from the first end to the second."""
+    """Return bool (n,): whether each triangle runs through its edge from the first end on."""
     starts = faces == edges[:, :1]
     ends = np.roll(faces, -1, axis=1) == edges[:, 1:]
     return (starts & ends).any(axis=1)
 
 
 def _rims(mesh: trimesh.Trimesh) -> list[npt.NDArray[np.int64]]:
-    """The vertices around each hole whose rim is a simple loop, so that a fan faces as they do."""
+    """Return the vertices around each hole whose rim is a simple loop, in the mesh's winding."""
     edges = mesh.edges
     alone = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
     after: dict[int, int] = {}

@@ -1,7 +1,6 @@
-"""Shapes and items: what there is to pack, and what is placed.
+"""Shapes, and items: shapes at a scale in one of the 24 rotations.
 
-A `Shape` is a mesh in its canonical frame; an `Item` is a shape at a scale in one of the 24
-rotations. Both are values: they never change, and what is derived from them is computed once.
+A `Shape` is a mesh in its canonical frame. Both are immutable; derived values are computed once.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from packit_sim.geometry.voxelization import solid_volume
 from packit_sim.geometry.voxels import Voxels
 
 VOXELS_BUDGET = 512 * 2**20
-"""Bytes in each of the process's two caches of voxels: upright ones, and turned ones."""
+"""Bytes in each of the process's two caches of voxels: canonical ones, and turned ones."""
 
 Axis = Literal["x", "y", "z"]
 
@@ -33,21 +32,29 @@ UP_AXES: tuple[Axis, ...] = get_args(Axis)
 """The axes that may point up in a mesh file."""
 
 _MIN_EXTENT = 1e-9
-"""Extents below this share of the bounding box's diagonal are none: rounding of a flat mesh."""
+"""Extents below this, relative to the bounding box's diagonal, are rounding errors."""
 
 
 class Shape:
     """A mesh in its canonical frame: centred on its bounding box, diagonal 1, z up.
 
-    id, category: names, of which the first is unique in a library.
-    mesh: the canonical mesh, triangles only. volume: in canonical units, of the closed body or of
-    its solid by voxels (see `voxelization.solid_volume`). digest: SHA-256 of the geometry, in hex.
+    Use `from_mesh` to create the shape of any mesh.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        The mesh, already in its canonical frame.
+    id : str
+        Name, unique in a library.
+    category : str
+        Name of the shape's category.
+    volume : float | None
+        Volume in canonical units, if known.
     """
 
     def __init__(
         self, mesh: trimesh.Trimesh, id: str, category: str, volume: float | None = None
     ) -> None:
-        """Takes a mesh that is canonical already; `from_mesh` makes one of any mesh."""
         self.mesh = mesh
         self.id = id
         self.category = category
@@ -56,10 +63,30 @@ class Shape:
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z") -> Shape:
-        """The shape of any triangle mesh; `up` is the mesh's own up axis, "x", "y" or "z".
+        """Create the shape of a triangle mesh.
 
-        Doubled vertices are merged and triangles without area dropped. Raises MeshError where the
-        mesh is empty, not finite, or has no extent along an axis.
+        Duplicate vertices are merged, and triangles without area dropped.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            The mesh, in any frame and unit.
+        id : str
+            Name, unique in a library.
+        category : str
+            Name of the shape's category.
+        up : str
+            The mesh's up axis: "x", "y" or "z".
+
+        Returns
+        -------
+        Shape
+            The mesh in its canonical frame.
+
+        Raises
+        ------
+        MeshError
+            If the mesh is empty, not finite, or has no extent along an axis.
         """
         return cls(_canonical(mesh, id, up)[0], id, category)
 
@@ -67,22 +94,38 @@ class Shape:
     def repaired(
         cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z"
     ) -> tuple[Shape, Repairs]:
-        """The shape of a mesh whose winding and small holes are repaired, and what was done.
+        """Create the shape of a mesh after repairing its winding and small holes.
 
-        See `repair.repair_mesh`; else as `from_mesh`.
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            The mesh, in any frame and unit.
+        id : str
+            Name, unique in a library.
+        category : str
+            Name of the shape's category.
+        up : str
+            The mesh's up axis: "x", "y" or "z".
+
+        Returns
+        -------
+        shape : Shape
+            The shape of the repaired mesh.
+        repairs : Repairs
+            What was repaired (see `repair.repair_mesh`).
         """
         clean, cleaning = _canonical(mesh, id, up)
-        whole, mending = repair_mesh(clean)
-        shape = cls(_canonical(whole, id, "z")[0] if mending else clean, id, category)
+        whole, fixed = repair_mesh(clean)
+        shape = cls(_canonical(whole, id, "z")[0] if fixed else clean, id, category)
         return shape, replace(
             cleaning,
-            flipped_triangles=mending.flipped_triangles,
-            filled_holes=mending.filled_holes,
+            flipped_triangles=fixed.flipped_triangles,
+            filled_holes=fixed.filled_holes,
         )
 
     @cached_property
     def extents(self) -> npt.NDArray[np.float64]:
-        """(3,) canonical extents."""
+        """Extents (3,) of the bounding box, in canonical units."""
         return np.array(self.mesh.extents)
 
     @cached_property
@@ -98,13 +141,14 @@ class Shape:
 
     @cached_property
     def volume(self) -> float:
-        """In canonical units: of the closed body, or of the solid by voxels."""
+        """Volume in canonical units, exact if `is_solid`, else measured by voxels."""
         if self.is_solid:
             return _signed_volume(self.mesh)
         return solid_volume(self.mesh.triangles)
 
     @cached_property
     def digest(self) -> str:
+        """SHA-256 of the geometry, in hex."""
         sha = hashlib.sha256(np.ascontiguousarray(self.mesh.vertices, dtype="<f8").tobytes())
         sha.update(np.ascontiguousarray(self.mesh.faces, dtype="<i8").tobytes())
         return sha.hexdigest()
@@ -123,10 +167,21 @@ class Shape:
 
 @dataclass(frozen=True)
 class Item:
-    """A shape at a scale in a rotation: what is placed.
+    """A shape at a scale in one of the 24 rotations.
 
-    scale: ratio of volumes to the canonical shape, more than 0. rotation: 0 to 23.
-    Raises ValueError where either is out of range.
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+    scale : float
+        Ratio of the item's volume to the canonical shape's, more than 0.
+    rotation : int
+        Index of the rotation, 0 to 23 (see `rotations`).
+
+    Raises
+    ------
+    ArgumentError
+        If the scale or the rotation is out of range.
     """
 
     shape: Shape
@@ -148,32 +203,32 @@ class Item:
         object.__setattr__(self, "rotation", rotation)
 
     def turned(self, rotation: int) -> Item:
-        """The same shape and scale in another of the 24 rotations, counted from the canonical."""
+        """Return the same shape and scale in another rotation of the canonical shape."""
         return Item(self.shape, self.scale, rotation)
 
     @cached_property
     def key(self) -> tuple[str, float, int]:
-        """What the item is, whichever objects stand for it: geometry, scale and rotation."""
+        """Digest of the shape, scale and rotation: equal for equal items."""
         return self.shape.digest, self.scale, self.rotation
 
     @cached_property
     def volume(self) -> float:
-        """In box units cubed: the scale times the shape's."""
+        """Volume in cubic box units."""
         return self.scale * self.shape.volume
 
     @cached_property
     def extents(self) -> npt.NDArray[np.float64]:
-        """(3,) in box units."""
+        """Extents (3,) of the bounding box, in box units."""
         return rotations.turn_extents(self.shape.extents, self.rotation) * np.cbrt(self.scale)
 
     @cached_property
     def cells(self) -> Triple:
-        """Cells an axis of the cell box, which is centred on the item."""
+        """Cells along each axis of the cell box, which is centred on the item."""
         return cell_box(self.extents)
 
     @cached_property
     def linear(self) -> npt.NDArray[np.float64]:
-        """(3, 3): turns and scales the canonical shape into the item's frame."""
+        """Matrix (3, 3) that turns and scales the canonical shape."""
         return rotations.MATRICES[self.rotation] * np.cbrt(self.scale)
 
     @cached_property
@@ -184,12 +239,12 @@ class Item:
 
     @property
     def voxels(self) -> Voxels:
-        """The outer and inner fine cells: made once a shape and scale, then turned."""
+        """The outer and inner fine cells, computed once for each shape and scale, then turned."""
         return _turned_voxels(self)
 
     @property
     def outer(self) -> npt.NDArray[np.bool_]:
-        """Bool over `cells`: cells that the surface touches or that hold an enclosed fine cell."""
+        """Bool over `cells`: cells that the surface touches, or with an enclosed fine cell."""
         return self.voxels.outer_cells
 
     @property
@@ -199,7 +254,7 @@ class Item:
 
 
 def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh, Repairs]:
-    """A mesh cleaned and in its canonical frame, and what was cleaned away."""
+    """Return a mesh cleaned and in its canonical frame, and what was cleaned."""
     if up not in UP_AXES:
         raise ArgumentError(f"up axis {up!r} is not known: choose from {', '.join(UP_AXES)}")
     if not isinstance(mesh, trimesh.Trimesh):
@@ -248,7 +303,7 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
 
 
 def _signed_volume(mesh: trimesh.Trimesh) -> float:
-    with np.errstate(divide="ignore", invalid="ignore"):  # its centre of mass, where it is 0
+    with np.errstate(divide="ignore", invalid="ignore"):  # the centre of mass, if it is 0
         return float(mesh.volume)
 
 

@@ -1,4 +1,4 @@
-"""Which shapes are the same object: turned, mirrored, of other triangles, or slightly edited."""
+"""Near-duplicates among shapes: turned, mirrored, remeshed or slightly edited."""
 
 from __future__ import annotations
 
@@ -18,31 +18,43 @@ from packit_sim.geometry.deviation_kernels import distances
 from packit_sim.geometry.shapes import Shape
 
 SAME = 0.004
-"""Mean distance of two surfaces up to which they are one object, in canonical units. Of the models
-of Sweet Home 3D, variants of a car or a table are up to 0.0033 apart, a beer and a wine bottle or a
-washing machine and a dryer more than 0.005."""
+"""Mean distance of two surfaces up to which they are near-duplicates, in canonical units. Of the
+models of Sweet Home 3D, variants of a car or a table are up to 0.0033 apart, a beer and a wine
+bottle or a washing machine and a dryer more than 0.005."""
 
 SAME_OF_THICKNESS = 0.1
-"""The same as a share of the least extent, for flat shapes, which are near each other anyway."""
+"""The same relative to the least extent, for flat shapes, which are near each other anyway."""
 
 EXTENTS = 0.03
-"""Difference of two shapes' extents up to which they may be the same, in canonical units."""
+"""Largest difference of the extents of near-duplicates, in canonical units."""
 
 POINTS = 512
-"""Points on a surface where its distance to others is measured."""
+"""Number of sample points on a surface at which its distance from others is measured."""
 
 _FIRST = 32, 2.5
-"""Of these, the first: orientations whose mean by them is so many times too much are dropped."""
+"""Points in a first test, and the factor above the limit at which it drops an orientation."""
 
 _CAP = 0.05
-"""Distances count up to this: one part that has moved is no reason to be another object."""
+"""Distances are capped here: a single part that moved does not make another object."""
 
 
-def groups(shapes: Sequence[Shape]) -> list[int]:
-    """The number of each shape's group, counted from 0 in the order of the shapes.
+def near_duplicates(shapes: Sequence[Shape]) -> list[int]:
+    """Group shapes that are near-duplicates of each other.
 
-    Two are the same where, in one of the 24 rotations or a mirror image of one, their surfaces are
-    `SAME` from each other in the mean; groups are what is connected by that. Who is with whom does
+    Parameters
+    ----------
+    shapes : Sequence[Shape]
+        The shapes to compare.
+
+    Returns
+    -------
+    list[int]
+        The number of each shape's group, counted from 0 in the order of the shapes.
+
+    Notes
+    -----
+    Two shapes are near-duplicates if their surfaces are at most `SAME` apart in the mean in one of
+    the 24 rotations or their mirror images. Groups are the connected components, so that they do
     not depend on the order of the shapes.
     """
     if not shapes:
@@ -60,7 +72,7 @@ def groups(shapes: Sequence[Shape]) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class _Probe:
-    """A shape, ready to be compared. extents: (3,). points: (POINTS, 3) on its surface."""
+    """A shape prepared for comparison. extents: (3,). points: (POINTS, 3) on its surface."""
 
     extents: npt.NDArray[np.float64]
     points: npt.NDArray[np.float64]
@@ -91,7 +103,7 @@ def _same(a: _Probe, b: _Probe) -> bool:
 
 
 def _near(points: npt.NDArray[np.float64], surface: Surface, limit: float) -> bool:
-    """Whether points (POINTS, 3) are within a limit of a surface in the mean."""
+    """Return whether the mean distance of points (POINTS, 3) from a surface is within a limit."""
     count, times = _FIRST
     if distances(points[:count], surface, _CAP).mean() > times * limit:
         return False

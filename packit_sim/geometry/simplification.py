@@ -1,4 +1,4 @@
-"""Meshes of fewer triangles, with a bound of how far they are from what they were."""
+"""Meshes with fewer triangles, and a bound of their deviation from the original."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 
 TOLERANCES = (1e-3, 3e-4, 1e-4)
-"""In canonical units: a mesh that must be reduced is reduced until it is about the first of these
-off, and further only where it still has too many triangles; the next is tried where the deviation
-is more than `GOOD_ERROR`."""
+"""Errors to simplify to, in canonical units. A mesh is reduced to about the first of them, and
+further only if it still has too many triangles; the next is tried if the deviation is more than
+`GOOD_ERROR`."""
 
 GOOD_ERROR = 0.005
 """In canonical units: half a cell for an item as long as the box."""
@@ -27,9 +27,19 @@ GOOD_ERROR = 0.005
 class Simplification:
     """How far meshes may be reduced.
 
-    max_triangles: reduced are those with more; None leaves all as they are. max_error: the largest
-    deviation, in canonical units (a shape's diagonal is 1). eager: whether to reduce those with
-    fewer triangles too, as far as `TOLERANCES` allow. Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    max_triangles : int | None
+        Meshes with more triangles are reduced; None leaves all as they are.
+    max_error : float
+        Largest deviation, in canonical units (a shape's diagonal is 1).
+    eager : bool
+        Whether to reduce meshes with fewer triangles too, as far as `TOLERANCES` allow.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is out of range.
     """
 
     max_triangles: int | None = 4000
@@ -43,9 +53,24 @@ class Simplification:
             raise ArgumentError(f"max_error {self.max_error!r} must be more than 0, and at most 1")
 
     def __call__(self, shape: Shape) -> tuple[QuantizedMesh, float]:
-        """The mesh to store of a shape, and a bound of its deviation (see `deviation.deviation`).
+        """Simplify a shape's mesh.
 
-        Raises MeshError where it can't be kept within `max_error` with so few triangles.
+        Parameters
+        ----------
+        shape : Shape
+            The shape.
+
+        Returns
+        -------
+        mesh : QuantizedMesh
+            The mesh to store.
+        error : float
+            A bound of its deviation from the shape's mesh (see `deviation.deviation`).
+
+        Raises
+        ------
+        MeshError
+            If so few triangles are not possible within `max_error`.
         """
         limit = math.inf if self.max_triangles is None else self.max_triangles
         if len(shape.mesh.faces) <= limit and not self.eager:
@@ -88,10 +113,25 @@ class Simplification:
 
 
 def collapsed(mesh: trimesh.Trimesh, triangles: int, error: float) -> trimesh.Trimesh:
-    """The same with as few triangles as this error allows, but no fewer than asked for.
+    """Simplify a mesh by collapsing edges.
 
-    error: in the mesh's own units. By collapsing edges (Garland and Heckbert, 1997), with
-    meshoptimizer.
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        The mesh.
+    triangles : int
+        Number of triangles to stop at.
+    error : float
+        Error to stop at, in the mesh's unit.
+
+    Returns
+    -------
+    trimesh.Trimesh
+        A mesh with as few triangles as both allow.
+
+    Notes
+    -----
+    The method is that of Garland and Heckbert (1997), as implemented in meshoptimizer.
     """
     indices = np.ascontiguousarray(mesh.faces, dtype=np.uint32).ravel()
     kept = np.empty_like(indices)

@@ -1,6 +1,6 @@
-"""Which fine cells a surface touches and which it encloses, exactly.
+"""Exact voxelization: the fine cells that a surface touches, and those that it encloses.
 
-An exact triangle-box test, then a flood fill from outside, 64 fine cells at a time.
+An exact triangle-box test is followed by a flood fill from outside, 64 fine cells at a time.
 """
 
 from __future__ import annotations
@@ -21,17 +21,36 @@ from packit_sim.geometry.lattice import (
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
 
 VOLUME_RESOLUTION = 256
-"""Voxels along the longest side where the volume of a shape that is no closed body is measured."""
+"""Voxels along the longest side when the volume of an open surface is measured."""
 
 
 def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words, Words]:
-    """The touched fine cells of a surface, and the reached ones: words [x, y, z] over its cell box.
+    """Compute the fine cells that a surface touches, and those that are reached from outside.
 
-    triangles: (n, 3, 3) corners in box units; the cell box is centred on the origin. A fine cell,
-    grown by half the contact tolerance, is touched where a triangle meets it; reached are those to
-    which a path over faces of untouched ones leads from outside, so that all others are outer, and
-    those that are neither are inner (DESIGN: Shapes). Raises ValueError where the cell box has more
-    than `MAX_CELLS` along an axis.
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, corners in box units.
+    cells : Triple
+        Cells along each axis of the surface's cell box, which is centred on the origin.
+
+    Returns
+    -------
+    touched : Words
+        Words [x, y, z] over the cell box: fine cells that meet a triangle when they are grown by
+        half the contact tolerance.
+    reached : Words
+        Those that a path over faces of untouched fine cells connects with the outside.
+
+    Raises
+    ------
+    ArgumentError
+        If the cell box has more than `MAX_CELLS` cells along an axis.
+
+    Notes
+    -----
+    Fine cells that are not reached are outer; those that are not touched either are inner
+    (DESIGN: Shapes).
     """
     if max(cells) > MAX_CELLS:
         raise ArgumentError(
@@ -45,10 +64,19 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
 def lattice_cells(
     triangles: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.int64], Words, Words]:
-    """As `fine_cells`, of a surface anywhere: from which cell on, touched and reached ones.
+    """Compute `fine_cells` on the box's lattice, for a surface anywhere.
 
-    triangles: (n, 3, 3) corners in box units. The cells are the box's own, all that the grown
-    surface meets, from a grid node (3,) on.
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, corners in box units.
+
+    Returns
+    -------
+    start : ndarray
+        (3,) int64, the first cell, which is at a grid node.
+    touched, reached : Words
+        Words [x, y, z] over all cells that the grown surface meets, from `start` on.
     """
     grow = CONTACT_TOLERANCE / 2
     low, high = triangles.min(axis=(0, 1)) - grow, triangles.max(axis=(0, 1)) + grow
@@ -59,24 +87,42 @@ def lattice_cells(
 
 
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
-    """Volume of what a surface encloses, for surfaces that are no closed body (DESIGN: Shapes).
+    """Estimate the volume that an open surface encloses (DESIGN: Shapes).
 
-    Voxels of 1/256 of the longest side; enclosed ones count whole and touched ones half, which is
-    the middle of `solid_volume_bounds`.
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, corners.
+
+    Returns
+    -------
+    float
+        The mean of `solid_volume_bounds`: enclosed voxels count fully, touched ones by half.
     """
     low, high = solid_volume_bounds(triangles)
     return (low + high) / 2
 
 
 def solid_volume_bounds(triangles: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Least and largest volume that a closed surface with these voxels can have: that of the
-    enclosed ones, and with it that of the touched ones.
+    """Bound the volume of a closed surface by its voxels of 1/256 of the longest side.
+
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, corners.
+
+    Returns
+    -------
+    least : float
+        Volume of the enclosed voxels.
+    most : float
+        Volume of the enclosed and the touched voxels.
     """
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     voxel = float((high - low).max()) / VOLUME_RESOLUTION
     cell = voxel * FINE_PER_CELL
-    room_outside = 2  # a face on the border of voxels touches those on both sides of it
-    cells = np.ceil((high - low) / cell).astype(np.int64) + room_outside
+    margin = 2  # a face on the border of voxels touches those on both sides of it
+    cells = np.ceil((high - low) / cell).astype(np.int64) + margin
     touched = touched_cells(triangles - (low + high) / 2, cells, cell, voxel * 1e-9)
     enclosed = ~(touched | reached_cells(touched))
     least = int(np.bitwise_count(enclosed).sum())

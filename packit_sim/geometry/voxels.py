@@ -1,7 +1,7 @@
-"""The cells of an item, as bits on two levels: bricks of cells, and cells of fine cells.
+"""The cells of an item as bits on two levels: bricks of cells, and cells of fine cells.
 
-A brick is one grid step an axis: 4 x 4 x 4 cells, one word, as a cell's fine cells are. Items stand
-on the grid's nodes, so the bricks of any two in a box line up, and so do their cells.
+A brick is one grid step along each axis: 4 x 4 x 4 cells in one word, as are a cell's fine cells.
+Items are placed at grid nodes, so the bricks of any two in a box line up, and so do their cells.
 """
 
 from __future__ import annotations
@@ -31,15 +31,26 @@ from packit_sim.geometry.voxelization import fine_cells, lattice_cells
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """The bricks of an item that hold an outer cell, in a shuffled order, and their fine cells.
+    """The bricks of an item that contain an outer cell, in a shuffled order, and their fine cells.
 
-    Shuffled, because neighbours tell the same: a scan that may stop early meets what differs soon.
+    The order is shuffled because neighbouring bricks are alike: a scan that may stop early finds a
+    blocking brick sooner.
 
-    cells: cells an axis of the cell box. bricks: (n, 3) int16, each brick's place in the cell box,
-    in grid steps. outer, inner: (n,) words, a bit for each cell that is outer, or inner (DESIGN).
-    first: (n + 1,) int32, where the brick's part of `fine` starts, and stops.
-    fine: (m, 2) words, the outer and the inner fine cells of each cell that is outer but not inner,
-    by brick, and by bit in it. number: int32 [x, y, z], the brick at a place, -1 for none.
+    Attributes
+    ----------
+    cells : Triple
+        Cells along each axis of the cell box.
+    bricks : ndarray
+        (n, 3) int16, place of each brick in the cell box, in grid steps.
+    outer, inner : Words
+        (n,) uint64, the outer and the inner cells of each brick (DESIGN: Shapes).
+    first : ndarray
+        (n + 1,) int32, where each brick's rows of `fine` start; the last is their number.
+    fine : Words
+        (m, 2) uint64, the outer and the inner fine cells of each cell that is outer but not inner,
+        ordered by brick, and by bit in the brick.
+    number : ndarray
+        int32 [x, y, z], the number of the brick at each place, -1 for none.
     """
 
     cells: Triple
@@ -52,20 +63,49 @@ class Voxels:
 
     @classmethod
     def of(cls, triangles: npt.NDArray[np.float64], cells: Triple) -> Voxels:
-        """Of a surface in its cell box, which is centred on the origin.
+        """Voxelize a surface in its cell box, which is centred on the origin.
 
-        triangles: (n, 3, 3) corners in box units. Raises ValueError where the cell box is too
-        large (see `voxelization.fine_cells`).
+        Parameters
+        ----------
+        triangles : ndarray
+            (n, 3, 3) float64, corners in box units.
+        cells : Triple
+            Cells along each axis of the cell box.
+
+        Returns
+        -------
+        Voxels
+            The bricks of the surface.
+
+        Raises
+        ------
+        ArgumentError
+            If the cell box is too large (see `voxelization.fine_cells`).
         """
         return cls(cells, *brick_arrays(*fine_cells(triangles, cells)))
 
     @classmethod
     def in_box(cls, triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Triple, Voxels]:
-        """Of a surface anywhere: the part that is in a box of so many cells, and where it begins.
+        """Voxelize the part of a surface that is inside a box.
 
-        triangles: (n, 3, 3) corners in box units. What is enclosed, the whole surface says. The
-        part begins at a grid node, (i, j, k); where nothing is in the box it has no cells. Raises
-        ValueError where the surface is too large (see `voxelization.fine_cells`).
+        Parameters
+        ----------
+        triangles : ndarray
+            (n, 3, 3) float64, corners in box units, of the whole surface.
+        cells : Triple
+            Cells along each axis of the box.
+
+        Returns
+        -------
+        location : Triple
+            The grid node (i, j, k) at which the part begins.
+        voxels : Voxels
+            The part; it has no cells if nothing of the surface is in the box.
+
+        Raises
+        ------
+        ArgumentError
+            If the surface is too large (see `voxelization.fine_cells`).
         """
         start, touched, reached = lattice_cells(triangles)
         low = np.clip(start, 0, cells)
@@ -80,6 +120,7 @@ class Voxels:
 
     @property
     def nbytes(self) -> int:
+        """Size of the arrays in bytes."""
         arrays = (self.bricks, self.outer, self.inner, self.first, self.fine, self.number)
         return sum(array.nbytes for array in arrays)
 
@@ -94,7 +135,7 @@ class Voxels:
         return tuple(FixedArrays(self.number, self.outer, self.inner, self.first, self.fine))
 
     def turned(self, rotation: int) -> Voxels:
-        """The same under one of the 24 rotations, bit for bit."""
+        """Return the voxels under one of the 24 rotations, exactly."""
         axes, signs = rotations.AXES[rotation], rotations.SIGNS[rotation]
         x, y, z = (self.cells[axis] for axis in axes.tolist())
         swaps = turning_swaps(rotation)
@@ -105,7 +146,7 @@ class Voxels:
 
     @property
     def outer_cells(self) -> npt.NDArray[np.bool_]:
-        """Bool over the cell box: cells that hold an outer fine cell."""
+        """Bool over the cell box: cells that contain an outer fine cell."""
         return self._unpacked(self.outer)
 
     @property
@@ -146,7 +187,18 @@ class Voxels:
 
 
 def unpack(words: Words) -> npt.NDArray[np.bool_]:
-    """Words [x, y, z] as a bool array over their bits' places, four times as many an axis."""
+    """Convert words [x, y, z] to a read-only bool array over the places of their bits.
+
+    Parameters
+    ----------
+    words : Words
+        (x, y, z) uint64.
+
+    Returns
+    -------
+    ndarray
+        Bool (4 x, 4 y, 4 z).
+    """
     n = FINE_PER_CELL
     bits = np.unpackbits(words[..., None].view(np.uint8), axis=-1, bitorder="little")
     x, y, z = words.shape
@@ -157,16 +209,31 @@ def unpack(words: Words) -> npt.NDArray[np.bool_]:
 
 
 def centred(cells: npt.NDArray[np.bool_], shape: Triple) -> npt.NDArray[np.bool_]:
-    """Cells in the middle of a larger array, False around them; the odd cell is at the high end.
+    """Pad cells with False on all sides; an odd cell of padding is at the high end.
 
-    Raises ValueError where they don't fit.
+    Parameters
+    ----------
+    cells : ndarray
+        Bool (x, y, z).
+    shape : Triple
+        Shape of the padded array.
+
+    Returns
+    -------
+    ndarray
+        Bool of this shape.
+
+    Raises
+    ------
+    ValueError
+        If the cells don't fit.
     """
-    if any(own > room for own, room in zip(cells.shape, shape, strict=True)):
+    if any(own > space for own, space in zip(cells.shape, shape, strict=True)):
         raise ValueError(f"{cells.shape} cells do not fit into {shape}")
     padded = np.zeros(shape, dtype=bool)
     window = tuple(
-        slice((room - own) // 2, (room - own) // 2 + own)
-        for own, room in zip(cells.shape, shape, strict=True)
+        slice((space - own) // 2, (space - own) // 2 + own)
+        for own, space in zip(cells.shape, shape, strict=True)
     )
     padded[window] = cells
     return padded

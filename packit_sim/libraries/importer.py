@@ -23,7 +23,7 @@ from packit_sim.core.errors import ArgumentError, MeshError, PackItError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import UP_AXES, Shape
-from packit_sim.geometry.similarity import groups
+from packit_sim.geometry.similarity import near_duplicates
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import stored
 from packit_sim.libraries.sources import Candidate, ShapeInfo
@@ -222,7 +222,7 @@ def _grouped(
 ) -> list[tuple[QuantizedMesh, ShapeInfo]]:
     """The same with a group for each that names the first id of those that look the same."""
     infos = [info for _, info in kept]
-    numbers = groups([Shape(mesh.mesh(), info.id, info.category) for mesh, info in kept])
+    numbers = near_duplicates([Shape(mesh.mesh(), info.id, info.category) for mesh, info in kept])
     first: dict[int, str] = {}
     for number, id in sorted(zip(numbers, (info.id for info in infos), strict=True)):
         first.setdefault(number, id)

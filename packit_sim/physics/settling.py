@@ -195,7 +195,7 @@ def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
     size = float(np.cbrt(placed.item.scale))
     return [
         (piece.moved(placed.matrix[:3, :3], placed.matrix[:3, 3]), out * size)
-        for piece, out in zip(decomposition.pieces, decomposition.overhangs, strict=True)
+        for piece, out in zip(decomposition.pieces, decomposition.distances, strict=True)
     ]
 
 

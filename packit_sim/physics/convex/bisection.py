@@ -1,4 +1,4 @@
-"""A decomposition that always comes: halves of halves, where a hull fills what is hollow."""
+"""Convex decomposition by bisection, which never fails: boxes are halved until hulls are tight."""
 
 from __future__ import annotations
 
@@ -14,23 +14,38 @@ from packit_sim.physics.convex.solids import Solid
 
 @dataclass(order=True)
 class _Part:
-    """What of a surface is between two corners: the worst of them comes first.
+    """The part of a surface between two corners, sorted by its hull's distance, largest first.
 
-    overhang: of its hull, with a minus. number: in the order of making. low, high: (3,).
+    priority: minus the hull's distance (see `Solid.hausdorff`). number: order of creation. low,
+    high: (3,).
     """
 
-    overhang: float
+    priority: float
     number: int
     low: Floats = field(compare=False)
     high: Floats = field(compare=False)
     piece: Piece = field(compare=False)
 
 
-def bisected(shape: Shape, solid: Solid, overhang: float, most: int) -> list[Piece]:
-    """Hulls of a shape's surface in boxes that are halved until no hull is too far out.
+def bisect(shape: Shape, solid: Solid, max_distance: float, max_pieces: int) -> list[Piece]:
+    """Decompose a shape into the hulls of its surface in boxes.
 
-    overhang: how far a hull may reach out of the shape, in canonical units (see `Solid`). most:
-    pieces at which it ends in any case. The worst is halved next, across its longest side.
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+    solid : Solid
+        Its voxels.
+    max_distance : float
+        Boxes are halved while a hull's one-sided Hausdorff distance from the shape is larger, in
+        canonical units. The worst is halved next, across its longest side.
+    max_pieces : int
+        Number of pieces at which the halving ends.
+
+    Returns
+    -------
+    list[Piece]
+        The hulls, in the order of creation.
     """
     triangles = np.asarray(shape.mesh.triangles)
     count = 0
@@ -42,10 +57,12 @@ def bisected(shape: Shape, solid: Solid, overhang: float, most: int) -> list[Pie
             return []
         count += 1
         piece = Piece.around(points)
-        return [_Part(-solid.overhang(piece), count, points.min(axis=0), points.max(axis=0), piece)]
+        return [
+            _Part(-solid.hausdorff(piece), count, points.min(axis=0), points.max(axis=0), piece)
+        ]
 
     heap = parts(*np.asarray(shape.mesh.bounds))
-    while -heap[0].overhang > overhang and len(heap) < most:
+    while -heap[0].priority > max_distance and len(heap) < max_pieces:
         worst = heapq.heappop(heap)
         axis = int(np.argmax(worst.high - worst.low))
         middle = (worst.low[axis] + worst.high[axis]) / 2
@@ -58,6 +75,6 @@ def bisected(shape: Shape, solid: Solid, overhang: float, most: int) -> list[Pie
 
 
 def _sides(low: Floats, high: Floats) -> Floats:
-    """(6, 4) the planes of a box."""
+    """Return the planes (6, 4) of a box."""
     normals = np.concatenate((-np.eye(3), np.eye(3)))
     return np.column_stack((normals, np.concatenate((low, -high))))

@@ -1,9 +1,9 @@
-"""Shapes as convex pieces, which is what can be let fall: by CoACD, and where it fails by halving.
+"""Convex decomposition of shapes for physics: by CoACD, or by bisection if CoACD fails.
 
-CoACD (Wei, Liu, Ling and Su, 2022) remeshes what is no closed body and makes it thicker by that, so
-that its hulls reach out of the shape on all sides; and they have few corners, so that they fall
-short of what is round. They serve as regions only: the pieces are the hulls of what of the shape's
-own surface is in each, or nearest to it where it is in none.
+CoACD (Wei, Liu, Ling and Su, 2022) remeshes open surfaces and thickens them, so that its hulls
+protrude from the shape on all sides; and its hulls have few corners, so that they cut off round
+parts. They are therefore used as regions only: each piece is the convex hull of the shape's surface
+inside one region, and of the surface outside all regions that is nearest to it.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import PhysicsError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import disk_cache
-from packit_sim.physics.convex.bisection import bisected
+from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece, covering, within
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settings import DecompositionSettings
 
 PIECES_BUDGET = 200_000
-"""Pieces that the process's cache of decompositions holds, roughly 5 kB each."""
+"""Pieces in the process's cache of decompositions, roughly 5 kB each."""
 
 _FORMAT = 2
-"""Of what is kept on disk: one more wherever pieces come out otherwise."""
+"""Version of the entries on disk; it is raised by changes that give other pieces."""
 
 _PATIENCE = 20
-"""How many times its seconds of a processor CoACD may take by the clock."""
+"""Limit of CoACD's wall-clock time, relative to that of its CPU time."""
 
 _RUN = """
 import json, resource, sys
@@ -57,33 +57,65 @@ np.savez(sys.argv[1] + "/hulls.npz", *hulls)
 
 @dataclass(frozen=True, eq=False)
 class Decomposition:
-    """A shape as convex pieces, in its canonical frame; none reaches out of the shape's own hull.
+    """A shape decomposed into convex pieces, in its canonical frame, all inside the shape's hull.
 
-    overhangs: how far each reaches out of the shape (see `Solid`). method: "convex" for a shape
-    that is its own hull, "coacd" or "bisection". problem: why CoACD failed, where it did.
-    volume_error: of all pieces together, relative to the shape's volume: 0.1 is 10% too much.
+    Attributes
+    ----------
+    pieces : tuple[Piece, ...]
+        The pieces.
+    distances : tuple[float, ...]
+        One-sided Hausdorff distance of each piece from the shape (see `Solid.hausdorff`).
+    method : str
+        "convex" for a shape that is its own hull, "coacd" or "bisection".
+    problem : str | None
+        Why CoACD failed, if it did.
+    volume_error : float
+        Error of the pieces' total volume, relative to the shape's: 0.1 is 10% too much.
     """
 
     pieces: tuple[Piece, ...]
-    overhangs: tuple[float, ...]
+    distances: tuple[float, ...]
     method: str
     problem: str | None
     volume_error: float
 
 
 def decompose(shape: Shape, settings: DecompositionSettings | None = None) -> Decomposition:
-    """A shape's pieces: those that are kept (see `store`), or new ones, which take a while.
+    """Decompose a shape into convex pieces, or load them from the caches.
 
-    A shape whose hull fills nothing hollow is one piece. Others are CoACD's, in a process of its
-    own; where that fails, of whatever kind, halving does it, and `problem` says why. Raises
-    PhysicsError where CoACD is asked for and not installed.
+    Parameters
+    ----------
+    shape : Shape
+        The shape. One that is as good as convex is one piece; others are decomposed by CoACD in a
+        separate process, and by bisection if that fails in any way.
+    settings : DecompositionSettings | None
+        Settings; None for the defaults.
+
+    Returns
+    -------
+    Decomposition
+        The pieces.
+
+    Raises
+    ------
+    PhysicsError
+        If CoACD is chosen and not installed.
     """
     return _kept(shape, settings or DecompositionSettings())
 
 
 def require(settings: DecompositionSettings) -> None:
-    """Raises PhysicsError where what makes the pieces is not installed: to ask before there is
-    work.
+    """Check before any work that the chosen method is installed.
+
+    Parameters
+    ----------
+    settings : DecompositionSettings
+        The settings that will be used.
+
+    Raises
+    ------
+    PhysicsError
+        If CoACD is chosen and not installed.
     """
     _version(settings)
 
@@ -94,9 +126,23 @@ def decompose_all(
     workers: int | None = None,
     done: Callable[[Shape, Decomposition], None] | None = None,
 ) -> list[Decomposition]:
-    """The pieces of many shapes, several at a time, by default one a core.
+    """Decompose many shapes in parallel.
 
-    done: called after each, in the order of shapes.
+    Parameters
+    ----------
+    shapes : Sequence[Shape]
+        The shapes.
+    settings : DecompositionSettings | None
+        Settings; None for the defaults.
+    workers : int | None
+        Number of shapes at a time; None for one per core.
+    done : Callable[[Shape, Decomposition], None] | None
+        Called after each shape, in their order.
+
+    Returns
+    -------
+    list[Decomposition]
+        The decompositions, in the order of shapes.
     """
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         found = []
@@ -120,13 +166,13 @@ def _kept(shape: Shape, settings: DecompositionSettings) -> Decomposition:
     path = disk_cache.entry("decompositions", shape.digest, _FORMAT, settings, _version(settings))
     kept = disk_cache.load(path, _read)
     if kept is None:
-        kept = made(shape, settings)
+        kept = decompose_anew(shape, settings)
         disk_cache.save(path, _arrays(kept))
     return kept
 
 
 def _version(settings: DecompositionSettings) -> str:
-    """Of CoACD, whose pieces may change with it."""
+    """Return the version of CoACD, whose pieces may depend on it."""
     if settings.method != "coacd":
         return ""
     try:
@@ -138,21 +184,21 @@ def _version(settings: DecompositionSettings) -> str:
         ) from None
 
 
-def made(shape: Shape, settings: DecompositionSettings) -> Decomposition:
-    """As `decompose`, and made anew in any case."""
+def decompose_anew(shape: Shape, settings: DecompositionSettings) -> Decomposition:
+    """Decompose a shape without looking into the caches."""
     solid = Solid(shape)
     whole = Piece.around(np.asarray(shape.mesh.vertices))
     pieces, method, problem = [whole], "convex", None
-    if solid.overhang(whole) > 0:
+    if solid.hausdorff(whole) > 0:
         method = settings.method
         if method == "coacd":
             pieces, problem = _by_coacd(shape, settings)
         if method == "bisection" or problem is not None:
-            pieces = bisected(shape, solid, settings.overhang, settings.most)
+            pieces = bisect(shape, solid, settings.overhang, settings.most)
             method = "bisection"
     return Decomposition(
         tuple(pieces),
-        tuple(solid.overhang(piece) for piece in pieces),
+        tuple(solid.hausdorff(piece) for piece in pieces),
         method,
         problem,
         MassProperties.of(pieces).volume / shape.volume - 1,
@@ -160,7 +206,7 @@ def made(shape: Shape, settings: DecompositionSettings) -> Decomposition:
 
 
 def _by_coacd(shape: Shape, settings: DecompositionSettings) -> tuple[list[Piece], str | None]:
-    """The pieces, or why there are none."""
+    """Return the pieces, and why there are none."""
     hulls, problem = _hulls(shape, settings)
     triangles = np.asarray(shape.mesh.triangles)
     inside = [within(triangles, Piece.around(hull)) for hull in hulls]
@@ -171,14 +217,22 @@ def _by_coacd(shape: Shape, settings: DecompositionSettings) -> tuple[list[Piece
 
 
 def _hulls(shape: Shape, settings: DecompositionSettings) -> tuple[list[Floats], str | None]:
-    """The corners (n, 3) of each of CoACD's hulls, or why there are none."""
+    """Return the corners (n, 3) of each of CoACD's hulls, and why there are none."""
     names = ("threshold", "preprocess_resolution", "mcts_iterations", "mcts_nodes")
-    told = {name: getattr(settings, name) for name in (*names, "mcts_max_depth", "seed")}
+    options = {name: getattr(settings, name) for name in (*names, "mcts_max_depth", "seed")}
     with tempfile.TemporaryDirectory(prefix="packit-coacd-") as folder:
         np.savez(Path(folder) / "mesh.npz", vertices=shape.mesh.vertices, faces=shape.mesh.faces)
         try:
             run = subprocess.run(
-                [sys.executable, "-P", "-c", _RUN, folder, json.dumps(told), str(settings.seconds)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    _RUN,
+                    folder,
+                    json.dumps(options),
+                    str(settings.seconds),
+                ],
                 env={**os.environ, "OMP_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
@@ -200,7 +254,7 @@ def _arrays(decomposition: Decomposition) -> disk_cache.Arrays:
         "vertices": np.concatenate([piece.vertices for piece in pieces]),
         "faces": np.concatenate([piece.faces for piece in pieces]),
         "counts": np.array([(len(piece.vertices), len(piece.faces)) for piece in pieces]),
-        "overhangs": np.array(decomposition.overhangs),
+        "overhangs": np.array(decomposition.distances),
         "told": np.array([decomposition.method, decomposition.problem or ""]),
         "volume_error": np.array(decomposition.volume_error),
     }

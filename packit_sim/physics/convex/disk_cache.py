@@ -1,4 +1,4 @@
-"""Arrays that take long to make and never change, kept on disk between processes."""
+"""A disk cache of arrays that take long to compute, shared by all processes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 CACHE_VARIABLE = "PACKIT_CACHE"
-"""Environment variable: the folder for what is kept."""
+"""Environment variable: the cache's folder."""
 
 _log = logging.getLogger(__name__)
 
@@ -35,29 +35,29 @@ def cache_folder() -> Path:
     return user_cache_path("packit-sim", appauthor=False)
 
 
-def entry(kind: str, digest: str, *made_by: object) -> Path:
-    """The file for what was made of the thing of this digest, in a way that values stand for."""
-    way = hashlib.sha256(repr(made_by).encode()).hexdigest()
-    return cache_folder() / kind / f"{digest[:32]}-{way[:16]}.npz"
+def entry(kind: str, digest: str, *settings: object) -> Path:
+    """Return the file of what is computed from the object with this digest, with these settings."""
+    settings_digest = hashlib.sha256(repr(settings).encode()).hexdigest()
+    return cache_folder() / kind / f"{digest[:32]}-{settings_digest[:16]}.npz"
 
 
 def load(path: Path, read: Callable[[Arrays], _T]) -> _T | None:
-    """What `read` makes of the arrays that are kept; None where none are, or they are damaged."""
+    """Convert the arrays in a file with `read`; return None if it is missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return read(arrays)
     except FileNotFoundError:
         return None
-    except Exception as error:  # whatever damage makes numpy and zipfile raise
-        _log.warning("%s is damaged and is made anew: %r", path, error)
+    except Exception as error:  # numpy and zipfile raise many kinds for damaged files
+        _log.warning("%s is damaged and will be computed again: %r", path, error)
         return None
 
 
 def save(path: Path, arrays: Arrays) -> None:
-    """Keeps arrays, whole or not at all; where the folder can't be written, goes on without."""
+    """Write arrays to a file, atomically; log a warning if it can't be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
     except OSError as error:
-        _log.warning("%s can't be kept, so it will be made again: %s", path, error.strerror)
+        _log.warning("%s can't be written, so it will be computed again: %s", path, error.strerror)

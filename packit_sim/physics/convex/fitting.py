@@ -1,8 +1,8 @@
-"""Pieces of packed items, divided and cut back where they reach into another item.
+"""Convex pieces of packed items, divided and cut so that those of different items don't overlap.
 
-Packed items stand within 1e-4 of each other, and pieces fill what is a little hollow: at the start
-they would overlap by up to a hundredth of an item, and a simulation would drive them apart. Some
-fill a cavity, whose way in is a gap so narrow that voxels close it, and in which items may stand.
+Packed items are within 1e-4 of each other, and pieces fill shallow hollows: at the start of a
+simulation they would overlap by up to a hundredth of an item, and be driven apart. Some pieces fill
+a cavity with an opening so narrow that voxels close it, and other items may be in that cavity.
 """
 
 from __future__ import annotations
@@ -16,25 +16,38 @@ import numpy.typing as npt
 from packit_sim.physics.convex.pieces import Floats, Piece, clipped, meets
 
 Part = tuple[Piece, float]
-"""A piece, and how far it reaches out of its shape."""
+"""A piece, and its one-sided Hausdorff distance from its shape."""
 
 DEEP = 0.01
-"""Box units by which a surface may be deeper in another item's piece than the piece reaches out of
-its shape: voxels, which tell that, are coarse."""
+"""Box units by which a surface may be deeper in another item's piece than the piece's distance from
+its shape, which is measured by coarse voxels."""
 
 _HALVINGS = 5
-"""Of a piece that fills what is hollow, at most."""
+"""Largest number of successive halvings of a piece that fills a cavity."""
 
 
 def fitted(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[list[Piece]]:
-    """The pieces of items, all in one frame, of which none overlaps one of another item.
+    """Divide and cut the pieces of items so that no two of different items overlap.
 
-    surfaces: of each item the triangles (m, 3, 3). A piece in which another's surface is deep (see
-    `DEEP`) was taken for solid where it is hollow: halves of its own surface take its place, and
-    halves of these. Of two pieces that overlap after that, both are cut at a plane along a face of
-    either, the one that takes least away; it is shared out as they reach out of their shapes, so
-    that what is as large as its shape stays whole. A piece that is all beyond the plane is dropped;
-    an item that would lose its last one keeps them all.
+    Parameters
+    ----------
+    items : Sequence[Sequence[Part]]
+        The pieces of each item, all in one frame, with their distances from the shapes.
+    surfaces : Sequence[ndarray]
+        Triangles (m, 3, 3) of each item.
+
+    Returns
+    -------
+    list[list[Piece]]
+        The pieces of each item. An item that would lose all of its pieces keeps all.
+
+    Notes
+    -----
+    If another item's surface is deep in a piece (see `DEEP`), the piece fills a cavity: it is
+    replaced by the hulls of its item's surface in both halves, and so on. If two pieces still
+    overlap, both are cut parallel to a face of either, the one with the least overlap. The overlap
+    is divided in proportion to their distances from their shapes, so that a piece that does not
+    protrude stays whole. A piece that is completely cut off is dropped.
     """
     whole = _divided(items, surfaces)
     kept = [list(parts) for parts in whole]
@@ -44,28 +57,28 @@ def fitted(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[
 
 
 def _divided(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[Sequence[Part]]:
-    """The pieces of items, in which no other's surface is deep, or which were halved to the end."""
+    """Replace the pieces of items in which another item's surface is deep by smaller ones."""
     ends = [(surface.min(axis=(0, 1)), surface.max(axis=(0, 1))) for surface in surfaces]
     found: list[Sequence[Part]] = []
     for n, parts in enumerate(items):
         (low, high), own = ends[n], surfaces[n]
-        foreign = [
+        others = [
             surface[meets(surface, low, high)]
             for other, surface in enumerate(surfaces)
             if other != n and (ends[other][0] < high).all() and (ends[other][1] > low).all()
         ]
-        strange = np.concatenate([np.empty((0, 3, 3)), *foreign])
-        found.append([half for part in parts for half in _halves(part, own, strange, _HALVINGS)])
+        foreign = np.concatenate([np.empty((0, 3, 3)), *others])
+        found.append([half for part in parts for half in _halves(part, own, foreign, _HALVINGS)])
     return found
 
 
-def _halves(part: Part, own: Floats, strange: Floats, left: int) -> list[Part]:
-    """What takes a piece's place. own, strange: triangles of its item's surface, and of others'."""
+def _halves(part: Part, own: Floats, foreign: Floats, left: int) -> list[Part]:
+    """Return what replaces a piece. own, foreign: triangles of its item, and of others."""
     piece, out = part
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    strange = strange[meets(strange, low, high)]
+    foreign = foreign[meets(foreign, low, high)]
     inner = piece.planes + np.array((0, 0, 0, out + DEEP))
-    if not len(strange) or not len(clipped(strange, inner)):
+    if not len(foreign) or not len(clipped(foreign, inner)):
         return [part]
     axis = int(np.argmax(high - low))
     if not left:
@@ -77,12 +90,12 @@ def _halves(part: Part, own: Floats, strange: Floats, left: int) -> list[Part]:
         half = np.append(side * np.eye(3)[axis], -side * middle)
         points = clipped(own, np.vstack((piece.planes, half)))
         if len(points):
-            found += _halves((Piece.around(points), out), own, strange, left - 1)
+            found += _halves((Piece.around(points), out), own, foreign, left - 1)
     return found
 
 
 def _part(ones: list[Part], others: list[Part]) -> None:
-    """Cuts the pieces of two items, in place, so that none overlaps one of the other's."""
+    """Cut the pieces of two items, in place, so that none overlaps one of the other item."""
     left: list[Part | None] = [*ones]
     right: list[Part | None] = [*others]
     for i, j in np.argwhere(_near(ones, others)).tolist():
@@ -105,7 +118,7 @@ def _cut(piece: Piece, out: float, normal: Floats, offset: float) -> Part | None
 
 
 def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]:
-    """Bool (n, m): whether the bounding boxes of two pieces overlap."""
+    """Return bool (n, m): whether the bounding boxes of two pieces overlap."""
     low, high, other_low, other_high = (
         np.array([end(piece.vertices, axis=0) for piece, _ in parts]).reshape(-1, 3)
         for parts in (ones, others)
@@ -116,8 +129,10 @@ def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]
 
 
 def _least_overlap(one: Piece, other: Piece) -> tuple[Floats, float, float]:
-    """A unit normal (3,) from one to the other, how far one reaches along it, and how far the other
-    reaches back from there: 0 or less where a face of either parts them.
+    """Find the face normal of either piece along which they overlap least.
+
+    Returns the unit normal (3,) from one to the other, the highest coordinate of one along it, and
+    the depth of the overlap, 0 or less if a face separates them.
     """
     normals = np.concatenate((one.planes[:, :3], -other.planes[:, :3]))
     high = (one.vertices @ normals.T).max(axis=0)

@@ -1,4 +1,4 @@
-"""Convex pieces: hulls of points, hulls of what a surface has in a region, and cuts by a plane."""
+"""Convex pieces: hulls of points, hulls of a surface inside a region, and cuts by a plane."""
 
 from __future__ import annotations
 
@@ -17,29 +17,32 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 SHEET = 1e-4
-"""The least thickness of a piece: what is flat, or a line, is made so thick."""
+"""Least thickness of a piece: flat and linear ones are thickened to it."""
 
 MOST_CORNERS = 200
-"""Corners that a hull may have; of more, those farthest out in so many directions stay, which takes
-about 1% off a ball. The time of a simulation grows with them."""
+"""Largest number of a hull's corners; of more, only the extreme ones in as many directions are
+kept, which removes about 1% of a ball. A simulation's time grows with the number of corners."""
 
 _GRAIN = 1 / 64
-"""The longest side of a part of a surface, as a share of the surface's own extent."""
+"""Longest side of a grain of a surface, relative to the surface's extent."""
 
 _HALVINGS = 12
-"""Of triangles' sides, at most: what is longer than 64 surfaces is none."""
+"""Largest number of halvings of a triangle's sides into grains."""
 
 _ROUNDING = 1e-9
-"""How far a point may be beyond a plane, in units of about the diagonal, and count as on it."""
+"""How far a point may be beyond a plane and count as on it, in units of about the diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A convex body with a volume.
 
-    vertices: (n, 3), its corners. faces: (m, 3), triangles that run counter-clockwise when they are
-    seen from outside. planes: (k, 4), of unit normals and offsets: a point p is in it where
-    normal @ p + offset is 0 or less for all of them.
+    Attributes
+    ----------
+    vertices : ndarray
+        (n, 3) float64, its corners.
+    faces : ndarray
+        (m, 3) int64, triangles, counter-clockwise seen from outside.
     """
 
     vertices: Floats
@@ -47,7 +50,7 @@ class Piece:
 
     @classmethod
     def around(cls, points: Floats) -> Piece:
-        """The convex hull of points (n, 3), n > 0; see `SHEET` and `MOST_CORNERS`."""
+        """Compute the convex hull of points (n, 3), n > 0; see `SHEET` and `MOST_CORNERS`."""
         points = _thick(points)
         hull = _hull(points)
         if len(hull.vertices) > MOST_CORNERS:
@@ -60,11 +63,12 @@ class Piece:
 
     @cached_property
     def triangles(self) -> Floats:
-        """(m, 3, 3) corners of its faces."""
+        """Corners (m, 3, 3) of its faces."""
         return self.vertices[self.faces]
 
     @cached_property
     def planes(self) -> Floats:
+        """Unit normals and offsets (k, 4): normal @ p + offset <= 0 for all points p inside."""
         crosses = _crosses(self.triangles)
         lengths = np.linalg.norm(crosses, axis=1)
         real = lengths > 0
@@ -74,24 +78,33 @@ class Piece:
 
     @cached_property
     def volume(self) -> float:
+        """Volume, in the cubed unit of the vertices."""
         return MassProperties.of([self]).volume
 
     def moved(self, linear: Floats, shift: Floats) -> Piece:
-        """The same turned and scaled by a (3, 3) matrix, then shifted by (3,)."""
+        """Return the piece turned and scaled by a (3, 3) matrix, then shifted by (3,)."""
         return Piece(self.vertices @ linear.T + shift, self.faces)
 
     def cut(self, normal: Floats, offset: float) -> Piece | None:
-        """What is where normal (3,) @ p + offset is 0 or less; None where nothing is."""
+        """Return the part with normal (3,) @ p + offset <= 0, or None if it is empty."""
         points = clipped(self.triangles, np.array([[*normal, offset]]))
         return Piece.around(points) if len(points) else None
 
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """What pieces are together, filled evenly; where they overlap they count twice.
+    """Mass properties of pieces of uniform density; overlaps count twice.
 
-    center: (3,) of mass. moments: (3,), of inertia about it for a mass of 1, and axes: (3, 3), the
-    principal axes that they belong to, as columns; right-handed.
+    Attributes
+    ----------
+    volume : float
+        Total volume.
+    center : ndarray
+        (3,) centre of mass.
+    moments : ndarray
+        (3,) principal moments of inertia for a mass of 1, ascending.
+    axes : ndarray
+        (3, 3) principal axes as columns, right-handed.
     """
 
     volume: float
@@ -101,9 +114,13 @@ class MassProperties:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> MassProperties:
+        """Compute the mass properties of pieces.
+
+        Not by trimesh: it rounds moments otherwise, and settling amplifies the last bit.
+        """
         triangles = np.concatenate([piece.triangles for piece in pieces])
         origin = triangles.mean(axis=(0, 1))
-        triangles = triangles - origin  # each makes a tetrahedron with the origin
+        triangles = triangles - origin  # each is a tetrahedron with the origin
         volumes = np.linalg.det(triangles) / 6
         total = float(volumes.sum())
         sums = triangles.sum(axis=1)
@@ -117,21 +134,32 @@ class MassProperties:
 
 
 def within(triangles: Floats, piece: Piece) -> Floats:
-    """(n, 3) corners of what of a surface, triangles (m, 3, 3), is in a piece."""
+    """Return corners (n, 3) of the part of a surface, triangles (m, 3, 3), inside a piece."""
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
     return clipped(triangles[meets(triangles, low, high)], piece.planes)
 
 
 def meets(triangles: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
-    """Bool (m,): which triangles' (m, 3, 3) bounding boxes meet a box from low to high, (3,)."""
+    """Return bool (m,): whether triangles' (m, 3, 3) bounding boxes meet a box from low to high."""
     found = (triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)
     return np.asarray(found.all(axis=1))
 
 
 def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
-    """Pieces that reach at least to a surface, triangles (m, 3, 3).
+    """Extend pieces until they cover a surface.
 
-    What of it is in no piece, in parts of the size `_GRAIN`, is added to the one that is nearest.
+    Parameters
+    ----------
+    pieces : Sequence[Piece]
+        The pieces.
+    surface : ndarray
+        Triangles (m, 3, 3). Grains of it (see `_GRAIN`) that are in no piece are added to the
+        nearest one.
+
+    Returns
+    -------
+    list[Piece]
+        The pieces in their order, those without additions unchanged.
     """
     size = float(np.ptp(surface, axis=(0, 1)).max()) * _GRAIN
     vertices, faces = remesh.subdivide_to_size(
@@ -155,13 +183,13 @@ def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
 
 
 def clipped(triangles: Floats, planes: Floats) -> Floats:
-    """(n, 3) corners of what of triangles (m, 3, 3) is behind all planes (k, 4)."""
+    """Return corners (n, 3) of the parts of triangles (m, 3, 3) behind all planes (k, 4)."""
     points: Floats = clip(np.ascontiguousarray(triangles), planes, _ROUNDING)
     return points
 
 
 def _hull(points: Floats) -> ConvexHull:
-    return ConvexHull(points, qhull_options="Q12")  # nearly flat: a wide facet is no error
+    return ConvexHull(points, qhull_options="Q12")  # allow wide facets of nearly flat hulls
 
 
 def _crosses(triangles: Floats) -> Floats:
@@ -169,7 +197,7 @@ def _crosses(triangles: Floats) -> Floats:
 
 
 def _thick(points: Floats) -> Floats:
-    """The points, doubled along each principal axis along which they have hardly an extent."""
+    """Thicken points along each principal axis along which they are flatter than `SHEET`."""
     centered = points - points.mean(axis=0)
     for axis in np.linalg.eigh(centered.T @ centered)[1].T:
         if np.ptp(centered @ axis) < SHEET:
@@ -179,7 +207,7 @@ def _thick(points: Floats) -> Floats:
 
 
 def _outermost(points: Floats) -> Floats:
-    """Of points (n, 3) those farthest out, in directions spread as their extents are."""
+    """Return the extreme ones of points (n, 3), in directions that follow their extents."""
     heights = (np.arange(MOST_CORNERS) + 0.5) / MOST_CORNERS * 2 - 1
     angles = np.arange(MOST_CORNERS) * (np.pi * (3 - np.sqrt(5)))  # a spiral over the sphere
     around = np.sqrt(1 - heights**2)

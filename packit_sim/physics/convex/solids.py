@@ -1,4 +1,4 @@
-"""How far from a shape a place is, by voxels: what tells whether a hull fills what is hollow."""
+"""Voxels of a shape, which measure how far a convex piece protrudes from it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,27 @@ RESOLUTION = 128
 
 
 class Solid:
-    """What a shape's surface touches or encloses, as voxels in its canonical frame.
+    """A shape as voxels in its canonical frame: those that its surface touches or encloses.
 
-    voxel: their side, 1/128 of the shape's longest. Distances are from centre to centre, less one
-    voxel: what is out by less than about that much counts as not out at all.
+    Distances are between centres of voxels, less one voxel, so that distances below about the side
+    of a voxel are 0.
+
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+
+    Attributes
+    ----------
+    voxel : float
+        Side of a voxel: 1/128 of the shape's longest side.
     """
 
     def __init__(self, shape: Shape) -> None:
         self.voxel = float(shape.extents.max()) / RESOLUTION
         enlarged = FINE / self.voxel
         x, y, z = cell_box(shape.extents * enlarged)
-        cells = x + 2, y + 2, z + 2  # room around it
+        cells = x + 2, y + 2, z + 2  # a margin
         touched, reached = fine_cells(shape.mesh.triangles * enlarged, cells)
         outside = unpack(reached)
         self._enclosed = unpack(~(touched | reached))
@@ -36,8 +46,8 @@ class Solid:
         self._distance = np.maximum(away, 0) * self.voxel
         self._middle = np.array(outside.shape) / 2
 
-    def overhang(self, piece: Piece) -> float:
-        """How far from the shape the farthest place in a piece is, in canonical units."""
+    def hausdorff(self, piece: Piece) -> float:
+        """Return the one-sided Hausdorff distance of a piece from the shape, in canonical units."""
         places = piece.vertices / self.voxel + self._middle
         low = np.maximum(np.floor(places.min(axis=0)), 0).astype(np.int64)
         high = np.minimum(np.ceil(places.max(axis=0)), self._distance.shape).astype(np.int64)
@@ -46,6 +56,6 @@ class Solid:
         return float(farthest_inside(self._distance, low, high, planes))
 
     def encloses(self, points: Floats) -> npt.NDArray[np.bool_]:
-        """Bool (n,): which of points (n, 3) in the shape's bounding box are in enclosed voxels."""
+        """Return bool (n,): whether points (n, 3) in the bounding box are in enclosed voxels."""
         x, y, z = np.floor(points / self.voxel + self._middle).astype(int).T
         return self._enclosed[x, y, z]
