@@ -92,8 +92,7 @@ def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path
         f"evaluation.evaluate(agents, tasks, 2, file=Path({str(file)!r}))\n"
     )
     process = subprocess.Popen([sys.executable, "-c", script], start_new_session=True)
-    deadline = time.monotonic() + 100
-    while not file.exists() and process.poll() is None and time.monotonic() < deadline:
+    while not file.exists() and process.poll() is None:
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()

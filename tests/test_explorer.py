@@ -102,10 +102,9 @@ def test_the_sequence_plays_to_its_end(
     explorer.controls.set_step(2)
     explorer.wait()
     explorer.play()
-    deadline = time.monotonic() + 60
-    while explorer.controls.play.label != "Pause" and time.monotonic() < deadline:
+    while explorer.controls.play.label != "Pause":
         time.sleep(0.005)
-    while explorer.controls.play.label != "Play" and time.monotonic() < deadline:
+    while explorer.controls.play.label != "Play":
         time.sleep(0.01)
     assert explorer.controls.request.step == shown(explorer) == len(packs[0].items)
 
@@ -422,7 +421,7 @@ def test_without_a_screen_the_address_is_told_and_ctrl_c_ends_it(packit) -> None
     assert "is shown at http://127.0.0.1:" in process.stdout.readline()
     assert "no screen" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate()
     last = out.splitlines()[-1]  # what was being printed just then comes before it
     assert (process.returncode, last, err) == (0, "the viewer is closed", "")
 
@@ -434,8 +433,7 @@ def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
     browser.chmod(0o755)
     process = packit("starter", "--pack", "1", DISPLAY=":0", BROWSER=f"{browser} %s")
     address = process.stdout.readline().split()[4]
-    deadline = time.monotonic() + 60
-    while not (noted.exists() and noted.read_text()) and time.monotonic() < deadline:
+    while process.poll() is None and not (noted.exists() and noted.read_text()):
         time.sleep(0.05)
     assert noted.read_text().strip() == address
 
@@ -449,7 +447,7 @@ def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
     ],
 )
 def test_what_cant_be_shown_is_one_line(packit, arguments, told) -> None:
-    _, err = packit(*arguments).communicate(timeout=120)
+    _, err = packit(*arguments).communicate()
     assert told in err and err.count("\n") == 1
 
 
@@ -457,7 +455,7 @@ def test_a_busy_port_is_told(packit) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         process = packit("starter", "--port", port)
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate()
     assert process.returncode == 2
     assert f"port {port}" in err and "choose another port" in err and err.count("\n") == 1
 

@@ -93,12 +93,12 @@ def test_the_way_can_be_kept(library, tmp_path) -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from packit_sim.creation import generation
+from packit_sim.generation import jobs
 from packit_sim.libraries.library import ShapeLibrary
 from tests.test_generation import SMALL, order
-generation.CHECKPOINT_SECONDS = 0.0
+jobs.CHECKPOINT_SECONDS = 0.0
 print("ready", flush=True)
-generation.generate(order(ShapeLibrary.open("everyday").split("train")), Path(sys.argv[1]))
+jobs.generate(order(ShapeLibrary.open("everyday").split("train")), Path(sys.argv[1]))
 """
 
 

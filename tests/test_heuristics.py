@@ -526,7 +526,6 @@ def play_all(episode: Episode, names: tuple[str, ...], rng: np.random.Generator)
     return actions
 
 
-@settings(max_examples=60)
 @given(
     seed=SEEDS,
     cells=BOXES,

@@ -544,8 +544,8 @@ def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings
         rollout_steps=16,
         minibatch=32,
         epochs=4,
-        steps=2048,
-        validate_every=2048,
+        steps=1024,
+        validate_every=1024,
     )
 
 
@@ -563,7 +563,7 @@ def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
 def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
     """In the box is room for the largest cube alone, or for a smaller one alone."""
     settings = cubes(tmp_path, (20, 44, 60), (60, 60, 60))
-    taught = replace(settings, teacher="smallest-first/aligned/blbf", imitation=2048)
+    taught = replace(settings, teacher="smallest-first/aligned/blbf", imitation=1024)
     for how, first in ((taught, 0), (settings, 2)):
         folder = tmp_path / f"run-{first}"
         done = Training(how, folder, "cpu")

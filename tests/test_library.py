@@ -24,6 +24,11 @@ from packit_sim.libraries.stored import entry
 
 Entry = tuple[QuantizedMesh, ShapeInfo]
 
+SOME_OR_ALL = pytest.mark.parametrize(
+    "step", [9, pytest.param(1, marks=pytest.mark.slow)], ids=["some", "all"]
+)
+"""Test every ninth shape, or every one."""
+
 LICENCES = {"Apache-2.0", "CC0-1.0", "CC-BY-3.0", "CC-BY-3.0-US"}
 
 
@@ -73,8 +78,9 @@ def test_everyday_holds_many_shapes_of_many_kinds(everyday: ShapeLibrary) -> Non
     assert sum(file.stat().st_size for file in files) <= 40e6
 
 
-def test_every_everyday_shape_is_canonical_and_as_described(everyday: ShapeLibrary) -> None:
-    for id in everyday:
+@SOME_OR_ALL
+def test_everyday_shapes_are_canonical_and_as_described(everyday: ShapeLibrary, step: int) -> None:
+    for id in everyday.ids[::step]:
         shape, info = everyday[id], everyday.info(id)
         low, high = shape.mesh.bounds
         assert (low == -high).all(), id
@@ -93,8 +99,9 @@ def test_every_everyday_shape_is_canonical_and_as_described(everyday: ShapeLibra
         ), id
 
 
-def test_every_everyday_shape_voxelises_and_packs(everyday: ShapeLibrary) -> None:
-    for id in everyday:
+@SOME_OR_ALL
+def test_everyday_shapes_voxelise_and_pack(everyday: ShapeLibrary, step: int) -> None:
+    for id in everyday.ids[::step]:
         item = Item(everyday[id], 0.25)
         assert item.outer.any(), id
         box = Box()

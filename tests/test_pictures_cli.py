@@ -284,11 +284,10 @@ def test_ctrl_c_ends_a_film_and_leaves_nothing(packs, tmp_path) -> None:
         start_new_session=True,
     )
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    deadline = time.monotonic() + 120
-    while not children.read_text().split() and time.monotonic() < deadline:
+    while process.poll() is None and not children.read_text().split():
         time.sleep(0.05)  # until ffmpeg runs
     os.killpg(process.pid, signal.SIGINT)
-    told, error = process.communicate(timeout=60)
+    told, error = process.communicate()
     assert process.returncode == 130, error
     assert "stopped: nothing is written" in told and "Traceback" not in error
     assert list(out.parent.iterdir()) == [] and list(temporary.iterdir()) == []

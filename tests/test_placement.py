@@ -110,7 +110,7 @@ def test_why_not_at_no_node_of_the_grid_is_refused() -> None:
         Box().why_not(cube_of(4), (0, 25, 0))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 3))])
 def test_mask_equals_oracle_at_all_15625_locations(seed) -> None:
     """The benchmark's box, filled as agents fill it."""
     rng = np.random.default_rng(seed)

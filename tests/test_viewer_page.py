@@ -152,6 +152,7 @@ def test_the_whole_box_is_in_view(opened: Opened) -> None:
     assert in_view(opened, corners((100, 100, 100)))
 
 
+@pytest.mark.slow
 def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
     first = opened.explorer._exhibits[0]
     apart = reach(first.at(len(first.placed)), 1.5)
@@ -204,6 +205,7 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     opened.wait(lambda: controls.request.chosen != chosen)
 
 
+@pytest.mark.slow
 def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
     opened.explorer.controls._axis.value = "y"
@@ -217,6 +219,7 @@ def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
         assert np.abs(one - other).mean() > 2 * NEAR
 
 
+@pytest.mark.slow
 def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
     explorer, controls = opened.explorer, opened.explorer.controls
     controls.set_step(3)
@@ -233,6 +236,7 @@ def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
     settled_like(opened, "free")
 
 
+@pytest.mark.slow
 def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
     opened.explorer.controls._beside.value = opened.explorer.controls._beside.options[1]
     opened.explorer.wait()
