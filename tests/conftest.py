@@ -7,6 +7,7 @@ chosen by HYPOTHESIS_PROFILE: `quick` draws the same few examples on every run, 
 
 import os
 import shutil
+import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,6 +26,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("packit")
     group.addoption("--masks", type=int, default=100, help="masks to hold against the oracle")
     group.addoption("--seed", type=int, default=0, help="what to draw those masks from")
+
+
+def pytest_configure() -> None:
+    """Hear Ctrl-C also where pytest runs in the background: what tests start inherits that."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import os
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from typer.testing import CliRunner
 
-from packit_sim.cli.app import app
+from packit_sim.cli.app import app, main
 from packit_sim.datasets.packs import Task, load_tasks
 from packit_sim.datasets.provenance import Played
 from packit_sim.evaluation.results import Rollout, write_results
@@ -37,6 +42,33 @@ def packit(*arguments: object) -> str:
         raise found.exception
     assert found.exit_code == 0, found.output
     return found.output
+
+
+@dataclass(frozen=True)
+class Ran:
+    """How a command ended, and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run_packit(*arguments: object, cwd: Path | None = None) -> Ran:
+    """Run `packit` as from a shell, but in this process: a new one takes seconds to import."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        mock.patch.object(sys, "argv", ["packit", *map(str, arguments)]),
+        mock.patch.dict(os.environ),
+        contextlib.chdir(cwd or Path.cwd()),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return Ran(code, out.getvalue(), err.getvalue())
 
 
 def rollout(agent: str, task: int, items: int, rules: Rules = PACKIT, **more: Any) -> Rollout:

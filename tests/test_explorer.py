@@ -35,6 +35,7 @@ from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_categor
 from packit_sim.viewer.box_view import Floats, corners, reach
 from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
 from packit_sim.viewer.web_page import _look, _view
+from tests.runs import run_packit
 from tests.zoo import BALL, CUBE, cube_of
 
 pytest.importorskip("viser")
@@ -446,18 +447,18 @@ def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
         (("starter", "--tasks", "nowhere"), "nowhere: No such file"),
     ],
 )
-def test_what_cant_be_shown_is_one_line(packit, arguments, told) -> None:
-    _, err = packit(*arguments).communicate()
-    assert told in err and err.count("\n") == 1
+def test_what_cant_be_shown_is_one_line(arguments, told) -> None:
+    error = run_packit("view", *arguments).stderr
+    assert told in error and error.count("\n") == 1
 
 
-def test_a_busy_port_is_told(packit) -> None:
+def test_a_busy_port_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        process = packit("starter", "--port", port)
-        _, err = process.communicate()
-    assert process.returncode == 2
-    assert f"port {port}" in err and "choose another port" in err and err.count("\n") == 1
+        ended = run_packit("view", "starter", "--port", port)
+    assert ended.returncode == 2
+    error = ended.stderr
+    assert f"port {port}" in error and "choose another port" in error and error.count("\n") == 1
 
 
 def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) -> None:

@@ -27,7 +27,7 @@ from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate
 from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
-from tests.test_cli import packit
+from tests.runs import run_packit as packit
 
 MEASURED = """
 import resource, subprocess, sys

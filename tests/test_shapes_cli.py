@@ -10,7 +10,7 @@ from trimesh import creation
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
-from tests.test_cli import packit
+from tests.runs import run_packit as packit
 
 
 @pytest.fixture(scope="module")
