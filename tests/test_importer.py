@@ -151,10 +151,10 @@ def test_what_takes_too_much_is_refused_and_the_rest_goes_on(tmp_path: Path) -> 
         tmp_path / "lib",
         "mine",
         "",
-        replace(QUICK, timeout=20, memory=2**31, workers=2),
+        replace(QUICK, timeout=10, memory=2**31, workers=2),
     )
     problems = [outcome.problem for outcome in outcomes]
-    assert problems[0] == "took more than 20 s"
+    assert problems[0] == "took more than 10 s"
     assert problems[1] == "took more than 2 GiB of memory"
     assert "ended the process that read it" in (problems[2] or "")
     assert problems[3] == "unexpected: RuntimeError('what no one thought of')"
@@ -211,13 +211,11 @@ def test_the_command_imports_a_folder_of_anything(tmp_path: Path) -> None:
     (meshes / "good").mkdir(parents=True)
     bad_meshes.write(meshes, list(bad_meshes.BAD))
     bad_meshes.write(meshes / "good", list(bad_meshes.GOOD))
-    started = time.perf_counter()
     arguments = ["shapes", "import", f"folder:{meshes}", "--out", tmp_path / "lib", "--memory", "2"]
     done = subprocess.run(
         [sys.executable, "-c", MEASURED, *map(str, arguments)], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    assert time.perf_counter() - started < 120
     assert int(done.stdout.split()[-1]) < 1e6  # kB, of the process that took most
     report = json.loads((tmp_path / "lib.report.json").read_text())
     rows = {row["source"].rpartition("/")[2]: row for row in report["shapes"]}

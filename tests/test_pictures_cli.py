@@ -276,7 +276,7 @@ def test_ctrl_c_ends_a_film_and_leaves_nothing(packs, tmp_path) -> None:
     temporary.mkdir()
     command = [sys.executable, "-m", "packit_sim", "film", str(packs), "--out", str(out)]
     process = subprocess.Popen(
-        [*command, "--size", "64x36", "--seconds", "600"],
+        [*command, "--size", "64x36", "--seconds", "60"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -204,8 +204,13 @@ def zoo_box() -> Box:
     return box
 
 
-def test_what_falls_loses_energy_and_ends_through_nothing(zoo_box: Box) -> None:
-    found = settle(zoo_box, SETTINGS)
+@pytest.fixture(scope="module")
+def settled_zoo(zoo_box: Box) -> Settled:
+    return settle(zoo_box, SETTINGS)
+
+
+def test_what_falls_loses_energy_and_ends_through_nothing(settled_zoo: Settled) -> None:
+    found = settled_zoo
     assert found.energy[1] < found.energy[0]
     assert all(item.inside for item in found.items)
     assert max(wall_penetrations(found)) < INSIDE
@@ -219,8 +224,8 @@ def told(found: Settled) -> list[tuple[object, ...]]:
     ]
 
 
-def test_the_same_again_is_the_same(zoo_box: Box) -> None:
-    assert told(settle(zoo_box, SETTINGS)) == told(settle(zoo_box, SETTINGS))
+def test_the_same_again_is_the_same(zoo_box: Box, settled_zoo: Settled) -> None:
+    assert told(settle(zoo_box, SETTINGS)) == told(settled_zoo)
 
 
 def test_what_is_light_is_not_pressed_through_the_floor() -> None:

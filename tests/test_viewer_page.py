@@ -187,6 +187,7 @@ def test_the_step_slider_moves_items(opened: Opened) -> None:
     assert np.abs(empty - whole).mean() > 3 * NEAR
 
 
+@pytest.mark.slow
 def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     controls = opened.explorer.controls
     last = len(opened.explorer._exhibits[0].placed) - 1
