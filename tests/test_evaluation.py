@@ -185,7 +185,7 @@ def test_evaluate_and_compare_on_the_command_line(tmp_path) -> None:
     assert "   2     0       0" in packit("compare", file)
     assert f"3 {NAMES[2]}" in packit("compare", file, other)
     for wrong, message in (
-        ((other,), "holds one agent alone"),
+        ((other,), "contains one agent only"),
         ((file, file, file), "3 files can't be compared"),
         (("assets/packs/starter/packs.jsonl",), "packit evaluate --out"),
         (("absent.jsonl",), "absent.jsonl"),

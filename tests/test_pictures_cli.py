@@ -222,7 +222,7 @@ def test_a_figure_of_packs_that_have_no_history(packit, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["render", "starter", "--out", "a.jpg"], "a.jpg is no picture: choose a name that ends"),
+        (["render", "starter", "--out", "a.jpg"], "a.jpg is not a picture: choose a name"),
         (["render", "--out", "a.png"], "nothing to draw: give PACKS"),
         (["render", "starter", "--id", "teapot", "--out", "a.png"], "leave them out, or 'starter'"),
         (["render", "--id", "dragon", "--out", "a.png"], "'dragon'"),
@@ -236,7 +236,7 @@ def test_a_figure_of_packs_that_have_no_history(packit, tmp_path) -> None:
         (["render", "starter", "--cut", "y>1", "--out", "a.png"], "cut 'y>1' is not possible"),
         (["render", "starter", "--cut", "w=0.5", "--out", "a.png"], "cut 'w=0.5'"),
         (["render", "starter", "--cut", "y=-1", "--out", "a.png"], "cut 'y=-1'"),
-        (["render", "starter", "--background", "mud", "--out", "a.png"], "'mud' is no colour"),
+        (["render", "starter", "--background", "mud", "--out", "a.png"], "'mud' is not a colour"),
         (["render", "starter", "--out", "/proc/a.png"], "/proc/a.png"),
         (["film", "starter", "--out", "a.avi"], "a.avi is no film"),
         (["film", "starter", "--cut", "y=0.5", "--out", "a.gif"], "choose --camera turntable"),

@@ -314,7 +314,7 @@ def test_an_output_that_is_no_page_is_refused(out, tmp_path, monkeypatch) -> Non
     results(Path("played.jsonl"), {GOOD: [3]})
     Path("folder.html").mkdir()
     before = Path("played.jsonl").read_bytes()
-    with pytest.raises(ReportError, match=f"{out} is no page.*html"):
+    with pytest.raises(ReportError, match=f"{out} is not an HTML file.*html"):
         packit("report", "played.jsonl", "-o", out)
     assert Path("played.jsonl").read_bytes() == before
 
