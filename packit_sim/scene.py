@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.output import quiet
+from packit_sim.core.silence import quiet
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.obj_text import convex_pieces, objects
 from packit_sim.geometry.shapes import Item

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.errors import PhysicsError
-from packit_sim.core.output import quiet
+from packit_sim.core.silence import quiet
 from packit_sim.geometry.obj_text import UNIT, objects
 from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.errors import RenderError
-from packit_sim.core.output import quiet
+from packit_sim.core.silence import quiet
 from packit_sim.geometry.obj_text import UNIT, drawn
 from packit_sim.geometry.poses import Pose
 from packit_sim.render.cameras import Camera, Points
