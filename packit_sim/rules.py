@@ -52,10 +52,8 @@ class Rules:
         if self.kinematic:
             parts.append("kinematic")
         if self.physics is not None:
-            usual = asdict(PhysicsSettings())
-            changed = {k: v for k, v in asdict(self.physics).items() if v != usual[k]}
-            values = "".join(f" {name}={value!r}" for name, value in changed.items())
-            parts.append(f"physics{values}")
+            changed = _changed(asdict(self.physics), asdict(PhysicsSettings()))
+            parts.append(" ".join(["physics", *changed]))
         if self.cells is not None:
             parts.append(f"box of {' x '.join(map(str, self.cells))} cells")
         return ", ".join(parts)
@@ -147,3 +145,14 @@ def _with_physics(values: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(physics, bool):
         return dict(values)
     return {**values, "physics": PhysicsSettings() if physics else None}
+
+
+def _changed(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> list[str]:
+    """List the settings that are not the default as NAME=VALUE."""
+    found = []
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found += _changed(value, defaults[name])
+        elif value != defaults[name]:
+            found.append(f"{name}={value!r}")
+    return found

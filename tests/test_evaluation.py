@@ -257,5 +257,5 @@ def test_reproduce_goes_on_with_what_it_has(tmp_path, monkeypatch) -> None:
     assert {"table1.md", "table1.json", "table1.png", "packit.jsonl"} <= written
     monkeypatch.setattr(evaluation, "play", None)  # nothing is played again
     packit("reproduce", "table1", *common, "--quick")
-    with pytest.raises(PackItError, match="no 'table2': choose from table1, beam"):
+    with pytest.raises(PackItError, match="no table or figure 'table2': choose from table1, beam"):
         packit("reproduce", "table2", *common)

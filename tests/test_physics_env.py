@@ -18,11 +18,11 @@ from msgspec import structs
 from trimesh import creation, transformations
 
 from packit_sim import Agent
-from packit_sim.core.errors import InfeasibleError, PackFormatError
-from packit_sim.datasets.packs import LibraryRef, Pack, Task, verify
+from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
+from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task, verify, write_packs
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
-from packit_sim.evaluation.results import Rollout, read_results, write_results
+from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.game.episode import End, Episode
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
@@ -35,6 +35,7 @@ from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle
 from packit_sim.rules import Rules
 from packit_sim.viewer.viewer import Viewer
+from tests.runs import packit
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of
 
 SETTINGS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
@@ -143,7 +144,7 @@ def test_the_reward_is_of_what_is_inside_and_stable_at_the_end() -> None:
     assert rewards[2] == pytest.approx((load.volume - plank.volume) / whole)
     assert env.episode.total == pytest.approx((base.volume + load.volume) / whole)
     assert env.episode.end is End.COMPLETE
-    info = env._info()
+    _, info = env._observe()
     assert info["placed_volume"] == pytest.approx(base.volume + load.volume)
     assert len(env.episode.box.placed) == 3
     env.close()
@@ -361,6 +362,30 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
     broken = replace(read.pack, items=(sunk, *read.pack.items[1:]))
     assert "item 0 ('ball') is not inside the box" in verify(broken, library)[0]
     assert "density is recorded" in verify(replace(read.pack, density=0.5), library)[0]
+
+
+def test_evaluations_with_physics_are_stored_resumed_and_drawn(tmp_path) -> None:
+    zoo, packs, out = (tmp_path / name for name in ("zoo", "packs.jsonl", "results.jsonl"))
+    stored.write(zoo, "zoo", "1", [stored.entry(shape) for shape in ZOO])
+    outside = (ItemRecord("ball", 0.05), ItemRecord("cube", 0.02), ItemRecord("ring", 0.05))
+    library = LibraryRef.of(ShapeLibrary.open(zoo))
+    write_packs(packs, [Pack(library, CELLS, (), 0.0, outside=outside)] * 2)
+    common = ("evaluate", packs, "--library", zoo, "--out", out, "--pieces", "bisection")
+    agents = ("largest-first/aligned/blbf", "smallest-first/aligned/blbf")
+    packit(*common, "--physics", "--agent", agents[0], "--tasks", 1)
+    first = read_results(out)
+    told = packit(*common, "--physics", "--agent", agents[0], "--agent", agents[1])
+    assert "rules: PackIt, physics" in told
+    played = read_results(out)
+    assert len(played) == 4 and played[0].seconds == first[0].seconds
+    assert {one.rules for one in played} == {Rules(physics=SETTINGS)}
+    assert not any(one.pack.is_on_grid for one in played)
+    packit("render", out, "--library", zoo, "--out", tmp_path / "settled.png", "--size", 64)
+    assert (tmp_path / "settled.png").stat().st_size > 0
+    with pytest.raises(ResultsError, match="rules PackIt, physics method='bisection', not PackIt:"):
+        packit(*common, "--agent", agents[0])
+    with pytest.raises(ArgumentError, match="--scores and --physics exclude each other"):
+        packit(*common, "--physics", "--scores")
 
 
 def test_rewards_add_up_to_what_counts() -> None:

@@ -35,7 +35,7 @@ from packit_sim.evaluation.results import Rollout, read_results
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
-from packit_sim.physics.settings import METHODS, DecompositionSettings, Method
+from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
 from packit_sim.rules import PACKIT, Rules
 
 HEURISTICS = tuple(
@@ -63,6 +63,9 @@ def evaluate_command(
     kinematic: Annotated[
         bool, typer.Option("--kinematic", help="Insert items straight down from the open top only.")
     ] = False,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Let all items settle after each placement.")
+    ] = False,
     tasks: Annotated[
         int | None, typer.Option(min=1, help="Evaluate only the first N tasks.")
     ] = None,
@@ -87,8 +90,13 @@ def evaluate_command(
 
     Example: packit evaluate everyday-v1 --split test --agent largest-first/aligned/blbf
     """
-    if scores:
-        require(DecompositionSettings(method=pieces))
+    if scores and physics:
+        raise ArgumentError("--scores and --physics exclude each other: items already settled")
+    decomposition = DecompositionSettings(method=pieces)
+    if scores or physics:
+        require(decomposition)
+    world = PhysicsSettings(decomposition=decomposition) if physics else None
+    rules = Rules(easy, kinematic, world)
     opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     wanted = load_tasks(packs, opened, split)[:tasks]
@@ -96,16 +104,14 @@ def evaluate_command(
         prepare_folder(out)
     hint = RESUMABLE if out else "no results file was given"
     with stoppable(hint), Workers(workers, backend, address) as processes:
-        rollouts = evaluate_shown(
-            agents, wanted, seed, Rules(easy, kinematic), workers=processes, file=out
-        )
+        rollouts = evaluate_shown(agents, wanted, seed, rules, workers=processes, file=out)
         if scores:
             rollouts = judge_shown(rollouts, opened, pieces, workers=processes, file=out)
     show_agents(agent.name for agent in agents)
     table = score_table([Score.of(agent.name, rollouts) for agent in agents])
     table.caption = (
-        f"tasks: {len(wanted)}, seed: {seed}; below each mean its 95% bootstrap interval; "
-        "s: median seconds a task"
+        f"tasks: {len(wanted)}, seed: {seed}, rules: {rules}; below each mean its 95% bootstrap "
+        "interval; s: median seconds a task"
     )
     console.print(table)
     own = [_of(rollouts, agent.name) for agent in agents]

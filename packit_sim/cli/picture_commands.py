@@ -237,15 +237,18 @@ def _shown(
             f"--category and --id select from a library: leave them out, or {packs!r}"
         )
     pack = picked(packs, split, number)
+    size = np.array(pack.cells) * CELL
     if task:
         items = list(pack.task(library).items)
-        size = np.array(pack.cells) * CELL
         layout = Layout.standing(items, size)
         return BoxState(pack.cells, layout.posed(items)), layout, rule
-    box = pack.contents(library)
     played = pack.provenance
     if color == "share" and isinstance(played, Played) and played.total > 0:
-        rule = ByShare(sum(one.item.volume for one in box.placed) / played.total)
+        rule = ByShare(pack.density * float(size.prod()) / played.total)
+    if not pack.is_on_grid and color != "stability":
+        settled = pack.placed(library)
+        return BoxState(pack.cells, settled), Layout.packed(settled, size), rule
+    box = pack.contents(library)
     return box, None, _by_stability(box) if color == "stability" else rule
 
 
