@@ -55,10 +55,10 @@ def unblocked(
     query = (occupancy.arrays, voxels.arrays, occupancy.placed_arrays, voxels.number.shape, size)
     i, j, k = start
     number = (k * size[0] + i) * size[1] + j
-    i, j, k, number, count = screening_kernels.next_unblocked(*query, number, found)
+    i, j, k, number, count = screening_kernels.next_unblocked(query, number, found)
     while count >= 0:
         yield (i, j, k), found[:count], number
-        i, j, k, number, count = screening_kernels.next_unblocked(*query, number, found)
+        i, j, k, number, count = screening_kernels.next_unblocked(query, number, found)
 
 
 def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDArray[np.int64]:

@@ -56,13 +56,15 @@ def screen_at(box, item, location):
 
 
 @kernel
-def next_unblocked(box, item, placed, extent, size, number, found):
+def next_unblocked(query, number, found):
     """Find the next location that is not blocked, in the order of (z, x, y).
 
-    number: of the location to start at. extent: bricks of the item along x, y and z. found: filled
-    with the numbers of the placed items that leave the location open. Returns the location, the
-    number of the one after it, and how many were written to `found`, -1 if there is no location.
+    query: box, item, placed, extent (bricks of the item along x, y and z) and size. number: of the
+    location to start at. found: filled with the numbers of the placed items that leave the location
+    open. Returns the location, the number of the one after it, and how many were written to
+    `found`, -1 if there is no location.
     """
+    box, item, placed, extent, size = query
     box, item, placed = BoxArrays(*box), ItemArrays(*item), PlacedArrays(*placed)
     row, layer = size[1], size[0] * size[1]
     offsets = _offsets(item.bricks, box.nx, box.ny)
