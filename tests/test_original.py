@@ -270,11 +270,11 @@ def test_the_files_of_a_folder_are_read_by_their_numbers(library, tmp_path) -> N
         (b"[" * 100_000, "is not JSON: "),
         (b"9" * 5000, "is not JSON: "),
         (b"\xff\xfe", "can't decode byte 0xff"),
-        (b"[1]", r"the file is \[1\]: it must be a JSON object"),
+        (b"[1]", "the file must be a JSON object, not list"),
         (b"{}", "field 'data' is missing"),
-        (b'{"data": {}}', r"field 'data' is \{\}: it must be of type list"),
-        (b'{"data": []}', "field 'data' is empty"),
-        (b'{"data": [7]}', "pack 0: a pack is 7: it must be a JSON object"),
+        (b'{"data": {}}', r"field 'data' is \{\}: expected array"),
+        (b'{"data": []}', r"field 'data' is \[\]: expected array of length >= 1"),
+        (b'{"data": [7]}', "pack 0: a pack must be a JSON object, not int"),
     ],
 )
 def test_what_is_no_pack_file_is_refused(library, tmp_path, content, problem) -> None:
@@ -303,35 +303,35 @@ def test_what_may_not_be_read_is_refused(library, tmp_path, monkeypatch) -> None
         read_original(tmp_path, library)
 
 
-NUMBER = "must be a number"
 MISSING = object()
+SCALE = {"x": 0.5, "y": 0.5, "z": 0.5}
 
 
 @pytest.mark.parametrize(
     ("path", "value", "problem"),
     [
         (("sources",), MISSING, "field 'sources' is missing"),
-        (("sources",), "mug", "field 'sources' is 'mug': it must be of type list"),
-        (("sources",), [], "field 'sources' is empty"),
-        (("sources", 1), 7, r"field 'sources\[1\]' is 7: it must be of type str"),
+        (("sources",), "mug", "field 'sources' is 'mug': expected array"),
+        (("sources",), [], r"field 'sources' is \[\]: expected array of length >= 1"),
+        (("sources", 1), 7, r"field 'sources\[1\]' is 7: expected str"),
         (("efficiency",), MISSING, "field 'efficiency' is missing"),
-        (("efficiency",), "0.4", f"field 'efficiency' is '0.4': it {NUMBER}"),
-        (("efficiency",), -0.1, r"field 'efficiency' is -0\.1: it must be from 0"),
-        (("efficiency",), float("nan"), "field 'efficiency' is nan: it must be from 0"),
-        (("shapeScale",), None, f"field 'shapeScale' is None: it {NUMBER}"),
-        (("shapeScale",), 0, r"field 'shapeScale' is 0: it must be from 0\.01 to 1\.75"),
+        (("efficiency",), "0.4", "field 'efficiency' is '0.4': expected float"),
+        (("efficiency",), -0.1, r"field 'efficiency' is -0\.1: expected float >= 0"),
+        (("efficiency",), float("nan"), "field 'efficiency' is nan: expected float"),
+        (("shapeScale",), None, "field 'shapeScale' is None: expected float"),
+        (("shapeScale",), 0, r"field 'shapeScale' is 0: expected float >= 0\.01"),
         (("positions",), [], "field 'positions' has 0 entries, 'sources' has 3"),
-        (("positions", 0), [0, 0, 0], r"field 'positions\[0\]' is \[0, 0, 0\]: .* JSON object"),
+        (("positions", 0), [0, 0, 0], r"field 'positions\[0\]' is \[0, 0, 0\]: expected object"),
         (("positions", 2, "z"), MISSING, r"field 'positions\[2\]\.z' is missing"),
         (("positions", 2, "z"), float("inf"), r"field 'positions\[2\]\.z' is inf"),
-        (("scales",), [{}], "field 'scales' has 1 entry, 'sources' has 3: they must be as many"),
-        (("scales", 1, "x"), -0.5, r"field 'scales\[1\]\.x' is -0\.5: it must be from 0\.01"),
+        (("scales",), [SCALE], "field 'scales' has 1 entry, 'sources' has 3: they must be as many"),
+        (("scales", 1, "x"), -0.5, r"field 'scales\[1\]\.x' is -0\.5: expected float >= 0\.01"),
         (("scales", 1, "y"), float("nan"), r"field 'scales\[1\]\.y' is nan"),
-        (("scales", 1, "z"), 2, r"field 'scales\[1\]\.z' is 2: it must be from 0\.01 to 1\.75"),
-        (("scales", 1, "z"), 10**400, r"field 'scales\[1\]\.z' is 10+\.\.\.0+: it must be from"),
-        (("scales", 1, "z"), True, rf"field 'scales\[1\]\.z' is True: it {NUMBER}"),
+        (("scales", 1, "z"), 2, r"field 'scales\[1\]\.z' is 2: expected float <= 1\.75"),
+        (("scales", 1, "z"), 10**400, r"field 'scales\[1\]\.z' is 10+\.\.\.0+: .*out of range"),
+        (("scales", 1, "z"), True, r"field 'scales\[1\]\.z' is True: expected float"),
         (("scales", 1, "z"), 0.6, r"field 'scales\[1\]' is \(0.5, 0.5, 0.6\): the three must be"),
-        (("rotations", 0), "up", r"field 'rotations\[0\]' is 'up': it must be a JSON object"),
+        (("rotations", 0), "up", r"field 'rotations\[0\]' is 'up': expected object"),
         (("rotations", 0, "w"), MISSING, r"field 'rotations\[0\]\.w' is missing"),
         (("rotations", 0, "w"), 0.9, r"field 'rotations\[0\]' is .* a unit quaternion"),
         (("rotations", 0, "x"), 0.3, r"field 'rotations\[0\]' is .* a unit quaternion"),

@@ -281,7 +281,7 @@ def test_the_command_writes_one_file(tmp_path) -> None:
         (["empty"], r"empty is no folder of a training: settings.json"),
         (["begun"], r"begun is no folder of a training: curve.json.*first validation"),
         (["cut"], r"cut/curve.json is damaged"),
-        (["odd"], r"odd/curve.json, point 0 is no point"),
+        (["odd"], r"odd/curve.json is damaged: field .*validation. is 3"),
         (["good.jsonl", "--agent", "x/y/z"], r"'x/y/z'.*choose from a/b/c"),
         (["good.jsonl", "--packs", "everyday-v1", "--split", "test"], r"none of the tasks.*v1"),
     ],

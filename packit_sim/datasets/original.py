@@ -9,15 +9,16 @@ from __future__ import annotations
 import json
 import math
 import re
-import reprlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType, field
 
+from packit_sim.core import typed_json
 from packit_sim.core.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import FromOriginal
@@ -146,9 +147,9 @@ def read_original(
     unresolved: list[Unresolved] = []
     packs = 0
     for file in _files(Path(path)):
-        for number, recorded in enumerate(_recorded_packs(file)):
+        for number, (recorded, entries) in enumerate(_recorded_packs(file)):
             packs += 1
-            task, problems = shapes.task(recorded, file.name, number)
+            task, problems = shapes.task(recorded, entries, file.name, number)
             unresolved += problems
             if task.items and (partial or not problems):
                 tasks.append(task)
@@ -156,22 +157,71 @@ def read_original(
     return Original(tuple(tasks), packs, tuple(unresolved))
 
 
+Number = Annotated[float, Meta(ge=-MOST, le=MOST)]
+Factor = Annotated[float, Meta(ge=SMALLEST, le=LARGEST)]
+
+
+class _Position(Struct):
+    x: Number
+    y: Number
+    z: Number
+
+
+class _Factors(Struct):
+    x: Factor
+    y: Factor
+    z: Factor
+
+
+class _Quaternion(Struct):
+    x: Number
+    y: Number
+    z: Number
+    w: Number
+
+
+class _RecordedPack(Struct):
+    """A pack as the file has it: an entry of each list for each item."""
+
+    sources: Annotated[tuple[str, ...], Meta(min_length=1)]
+    scales: tuple[_Factors, ...]
+    rotations: tuple[_Quaternion, ...]
+    positions: tuple[_Position, ...]
+    efficiency: Annotated[float, Meta(ge=0, le=MOST)]
+    shape_scale: Factor | UnsetType = field(default=UNSET, name="shapeScale")
+
+    def items(self) -> list[_RecordedItem]:
+        """Its items, in our terms. Raises PackFormatError that names the field that is wrong."""
+        for name in ("scales", "rotations", "positions"):
+            entries = getattr(self, name)
+            if len(entries) != len(self.sources):
+                raise PackFormatError(
+                    f"field {name!r} has {_count(len(entries), 'entry', 'entries')}, "
+                    f"'sources' has {len(self.sources)}: they must be as many"
+                )
+        return [
+            _RecordedItem(
+                source,
+                _scale(self.scales[n], f"scales[{n}]"),
+                _rotation(self.rotations[n], f"rotations[{n}]"),
+            )
+            for n, source in enumerate(self.sources)
+        ]
+
+
+class _PackFile(Struct):
+    """What a file holds: its packs, read one by one."""
+
+    data: Annotated[list[Any], Meta(min_length=1)]
+
+
 @dataclass(frozen=True)
 class _RecordedItem:
-    """What a pack file says of an item, its scale and rotation already ours."""
+    """An item of a pack, its scale and rotation already ours."""
 
     source: str
     scale: float
     rotation: int
-
-
-@dataclass(frozen=True)
-class _RecordedPack:
-    """What a pack file says of a pack. shape_scale: None where it says nothing of it."""
-
-    efficiency: float
-    shape_scale: float | None
-    items: tuple[_RecordedItem, ...]
 
 
 class _Shapes:
@@ -186,12 +236,12 @@ class _Shapes:
         self._missing = {_plain(id): reason for id, reason in library.missing.items()}
 
     def task(
-        self, recorded: _RecordedPack, file: str, number: int
+        self, recorded: _RecordedPack, entries: list[_RecordedItem], file: str, number: int
     ) -> tuple[Task, list[Unresolved]]:
         """The task of what there are shapes for, and what there are none for."""
         items: list[tuple[Item, int]] = []
         problems: list[Unresolved] = []
-        for n, entry in enumerate(recorded.items):
+        for n, entry in enumerate(entries):
             try:
                 items.append((self._item(entry), entry.rotation))
             except PackItError as error:
@@ -201,7 +251,7 @@ class _Shapes:
             file=file,
             pack=number,
             efficiency=recorded.efficiency,
-            shape_scale=recorded.shape_scale,
+            shape_scale=recorded.shape_scale or None,
             rotations=tuple(rotation for _, rotation in items),
             left_out=len(problems),
         )
@@ -284,8 +334,8 @@ def _natural(name: str) -> list[int | str]:
     return [int(part) if n % 2 else part for n, part in enumerate(parts)]
 
 
-def _recorded_packs(file: Path) -> Iterator[_RecordedPack]:
-    """The packs of a file. Raises PackFormatError that names it."""
+def _recorded_packs(file: Path) -> Iterator[tuple[_RecordedPack, list[_RecordedItem]]]:
+    """The packs of a file, each with its items. Raises PackFormatError that names the file."""
     try:
         text = file.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -295,128 +345,51 @@ def _recorded_packs(file: Path) -> Iterator[_RecordedPack]:
     if not text.strip():
         raise PackFormatError(f"{file} is empty")
     try:
-        raw = json.loads(text)
+        raw = json.loads(text)  # the packs of a foreign tool: unknown fields may hold NaN
     except (ValueError, RecursionError) as error:
         raise PackFormatError(f"{file} is not JSON: {error}") from None
     try:
-        packs = _get(_object(raw, "the file"), "data", list)
+        packs = typed_json.convert(raw, _PackFile, PackFormatError, "the file").data
     except PackFormatError as error:
         raise PackFormatError(f"{file}: {error}") from None
-    if not packs:
-        raise PackFormatError(f"{file}: field 'data' is empty: it holds no packs")
     for number, pack in enumerate(packs):
         try:
-            yield _recorded_pack(_object(pack, "a pack"))
+            recorded = typed_json.convert(pack, _RecordedPack, PackFormatError, "a pack")
+            yield recorded, recorded.items()
         except PackFormatError as error:
             raise PackFormatError(f"{file}, pack {number}: {error}") from None
 
 
-def _recorded_pack(raw: Mapping[str, Any]) -> _RecordedPack:
-    lists = {key: _get(raw, key, list) for key in ("sources", "scales", "rotations", "positions")}
-    sources = lists["sources"]
-    if not sources:
-        raise PackFormatError("field 'sources' is empty: a pack has at least one item")
-    for key, values in lists.items():
-        if len(values) != len(sources):
-            raise PackFormatError(
-                f"field {key!r} has {_count(len(values), 'entry', 'entries')}, "
-                f"'sources' has {len(sources)}: they must be as many"
-            )
-    for n, position in enumerate(lists["positions"]):
-        _vector(position, f"positions[{n}]", "xyz")
-    return _RecordedPack(
-        _within(_get(raw, "efficiency"), "efficiency", 0.0, MOST),
-        _within(raw["shapeScale"], "shapeScale", SMALLEST, LARGEST)
-        if "shapeScale" in raw
-        else None,
-        tuple(
-            _RecordedItem(
-                _of_kind(source, f"sources[{n}]", str),
-                _scale(lists["scales"][n], f"scales[{n}]"),
-                _rotation(lists["rotations"][n], f"rotations[{n}]"),
-            )
-            for n, source in enumerate(sources)
-        ),
-    )
-
-
-def _scale(raw: Any, field: str) -> float:
+def _scale(recorded: _Factors, field: str) -> float:
     """The ratio of volumes of what is scaled by so much along Unity's axes."""
-    factors = _vector(raw, field, "xyz", SMALLEST, LARGEST)
+    factors = recorded.x, recorded.y, recorded.z
     if max(factors) - min(factors) > UNEQUAL * max(factors):
         raise PackFormatError(
-            f"field {field!r} is {tuple(factors)}: the three must be equal, an item has one scale"
+            f"field {field!r} is {factors}: the three must be equal, an item has one scale"
         )
     return math.prod(factors)
 
 
-def _rotation(raw: Any, field: str) -> int:
-    """Which of our rotations a quaternion of Unity's is."""
-    x, y, z, w = quaternion = _vector(raw, field, "xyzw")
-    turn = np.array(
+def _rotation(recorded: _Quaternion, field: str) -> int:
+    """The index of the rotation that is a quaternion of Unity's."""
+    x, y, z, w = quaternion = recorded.x, recorded.y, recorded.z, recorded.w
+    unity = np.array(
         (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
             (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
             (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
         )
     )
-    ours = _UNITY_TO_OURS @ turn @ _UNITY_TO_OURS.T
+    ours = _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T
     errors = np.abs(rotations.MATRICES - ours).max(axis=(1, 2))
     nearest = int(errors.argmin())
     unit = abs(math.hypot(*quaternion) - 1) <= SKEW
     if not (unit and errors[nearest] <= SKEW):
         raise PackFormatError(
-            f"field {field!r} is {tuple(quaternion)}: it must be a unit quaternion of one of the "
+            f"field {field!r} is {quaternion}: it must be a unit quaternion of one of the "
             f"{rotations.COUNT} rotations"
         )
     return nearest
-
-
-def _vector(
-    raw: Any, field: str, axes: str, least: float = -MOST, most: float = MOST
-) -> list[float]:
-    """The numbers x, y, z (and w) of an object, each from least to most."""
-    members = _object(raw, f"field {field!r}")
-    return [
-        _within(_get(members, axis, where=field), f"{field}.{axis}", least, most) for axis in axes
-    ]
-
-
-def _within(raw: Any, field: str, least: float, most: float) -> float:
-    """A number from least to most; a bool is none."""
-    if not isinstance(raw, int | float) or isinstance(raw, bool):
-        raise PackFormatError(f"field {field!r} is {_shown(raw)}: it must be a number")
-    if not least <= raw <= most:
-        raise PackFormatError(
-            f"field {field!r} is {_shown(raw)}: it must be from {least:g} to {most:g}"
-        )
-    return float(raw)
-
-
-def _get(raw: Mapping[str, Any], key: str, kind: type = object, where: str = "") -> Any:
-    name = f"{where}.{key}" if where else key
-    if key not in raw:
-        raise PackFormatError(f"field {name!r} is missing")
-    return _of_kind(raw[key], name, kind)
-
-
-def _of_kind(value: Any, field: str, kind: type) -> Any:
-    if not isinstance(value, kind):
-        raise PackFormatError(
-            f"field {field!r} is {_shown(value)}: it must be of type {kind.__name__}"
-        )
-    return value
-
-
-def _object(value: Any, what: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise PackFormatError(f"{what} is {_shown(value)}: it must be a JSON object")
-    return value
-
-
-def _shown(value: Any) -> str:
-    """A value for a message, not too much of it."""
-    return _printable(reprlib.repr(value))
 
 
 def _printable(text: str) -> str:

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import MeshError, PackFormatError
-from packit_sim.datasets.verification import MAX_LENGTH, Problem, Report, is_number, named
+from packit_sim.datasets.verification import Problem, Report, named
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.repair import clean_mesh, repair_mesh
@@ -27,6 +27,9 @@ from packit_sim.libraries.mesh_files import read
 
 POSE_SLACK = 1e-6
 """How far a pose may be from a turn and one scale, relatively: what single precision leaves."""
+
+MAX_LENGTH = 1e30
+"""Of boxes, meshes and poses of other tools, in any unit; none may be below its inverse."""
 
 SAMPLES = 9
 """Points of a part that vote on whether another shell holds it."""
@@ -291,12 +294,19 @@ def _numbers(
 
 def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
     if not shape:
-        return is_number(value)
+        return _is_number(value)
     return (
         isinstance(value, list)
         and len(value) == shape[0]
         and all(_has_shape(part, shape[1:]) for part in value)
     )
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value of JSON is a number, and not beyond `MAX_LENGTH`."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < MAX_LENGTH
 
 
 def _pose_fault(pose: Floats) -> str | None:

@@ -38,9 +38,6 @@ from packit_sim.placement import PlacedItem
 SCALE_SLACK = 1e-12
 """How far, relatively, an item's scale may be from one of its settings': rounding of products."""
 
-MAX_LENGTH = 1e30
-"""Of boxes, meshes and poses of other tools, in any unit; none may be below its inverse."""
-
 WITNESSES = 512
 """Cells of an item, of either kind, that are asked about all locations before the oracle is."""
 
@@ -408,10 +405,3 @@ def _earlier(
 def named(number: int, name: str) -> str:
     """An item as problems name it."""
     return f"item {number} ({name!r})"
-
-
-def is_number(value: object) -> bool:
-    """Whether a value of JSON is a number, and not beyond `MAX_LENGTH`."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < MAX_LENGTH

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from msgspec import Meta, Struct
+
+from packit_sim.core import typed_json
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError
 
@@ -32,22 +34,13 @@ class Point:
     validation: Estimate
 
     def to_json(self) -> dict[str, Any]:
+        """Return the point in JSON's types."""
         return asdict(self)
 
     @classmethod
-    def from_json(cls, told: Mapping[str, Any]) -> Point:
-        """Raises KeyError, TypeError or ValueError where it is no point."""
-        reward, validation = told["reward"], told["validation"]
-        low, high = (validation[end] for end in ("low", "high"))
-        return cls(
-            int(told["steps"]),
-            None if reward is None else float(reward),
-            Estimate(
-                float(validation["mean"]),
-                None if low is None else float(low),
-                None if high is None else float(high),
-            ),
-        )
+    def from_json(cls, raw: Any) -> Point:
+        """Read a point. Raises CurveError that names the field that is wrong."""
+        return typed_json.convert(raw, cls, CurveError, "a point")
 
 
 @dataclass(frozen=True)
@@ -69,34 +62,30 @@ class Trained:
     @classmethod
     def read(cls, folder: Path) -> Trained:
         """Raises CurveError that names the file, and what it must be."""
-        settings = _read(folder / SETTINGS_FILE, "`packit train` writes it at the start")
-        curve = _read(folder / CURVE_FILE, "`packit train` writes it at the first validation")
-        if not isinstance(settings, dict) or not isinstance(settings.get("settings"), dict):
-            raise CurveError(
-                f"{folder / SETTINGS_FILE}: field 'settings' must be an object of settings by name"
-            )
-        if not isinstance(curve, list) or not curve:
-            raise CurveError(f"{folder / CURVE_FILE} must be a list of at least one point")
-        points = []
-        for n, told in enumerate(curve):
-            try:
-                points.append(Point.from_json(told))
-            except (KeyError, TypeError, ValueError) as error:
-                raise CurveError(
-                    f"{folder / CURVE_FILE}, point {n} is no point of a learning curve: {error!r}"
-                ) from None
-        return cls(folder, dict(_flat(settings["settings"])), tuple(points))
+        settings = _read(folder / SETTINGS_FILE, _Settings, "`packit train` writes it at the start")
+        when = "`packit train` writes it at the first validation"
+        curve = _read(folder / CURVE_FILE, _Curve, when)
+        return cls(folder, dict(_flat(settings.settings)), curve)
 
 
-def _read(file: Path, when: str) -> Any:
+class _Settings(Struct):
+    """The content of `settings.json`."""
+
+    settings: dict[str, Any]
+
+
+_Curve = Annotated[tuple[Point, ...], Meta(min_length=1)]
+
+
+def _read(file: Path, kind: Any, when: str) -> Any:
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
+        return typed_json.decode(file.read_bytes(), kind, CurveError)
     except OSError as error:
         raise CurveError(
             f"{file.parent} is no folder of a training: {file.name} can't be read: "
             f"{error.strerror}; {when}"
         ) from None
-    except (ValueError, RecursionError) as error:
+    except CurveError as error:
         raise CurveError(f"{file} is damaged: {error}") from None
 
 

@@ -7,6 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import LibraryError, MeshError
@@ -41,7 +44,7 @@ class ShapeInfo:
     triangles: int
     watertight: bool
     solid: bool
-    volume: float
+    volume: Annotated[float, Meta(gt=0, le=1)]
     error_bound: float
     group: str
     digest: str

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 import tempfile
 import zlib
 from collections.abc import Callable, Container, Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
+from msgspec import Struct, structs
+
+from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -34,10 +36,38 @@ CATALOGUE = "library.json"
 
 _SPLITS = "splits.json"
 _MESHES = "meshes"
-_JSON_TYPES: dict[Any, type] = {"str": str, "int": int, "bool": bool, "float": float}
 _UNREADABLE = (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile, zlib.error)
 _ID = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
 _UNFIT = re.compile(r"[^\w./-]+")
+
+
+T = TypeVar("T")
+
+
+class _Header(Struct):
+    format: Any = None
+
+
+class _Catalogue(Struct):
+    """The content of `library.json`."""
+
+    name: str
+    version: str
+    digest: str
+    shapes: tuple[ShapeInfo, ...]
+
+    def __post_init__(self) -> None:
+        for info in self.shapes:
+            if not is_id(info.id):
+                raise ValueError(f"shape id {info.id!r} is not possible")
+
+
+class _Splits(Struct):
+    """The content of `splits.json`: the ids of each split."""
+
+    train: tuple[str, ...]
+    test: tuple[str, ...]
+    validation: tuple[str, ...]
 
 
 class StoredLibrary(Source):
@@ -48,15 +78,10 @@ class StoredLibrary(Source):
     def __init__(self, folder: Path) -> None:
         """Raises LibraryError where its catalogue is damaged or of another format."""
         catalogue = folder / CATALOGUE
-        content = _json(catalogue, FORMAT)
-        try:
-            infos = [_info(line) for line in content["shapes"]]
-            digests = {info.id: info.digest for info in infos}
-            name, version, self._digest = (content[k] for k in ("name", "version", "digest"))
-            if not (isinstance(name, str) and isinstance(version, str)):
-                raise TypeError(f"name {name!r}, version {version!r}")
-        except (KeyError, TypeError, ValueError) as error:
-            raise LibraryError(f"{catalogue}: damaged: {error!r}") from error
+        content = _read(catalogue, _Catalogue)
+        infos = content.shapes
+        digests = {info.id: info.digest for info in infos}
+        name, version, self._digest = content.name, content.version, content.digest
         if not digests or len(digests) < len(infos) or _digest(digests) != self._digest:
             raise LibraryError(
                 f"{catalogue}: damaged: its shapes don't match its digest {self._digest!r:.70}"
@@ -75,12 +100,11 @@ class StoredLibrary(Source):
     @cached_property
     def splits(self) -> Mapping[str, tuple[str, ...]]:
         file = self.path / _SPLITS
-        content = _json(file, FORMAT)
-        try:
-            found = {name: tuple(content[name]) for name in splits.SPLITS}
-            groups = [{self._infos[id].group for id in ids} for ids in found.values()]
-        except (KeyError, TypeError) as error:
-            raise LibraryError(f"{file}: damaged: {error!r}") from error
+        found = structs.asdict(_read(file, _Splits))
+        strange = [id for ids in found.values() for id in ids if id not in self._infos]
+        if strange:
+            raise LibraryError(f"{file}: damaged: the library has no shape {strange[0]!r}")
+        groups = [{self._infos[id].group for id in ids} for ids in found.values()]
         if sum(map(len, groups)) > len(set().union(*groups)):
             raise LibraryError(f"{file}: damaged: it has an object in two splits")
         return found
@@ -222,18 +246,21 @@ def _raw(file: Path) -> RawMesh:
         raise LibraryError(f"{file}: not a stored mesh: {error!r}") from error
 
 
-def _json(file: Path, number: int) -> dict[str, Any]:
-    """A file's JSON object. Raises LibraryError where it holds none of this format."""
+def _read(file: Path, kind: type[T]) -> T:
+    """Read a file of this format. Raises LibraryError that names it and the field that is wrong."""
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise LibraryError(f"{file}: can't be read as a shape library: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != number:
-        found = content.get("format") if isinstance(content, dict) else content
-        raise LibraryError(
-            f"{file}: not a shape library of format {number}, its format is {found!r:.40}"
-        )
-    return content
+        data = file.read_bytes()
+    except OSError as error:
+        raise LibraryError(f"{file}: can't be read as a shape library: {error.strerror}") from error
+    try:
+        number = typed_json.decode(data, _Header, LibraryError, "a library").format
+        if number == FORMAT:
+            return typed_json.decode(data, kind, LibraryError, "a library")
+    except LibraryError as error:
+        raise LibraryError(f"{file}: damaged: {error}") from None
+    raise LibraryError(
+        f"{file}: not a shape library of format {FORMAT}, its format is {number!r:.40}"
+    )
 
 
 def _digest(digests: Mapping[str, str]) -> str:
@@ -251,23 +278,6 @@ def _catalogue(name: str, version: str, infos: Mapping[str, ShapeInfo]) -> str:
         json.dumps(asdict(info), ensure_ascii=False) for _, info in sorted(infos.items())
     )
     return f'{head[:-2]},\n "shapes": [\n{shapes}\n ]\n}}\n'
-
-
-def _info(line: dict[str, Any]) -> ShapeInfo:
-    """A shape's metadata. Raises KeyError, TypeError or ValueError where it is none."""
-    values = {field.name: line[field.name] for field in fields(ShapeInfo)}
-    for field in fields(ShapeInfo):
-        if field.type in _JSON_TYPES and type(values[field.name]) is not _JSON_TYPES[field.type]:
-            raise TypeError(f"{field.name} {values[field.name]!r} of {values['id']!r}")
-    if values["size_cm"] is not None:
-        x, y, z = map(float, values["size_cm"])
-        values["size_cm"] = (x, y, z)
-    info = ShapeInfo(**values)
-    if not is_id(info.id):
-        raise ValueError(f"shape id {info.id!r}")
-    if not (math.isfinite(info.volume) and 0 < info.volume <= 1):
-        raise ValueError(f"volume {info.volume!r} of {info.id!r}")
-    return info
 
 
 def _require_new_id(id: str, taken: Container[str]) -> None:
