@@ -46,7 +46,7 @@ CORES = (1, 8, 64)
 
 ROUND_TRIPS = 50
 
-Job = tuple[GenerationJob, dict[str, Any], Path, int, int]
+Job = tuple[GenerationJob, jobs.JobRecord, Path, int, int]
 """What `generation` sends to a worker."""
 
 
@@ -63,7 +63,7 @@ def one_pack(*job: Any) -> tuple[float, float, int]:
     """Makes a pack: seconds, those of the processor, and peak memory of the process in bytes."""
     caches.clear()
     started, cpu = time.perf_counter(), time.process_time()
-    jobs._made(*job)
+    jobs._evolve(*job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return time.perf_counter() - started, time.process_time() - cpu, peak
 
@@ -83,7 +83,7 @@ def generations_of_one(library: ShapeLibrary, seed: int, generations: int) -> li
 
 def jobs_of(order: GenerationJob) -> list[Job]:
     """As `generation` sends them, but for a folder of checkpoints."""
-    return [(order, order.to_json(), Path("/none"), n, 0) for n in range(order.packs)]
+    return [(order, order.record, Path("/none"), n, 0) for n in range(order.packs)]
 
 
 def round_trips(workers: Workers, job: Job, packs: list[Pack]) -> dict[str, dict[str, float]]:

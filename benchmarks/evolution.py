@@ -26,7 +26,7 @@ from rich.table import Table
 from benchmarks.accounts import shares
 from benchmarks.placement import RESULTS
 from packit_sim import EvolutionSettings, ShapeLibrary
-from packit_sim.core import caches
+from packit_sim.core import caches, typed_json
 from packit_sim.core.counters import Counters, counters
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
@@ -163,7 +163,7 @@ def lockstep(library: ShapeLibrary, seeds: list[int], generations: int) -> dict[
                     evolution.step(meter)
                     if number > 4:
                         times[count].append(time.perf_counter() - started)
-            assert pairs[1][0].to_json() == pairs[2][0].to_json()
+            assert pairs[1][0].state == pairs[2][0].state
     ratios = np.array(times[1]) / np.array(times[2])
     median = {count: float(np.median(seconds)) for count, seconds in times.items()}
     return {
@@ -185,7 +185,7 @@ def _told(library: ShapeLibrary, seed: int, generations: int, whole: bool) -> di
     meter = Meter(whole=whole)
     while not evolution.is_over:
         evolution.step(meter)
-    state = evolution.to_json()
+    state = typed_json.builtins(evolution.state)
     state["search"].pop("densities")  # of what is given up it is not known
     return {
         "CPU seconds": meter.cpu,

@@ -70,7 +70,7 @@ def local(order, tmp_path_factory) -> Path:
 def begun(tmp_path, monkeypatch) -> Path:
     """Where a line is added for each evolution that begins: number, generation, node."""
     file = tmp_path / "begun.jsonl"
-    made = jobs._made
+    made = jobs._evolve
 
     def logged(*job):  # a nested function, so that it travels by value
         import json
@@ -79,8 +79,8 @@ def begun(tmp_path, monkeypatch) -> Path:
 
         _, _, folder, number, _ = job
         jobs.CHECKPOINT_SECONDS = 0.0
-        state = jobs._read(jobs.checkpoint(folder, number))
-        line = number, len(state["densities"]) if state else 0, node()
+        state = jobs._read(jobs.checkpoint(folder, number), jobs.EvolutionState)
+        line = number, len(state.densities) if state else 0, node()
         with file.open("a") as log:
             log.write(json.dumps(line) + "\n")
         return made(*job)
@@ -90,7 +90,7 @@ def begun(tmp_path, monkeypatch) -> Path:
 
         return ray.get_runtime_context().get_node_id()
 
-    monkeypatch.setattr(jobs, "_made", logged)
+    monkeypatch.setattr(jobs, "_evolve", logged)
     return file
 
 

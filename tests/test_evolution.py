@@ -1,5 +1,4 @@
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -7,11 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.box import Box
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import SEARCHES, EvolutionSettings
 from packit_sim.datasets.packs import verify
 from packit_sim.generation.chromosomes import Chromosome, crossover, mutate, order_crossover
-from packit_sim.generation.evolution import Evolution, Generation, evolve
+from packit_sim.generation.evolution import Evolution, EvolutionState, Generation, evolve
 from packit_sim.generation.pack_creator import PackCreator, Recipe, draw_pool
 from packit_sim.generation.strategies import search_of, select
 from packit_sim.geometry.shapes import Item
@@ -192,7 +193,8 @@ def test_what_was_written_down_goes_on_as_if_nothing_had_happened(search) -> Non
         for _ in range(stop):
             first.step()
         second = Evolution(library, 6, settings)
-        second.restore(json.loads(json.dumps(first.to_json())))
+        text = typed_json.encode(first.state)
+        second.restore(typed_json.decode(text, EvolutionState, ArgumentError))
         while not second.is_over:
             second.step()
         assert facts(second) == facts(whole)
@@ -236,7 +238,7 @@ def test_hopeless_chromosomes_are_given_up_and_no_others() -> None:
 
 def test_what_was_written_down_of_another_evolution_is_refused() -> None:
     library = ShapeLibrary.open("everyday")
-    state = json.loads(json.dumps(Evolution(library, 6, SMALL).to_json()))
+    state = Evolution(library, 6, SMALL).state
     with pytest.raises(ValueError, match="seed was 6, now 7"):
         Evolution(library, 7, SMALL).restore(state)
     other = dataclasses.replace(SMALL, size_range=(0.5, 0.6))

@@ -1,7 +1,6 @@
 """Generation: stopped at any moment it goes on, loses little, and ends in the same packs."""
 
 import errno
-import json
 import os
 import pickle
 import random
@@ -9,12 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import trimesh
+from msgspec import structs
 
 import packit_sim.libraries.library
+from packit_sim.core import typed_json
 from packit_sim.core.errors import BusyError, LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
@@ -92,6 +94,7 @@ def test_the_way_can_be_kept(library, tmp_path) -> None:
 
 SCRIPT = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 from packit_sim.generation import jobs
 from packit_sim.libraries.library import ShapeLibrary
@@ -259,7 +262,7 @@ def test_an_order_that_differs_does_not_go_on(library, tmp_path, changes, named)
     file = tmp_path / "train.jsonl"
     folder = work_folder(file)
     folder.mkdir()
-    (folder / "order.json").write_text(json.dumps(order(library).to_json()))
+    (folder / "job.json").write_text(typed_json.encode(order(library).record))
     with pytest.raises(GenerationError, match=named):
         generate(order(library, **changes), file)
 
@@ -272,20 +275,22 @@ def test_a_machine_without_our_folder_keeps_no_checkpoints(
     wanted = order(library)
     anothers = tmp_path / "anothers"
     anothers.mkdir()
-    (anothers / "order.json").write_text(json.dumps({**wanted.to_json(), "seed": 7}))
+    other = structs.replace(wanted.record, seed=7)
+    (anothers / "job.json").write_text(typed_json.encode(other))
     checkpoint(anothers, 1).write_text("{}")
     for folder in (tmp_path / "no" / "such" / "folder", anothers, Path("/proc/no/folder")):
-        made = jobs._made(wanted, wanted.to_json(), folder, 1, os.getpid())
+        made = jobs._evolve(wanted, wanted.record, folder, 1, os.getpid())
         assert made == (1, undisturbed[1:2])
     assert checkpoint(anothers, 1).read_text() == "{}"
     assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
 
 
 def test_a_machine_with_another_library_makes_no_packs(library, tmp_path) -> None:
-    wanted = order(library).to_json()
-    wanted["library"]["digest"] = "0123456789abcdef"
+    known = order(library).record
+    foreign = replace(known.library, digest="0123456789abcdef")
+    wanted = structs.replace(known, library=foreign)
     with pytest.raises(GenerationError, match="should be 0123456789ab"):
-        jobs._made(order(library), wanted, tmp_path, 0, os.getpid())
+        jobs._evolve(order(library), wanted, tmp_path, 0, os.getpid())
 
 
 def test_a_library_that_travels_is_found_wherever_it_is_installed(

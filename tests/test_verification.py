@@ -633,11 +633,11 @@ def test_a_good_packing_holds_and_is_measured(parts, tmp_path) -> None:
     )
     assert report.holds, _told(report)
     assert (report.files, report.packs, report.items) == (1, 1, 6)
-    assert report.room == pytest.approx(400 * 300 * 200)
+    assert report.space == pytest.approx(400 * 300 * 200)
     solids = 2 * 100**3 + 100 * 50 * 25 + 150**3
     ball = creation.icosphere(subdivisions=2, radius=20).volume
     assert solids + ball < report.volume < solids + ball + 100**3
-    assert report.density == pytest.approx(report.volume / report.room)
+    assert report.density == pytest.approx(report.volume / report.space)
 
 
 HOLLOW_ITEM = ("hollow.stl", at(50, 50, 50))

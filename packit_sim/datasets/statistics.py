@@ -25,7 +25,7 @@ MOST_FREQUENT = 5
 """Categories that are named in `DatasetStatistics.rows`."""
 
 MOST_SCALES = 8
-"""Scales that are told one by one in `DatasetStatistics.rows`."""
+"""Scales that are listed one by one in `DatasetStatistics.rows`."""
 
 DIGITS = 6
 """Significant digits to which scales must agree to count as one: rounding of products."""
@@ -59,7 +59,7 @@ class DatasetStatistics:
     """The packs of one split, counted. Each counts for itself, also where one evolution kept more.
 
     split: its name. items: (packs,) how many each holds; densities: (packs,). generations: in which
-    each was found, sizes: the linear size factor of each, both of the packs that tell it.
+    each was found, sizes: the linear size factor of each, both of the packs that record it.
     volumes: (items,) shares of the box. scales: items by their scale before the size factor.
     shapes, categories: items by the id of their shape, and by its category; most frequent first.
     rotations: (24,) items in each.
@@ -115,7 +115,7 @@ class DatasetStatistics:
         return len(self.items)
 
     def spreads(self) -> dict[str, Summary]:
-        """What differs from pack to pack, by what it is; only what the packs tell."""
+        """Summarise what differs from pack to pack, by name; only what the packs record."""
         values = {
             "items a pack": self.items,
             "density": self.densities,
@@ -163,7 +163,7 @@ class DatasetStatistics:
         return rows
 
     def to_json(self) -> dict[str, Any]:
-        """All that `rows` tells, and the whole counts, in JSON's types."""
+        """Return all that is in `rows`, and the whole counts, in JSON's types."""
         return {
             "packs": self.packs,
             "items": len(self.volumes),

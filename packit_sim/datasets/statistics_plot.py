@@ -24,51 +24,49 @@ MOST_CATEGORIES = 30
 """That are shown, the most frequent."""
 
 MARKERS = "osD^v"
-"""Of splits, for those who tell no colours apart at all."""
+"""Markers of splits, for readers who see no colours."""
 
 Numbers = npt.NDArray[Any]
 
 
-def save(censuses: Sequence[DatasetStatistics], path: Path | str) -> None:
+def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
     """Draws the splits of a dataset over each other: histograms, and frequencies of categories.
 
     Raises MissingMatplotlibError, and RenderError where the path can't be written.
     """
     layout = [["items", "categories"], ["density", "categories"], ["volume", "categories"]]
     with plots.drawn(path, layout, 10, 9) as (figure, axes):
-        _histogram(axes["items"], censuses, [census.items for census in censuses])
+        _histogram(axes["items"], splits, [split.items for split in splits])
         axes["items"].set(title="Items a pack", xlabel="items", ylabel="% of packs")
         axes["items"].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
 
-        _histogram(axes["density"], censuses, [census.densities for census in censuses])
+        _histogram(axes["density"], splits, [split.densities for split in splits])
         axes["density"].set(title="Density", xlabel="placed volume / box", ylabel="% of packs")
 
         axes["volume"].set_xscale("log")
-        _histogram(axes["volume"], censuses, [100 * census.volumes for census in censuses])
+        _histogram(axes["volume"], splits, [100 * split.volumes for split in splits])
         axes["volume"].set(title="Volume of an item", xlabel="% of the box", ylabel="% of items")
 
-        _categories(axes["categories"], censuses)
+        _categories(axes["categories"], splits)
         axes["categories"].plot([], [], color=plots.INK, linestyle=":", label="median")
         legend = axes["categories"].get_legend_handles_labels()
-        figure.legend(*legend, loc="outside upper center", ncols=len(censuses) + 1)
+        figure.legend(*legend, loc="outside upper center", ncols=len(splits) + 1)
 
 
-def _styles(censuses: Sequence[DatasetStatistics]) -> list[tuple[str, str]]:
+def _styles(splits: Sequence[DatasetStatistics]) -> list[tuple[str, str]]:
     """Color and marker of each; the three splits have theirs whichever are there."""
-    others = [census.split for census in censuses if census.split not in SPLITS]
-    names = others if len(others) == len(censuses) else [*SPLITS, *others]
-    places = [names.index(census.split) for census in censuses]
+    others = [split.split for split in splits if split.split not in SPLITS]
+    names = others if len(others) == len(splits) else [*SPLITS, *others]
+    places = [names.index(split.split) for split in splits]
     return [(plots.COLORS[n % len(plots.COLORS)], MARKERS[n % len(MARKERS)]) for n in places]
 
 
-def _histogram(
-    axes: Any, censuses: Sequence[DatasetStatistics], samples: Sequence[Numbers]
-) -> None:
+def _histogram(axes: Any, splits: Sequence[DatasetStatistics], samples: Sequence[Numbers]) -> None:
     """Shares of a sample of each split, so that splits of different size compare."""
     edges = _edges(samples, log=axes.get_xscale() == "log")
-    for (color, _), sample in zip(_styles(censuses), samples, strict=True):
+    for (color, _), sample in zip(_styles(splits), samples, strict=True):
         shares = 100 * np.histogram(sample, edges)[0] / len(sample)
-        axes.stairs(shares, edges, fill=True, color=color, alpha=FILL / len(censuses))
+        axes.stairs(shares, edges, fill=True, color=color, alpha=FILL / len(splits))
         axes.stairs(shares, edges, color=color, linewidth=1.6)
         axes.axvline(np.median(sample), color=color, linestyle=":", linewidth=1.8)
     axes.set_ylim(bottom=0)
@@ -84,24 +82,24 @@ def _edges(samples: Sequence[Numbers], log: bool) -> Numbers:
         return low - 0.5 + width * np.arange(int(np.ceil((high - low + 1) / width)) + 1)
     if log:
         return np.geomspace(0.95 * low, 1.05 * high, bins + 1)
-    room = max(0.02 * (high - low), 0.005)
-    return np.linspace(low - room, high + room, bins + 1)
+    margin = max(0.02 * (high - low), 0.005)
+    return np.linspace(low - margin, high + margin, bins + 1)
 
 
-def _categories(axes: Any, censuses: Sequence[DatasetStatistics]) -> None:
+def _categories(axes: Any, splits: Sequence[DatasetStatistics]) -> None:
     """A dot for each split and category."""
     total: Counter[str] = Counter()
-    for census in censuses:
-        total.update({k: n / len(census.volumes) for k, n in census.categories.items()})
+    for split in splits:
+        total.update({k: n / len(split.volumes) for k, n in split.categories.items()})
     names = [name for name, _ in total.most_common(MOST_CATEGORIES)]
     rows = np.arange(len(names))
     shares = np.array(
-        [[100 * c.categories[name] / len(c.volumes) for name in names] for c in censuses]
+        [[100 * c.categories[name] / len(c.volumes) for name in names] for c in splits]
     )
     ends = shares.min(axis=0), shares.max(axis=0)
     axes.hlines(rows, *ends, color=plots.INK, linewidth=1, alpha=0.5)
-    for census, row, (color, marker) in zip(censuses, shares, _styles(censuses), strict=True):
-        label = f"{census.split}: {census.packs:,} pack{'s' * (census.packs != 1)}"
+    for split, row, (color, marker) in zip(splits, shares, _styles(splits), strict=True):
+        label = f"{split.split}: {split.packs:,} pack{'s' * (split.packs != 1)}"
         axes.plot(row, rows, marker, color=color, markersize=6, label=label)
     shown = f"the {len(names)} most frequent of " if len(names) < len(total) else "all "
     axes.set(

@@ -1,4 +1,4 @@
-"""Whole datasets, checked by nothing that made them.
+"""Checks of whole datasets, by none of the code that generates them.
 
 Of the geometry only the oracle decides (`placement.conflicts`): no mask and no search of the
 engine, no `Box`.
@@ -63,7 +63,7 @@ class Report:
     """What was checked, and all that is wrong with it.
 
     files, packs, items: how many; a pack that can't be read counts, its items don't.
-    volume: of the items whose shapes could be had, room: of their boxes, in box units cubed, or in
+    volume: of the items whose shapes could be had, space: of their boxes, in box units cubed, or in
     those of the packing's file. settled: how many items are off the grid: of these it is not judged
     whether they overlap, or rest where they are.
     """
@@ -73,7 +73,7 @@ class Report:
     packs: int
     items: int
     volume: float
-    room: float
+    space: float
     settled: int = 0
 
     @property
@@ -98,8 +98,8 @@ class Report:
 
     @property
     def density(self) -> float:
-        """The volume over the room: the mean density, where the boxes are alike."""
-        return self.volume / self.room if self.room else 0.0
+        """The volume over the space: the mean density, if the boxes are alike."""
+        return self.volume / self.space if self.space else 0.0
 
 
 def verify_dataset(
@@ -107,13 +107,13 @@ def verify_dataset(
     library: ShapeLibrary,
     on_pack: Callable[[int, int], None] = lambda done, total: None,
 ) -> Report:
-    """Checks a dataset, and goes on after each problem, so that one run tells them all.
+    """Check a dataset, and continue after each problem, so that one run reports them all.
 
     path: one JSON Lines file, or a folder with one for each split ("train.jsonl") or "packs.jsonl".
     library: that of its shapes, whole. on_pack is called with how many packs are checked, and of
     how many.
 
-    - Each line is a pack, no field of which comes twice; the manifest tells the file's digest,
+    - Each line is a pack, no field of which comes twice; the manifest has the file's digest,
       number of packs and libraries, and no manifest stands without its file.
     - Each pack holds by `packs.verify`: library, items inside and without conflict, density.
     - It has no more items than its recorded pool, each at one of its recorded scales, in the box
@@ -145,9 +145,9 @@ def verify_dataset(
         recorded = manifest.split if manifest is not None else None
         for number, pack in found.packs:
             for sentence in checking.pack_problems(pack, (name, recorded)):
-                checking.tell(found.file, number, sentence)
+                checking.add(found.file, number, sentence)
             for sentence in checking.repeated(found.file, number, pack):
-                checking.tell(found.file, number, sentence)
+                checking.add(found.file, number, sentence)
             done += 1
             on_pack(done, total)
     return Report(
@@ -156,7 +156,7 @@ def verify_dataset(
         sum(found.count for found in read_in),
         sum(len(pack.items) for found in read_in for _, pack in found.packs),
         checking.volume,
-        checking.room,
+        checking.space,
         sum(item.pose is not None for f in read_in for _, pack in f.packs for item in pack.items),
     )
 
@@ -167,12 +167,12 @@ class _Checking:
     def __init__(self, library: ShapeLibrary) -> None:
         self.library = library
         self.problems: list[Problem] = []
-        self.volume = self.room = 0.0
+        self.volume = self.space = 0.0
         self._same: dict[tuple[Any, ...], list[tuple[Path, int, Provenance]]] = {}
         self._seeds: dict[tuple[Any, ...], int] = {}
         self._split = cache(library.split)
 
-    def tell(self, file: Path, pack: int | None, sentence: str) -> None:
+    def add(self, file: Path, pack: int | None, sentence: str) -> None:
         self.problems.append(Problem(file, pack, sentence))
 
     def pack_problems(self, pack: Pack, recorded: Iterable[str | None]) -> Iterator[str]:
@@ -191,12 +191,12 @@ class _Checking:
             yield from verify(pack, self.library)
             placed = pack.placed(self.library)
         except (PackFormatError, UnknownShapeError):
-            return  # verify has told
+            return  # verify has said so
         except PackItError as error:
             yield str(error)
             return
         self.volume += sum(p.item.volume for p in placed)
-        self.room += math.prod(pack.cells) / CELLS_PER_UNIT**3
+        self.space += math.prod(pack.cells) / CELLS_PER_UNIT**3
         if evolved is not None and pack.is_on_grid:
             on_grid = [one for one in placed if isinstance(one, PlacedItem)]
             yield from _order_problems(pack.cells, on_grid)
@@ -253,14 +253,14 @@ class _ReadIn:
                 pack = Pack.from_json(line)
                 json.loads(line, object_pairs_hook=_refuse_doubles)
             except (ValueError, RecursionError) as error:
-                checking.tell(file, self.count, f"line {number}: {error}")
+                checking.add(file, self.count, f"line {number}: {error}")
             else:
                 self.packs.append((self.count, pack))
             self.count += 1
         if not self.count:
-            checking.tell(file, None, "it holds no packs")
+            checking.add(file, None, "it holds no packs")
         elif not self.data.endswith(b"\n"):
-            checking.tell(file, None, "its last line has no end")
+            checking.add(file, None, "its last line has no end")
 
 
 def _check_folder(folder: Path, files: Sequence[Path], checking: _Checking) -> None:
@@ -268,29 +268,27 @@ def _check_folder(folder: Path, files: Sequence[Path], checking: _Checking) -> N
     for file in files:
         if file.stem not in names:
             choices = ", ".join(names)
-            checking.tell(file, None, f"a file of this folder can't have this name: {choices}")
+            checking.add(file, None, f"a file of this folder can't have this name: {choices}")
     described = {manifest_path(file) for file in files}
     for manifest in sorted(folder.glob("*.manifest.json")):
         if manifest not in described:
-            checking.tell(manifest, None, "there is no file that this manifest describes")
+            checking.add(manifest, None, "there is no file that this manifest describes")
 
 
 def _check_manifest(found: _ReadIn, checking: _Checking) -> Manifest | None:
     """Compare a manifest with its file; None where there is no manifest."""
     path = manifest_path(found.file)
     if not path.exists():
-        checking.tell(found.file, None, f"it has no manifest {path.name}")
+        checking.add(found.file, None, f"it has no manifest {path.name}")
         return None
     try:
         manifest = Manifest.read(path)
     except PackFormatError as error:
-        checking.tell(path, None, str(error))
+        checking.add(path, None, str(error))
         return None
     if manifest.format not in FORMATS:
         known = " and ".join(map(str, FORMATS))
-        checking.tell(
-            path, None, f"field 'format' is {manifest.format}: this version reads {known}"
-        )
+        checking.add(path, None, f"field 'format' is {manifest.format}: this version reads {known}")
     expected: dict[str, Any] = {
         "packs": found.count,
         "sha256": hashlib.sha256(found.data).hexdigest(),
@@ -301,7 +299,7 @@ def _check_manifest(found: _ReadIn, checking: _Checking) -> Manifest | None:
         recorded = getattr(manifest, name)
         if recorded != value:
             sentence = f"field {name!r} is {recorded!r}, of {found.file.name} it is {value!r}"
-            checking.tell(path, None, sentence)
+            checking.add(path, None, sentence)
     return manifest
 
 

@@ -49,10 +49,10 @@ def judge(
     """
     require(DecompositionSettings(method=pieces))
     found = list(rollouts)
-    with opened(file) as ledger:
+    with opened(file) as store:
         for rollout in found:
             key = rollout.agent, rollout.task
-            if file is not None and (key not in ledger or ledger[key] != rollout):
+            if file is not None and (key not in store or store[key] != rollout):
                 raise ResultsError(
                     f"{file} does not hold what {rollout.agent} made of task {rollout.task}: "
                     "it was changed meanwhile"
@@ -71,7 +71,7 @@ def judge(
             judged_now = structs.replace(played, scores=scores, pieces=pieces)
             found[n] = Rollout(replace(pack, provenance=judged_now))
             on_judged(found[n])
-            ledger.add([found[n]])
+            store.add([found[n]])
     _log.info("%d results judged in %.1f s", len(jobs), time.monotonic() - started)
     return found
 

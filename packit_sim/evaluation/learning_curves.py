@@ -45,7 +45,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training's folder tells.
+    """A training, as its folder records it.
 
     settings: all of them by name, those of a part as PART.NAME. curve: at least one point.
     """
@@ -62,9 +62,8 @@ class Trained:
     @classmethod
     def read(cls, folder: Path) -> Trained:
         """Raises CurveError that names the file, and what it must be."""
-        settings = _read(folder / SETTINGS_FILE, _Settings, "`packit train` writes it at the start")
-        when = "`packit train` writes it at the first validation"
-        curve = _read(folder / CURVE_FILE, _Curve, when)
+        settings = _read(folder / SETTINGS_FILE, _Settings, "the settings", "at the start")
+        curve = _read(folder / CURVE_FILE, _Curve, "the curve", "at the first validation")
         return cls(folder, dict(_flat(settings.settings)), curve)
 
 
@@ -77,13 +76,13 @@ class _Settings(Struct):
 _Curve = Annotated[tuple[Point, ...], Meta(min_length=1)]
 
 
-def _read(file: Path, kind: Any, when: str) -> Any:
+def _read(file: Path, kind: Any, what: str, when: str) -> Any:
     try:
-        return typed_json.decode(file.read_bytes(), kind, CurveError)
+        return typed_json.decode(file.read_bytes(), kind, CurveError, what)
     except OSError as error:
         raise CurveError(
             f"{file.parent} is no folder of a training: {file.name} can't be read: "
-            f"{error.strerror}; {when}"
+            f"{error.strerror}; `packit train` writes it {when}"
         ) from None
     except CurveError as error:
         raise CurveError(f"{file} is damaged: {error}") from None

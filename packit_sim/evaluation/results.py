@@ -204,8 +204,14 @@ def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
 class ResultsStore:
     """Rollouts by agent and task, and the file that keeps them, if there is one (see `opened`).
 
-    agents: names of those that are to come, in the order in which they stand after what the file
-    holds already. The file is the same whatever is finished first.
+    The file is the same whatever is finished first.
+
+    Parameters
+    ----------
+    file : Path | None
+        The file, whose results are read if it exists.
+    agents : Iterable[str]
+        The names of agents to come, in their order after those of the file.
     """
 
     def __init__(self, file: Path | None, agents: Iterable[str] = ()) -> None:
@@ -218,7 +224,7 @@ class ResultsStore:
 
     @property
     def rollouts(self) -> list[Rollout]:
-        """By agent, then by task."""
+        """All rollouts, by agent, then by task."""
         by = self._names.index
         return sorted(self._held.values(), key=lambda rollout: (by(rollout.agent), rollout.task))
 
@@ -229,7 +235,7 @@ class ResultsStore:
         return self._held[agent_and_task]
 
     def add(self, rollouts: Iterable[Rollout]) -> None:
-        """Takes rollouts in, in place of older ones; writes if it is time to."""
+        """Add rollouts, replacing older ones, and write the file if the last time is long ago."""
         for rollout in rollouts:
             self._held[rollout.agent, rollout.task] = rollout
             self._new = True
@@ -237,7 +243,7 @@ class ResultsStore:
             self.write()
 
     def write(self) -> None:
-        """Writes the file, whole or not at all, where something is new."""
+        """Write the file, whole or not at all, if something is new."""
         if self._file is not None and self._new:
             write_results(self._file, self.rollouts)
         self._new = False
@@ -246,15 +252,30 @@ class ResultsStore:
 
 @contextmanager
 def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsStore]:
-    """A ledger, whose file no other process works on meanwhile, and is written at the end.
+    """Open a results store, lock its file meanwhile, and write it at the end.
 
-    Raises BusyError where another process is at work on it, and what `read_results` raises.
+    Parameters
+    ----------
+    file : Path | None
+        The file of results, if there is one.
+    agents : Iterable[str]
+        As of `ResultsStore`.
+
+    Yields
+    ------
+    ResultsStore
+        The store.
+
+    Raises
+    ------
+    BusyError
+        If another process works on the file; also whatever `read_results` raises.
     """
     alone = nullcontext() if file is None else claimed(file.with_name(f".{file.name}.lock"), file)
     with alone:
-        ledger = ResultsStore(file, agents)
-        yield ledger
-        ledger.write()
+        store = ResultsStore(file, agents)
+        yield store
+        store.write()
 
 
 def check_same(
@@ -265,8 +286,27 @@ def check_same(
     seed: int,
     rules: Rules,
 ) -> None:
-    """Raises ResultsError where results are not of these tasks, this seed and these rules, or of
-    agents whose weights, by name, are others now.
+    """Check that results belong to an evaluation.
+
+    Parameters
+    ----------
+    path : Path
+        The file of the results.
+    rollouts : Iterable[Rollout]
+        The results.
+    weights : Mapping[str, str | None]
+        The digest of the weights of each agent.
+    tasks : Sequence[Task]
+        The tasks.
+    seed : int
+        The seed.
+    rules : Rules
+        The rules.
+
+    Raises
+    ------
+    ResultsError
+        If one was played with another task, seed, rules or weights.
     """
     for rollout in rollouts:
         known = rollout.task < len(tasks)

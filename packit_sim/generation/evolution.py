@@ -1,4 +1,4 @@
-"""Evolution of dense packs (paper, section 3): repeatable, in parallel, and to be gone on with."""
+"""Evolution of dense packs (paper, section 3): reproducible, parallel and resumable."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import structs
+from msgspec import Struct, structs
 
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
@@ -16,7 +16,7 @@ from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.generation.pack_creator import PackCreator, Recipe
-from packit_sim.generation.strategies import search_of
+from packit_sim.generation.strategies import SearchState, search_of
 from packit_sim.libraries.library import ShapeLibrary
 
 if TYPE_CHECKING:
@@ -37,6 +37,42 @@ class Generation:
     evaluated: int
     best: float
     pack: Pack
+
+
+class EvolutionState(Struct, frozen=True):
+    """The whole state of an evolution, as checkpoints record it.
+
+    Attributes
+    ----------
+    seed : int
+        The seed.
+    settings : EvolutionSettings
+        The settings.
+    random : dict
+        The state of the random generator.
+    search : SearchState
+        The chromosomes that the search continues from.
+    stale : int
+        Generations without improvement.
+    evaluated : int
+        Chromosomes so far.
+    densities : list of float
+        The best density after each generation.
+    kept : list of Pack
+        The history.
+    best : Pack, optional
+        The densest pack; None before the first generation.
+    """
+
+    seed: int
+    settings: EvolutionSettings
+    random: dict[str, Any]
+    search: SearchState
+    stale: int
+    evaluated: int
+    densities: list[float]
+    kept: list[Pack]
+    best: Pack | None
 
 
 class Evolution:
@@ -81,7 +117,7 @@ class Evolution:
         )
 
     def step(self, workers: Workers | None = None) -> Generation:
-        """Goes on by a generation, in this process or on workers."""
+        """Evolve one generation, in this process or on workers."""
         chromosomes = self._search.ask(self._rng)
         densities = self._evaluate(chromosomes, workers)
         self._search.tell(chromosomes, densities)
@@ -99,35 +135,46 @@ class Evolution:
             self.kept.append(replace(self._best, provenance=after))
         return Generation(number, self.evaluated, self._best.density, self._best)
 
-    def to_json(self) -> dict[str, Any]:
-        """Where it stands, for `restore`: JSON's types, and floats keep every bit."""
-        return {
-            "seed": self.seed,
-            "settings": self.settings.to_json(),
-            "random": self._rng.bit_generator.state,
-            "search": self._search.to_json(),
-            "stale": self._stale,
-            "evaluated": self.evaluated,
-            "densities": self.densities,
-            "kept": [pack.to_json() for pack in self.kept],
-            "best": self._best.to_json() if self.densities else None,
-        }
+    @property
+    def state(self) -> EvolutionState:
+        """The whole state, for `restore`."""
+        return EvolutionState(
+            seed=self.seed,
+            settings=self.settings,
+            random=dict(self._rng.bit_generator.state),
+            search=self._search.state,
+            stale=self._stale,
+            evaluated=self.evaluated,
+            densities=list(self.densities),
+            kept=list(self.kept),
+            best=self._best if self.densities else None,
+        )
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `to_json` gave for the same library, seed and settings.
+    def restore(self, state: EvolutionState) -> None:
+        """Resume from the state of an evolution of the same library.
 
-        Raises ValueError where it is of another seed or other settings.
+        Parameters
+        ----------
+        state : EvolutionState
+            The state.
+
+        Raises
+        ------
+        ArgumentError
+            If it has another seed or other settings.
         """
-        for name, ours in (("seed", self.seed), ("settings", self.settings.to_json())):
-            if state[name] != ours:
-                raise ArgumentError(f"{name} was {state[name]!r}, now {ours!r}: no way to go on")
-        self._rng.bit_generator.state = state["random"]
-        self._search.restore(state["search"])
-        self._stale, self.evaluated = state["stale"], state["evaluated"]
-        self.densities = list(state["densities"])
-        self.kept = [Pack.from_json(line) for line in state["kept"]]
-        if state["best"] is not None:
-            self._best = Pack.from_json(state["best"])
+        for name, theirs, ours in (
+            ("seed", state.seed, self.seed),
+            ("settings", state.settings, self.settings),
+        ):
+            if theirs != ours:
+                raise ArgumentError(f"{name} was {theirs!r}, now {ours!r}: it can't be resumed")
+        self._rng.bit_generator.state = state.random
+        self._search.restore(state.search)
+        self._stale, self.evaluated = state.stale, state.evaluated
+        self.densities, self.kept = list(state.densities), list(state.kept)
+        if state.best is not None:
+            self._best = state.best
 
     def _evaluate(self, chromosomes: Sequence[Chromosome], workers: Workers | None) -> list[float]:
         threshold = self._search.threshold

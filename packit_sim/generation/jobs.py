@@ -1,52 +1,93 @@
-"""Datasets of evolved packs: on many workers, stopped at any moment, and gone on with.
+"""Generation of datasets of evolved packs: on many workers, and resumable at any moment.
 
-A dataset is a JSON Lines file (see `packs`), which is written anew with each finished pack. Until
-all are finished, a hidden folder stands beside it with a checkpoint of each evolution under way:
-the same order goes on from there, and ends in the same packs as without a stop.
+A dataset is a JSON Lines file (see `packs`), which is written again with each finished pack. Until
+all are finished, a hidden folder next to it holds a checkpoint of each unfinished evolution: the
+same job resumes from there, and ends in the same packs as without a stop.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import starmap
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+from msgspec import Struct
+
+from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.generation.evolution import Evolution
+from packit_sim.generation.evolution import Evolution, EvolutionState
 from packit_sim.libraries.library import ShapeLibrary
 
 _log = logging.getLogger(__name__)
 
 CHECKPOINT_SECONDS = 5.0
-"""Work that a kill can lose, and the time of a generation."""
+"""Time between checkpoints: a kill loses this much work, and one generation."""
 
-ORDER = "order.json"
-"""What a folder of checkpoints was begun with."""
+JOB_FILE = "job.json"
+"""The record of the job in a folder of checkpoints."""
+
+T = TypeVar("T")
 
 
 class GenerationError(PackItError):
-    """A dataset that can't be made, or gone on with, as it was asked for."""
+    """A dataset that can't be generated, or resumed, as requested."""
+
+
+class JobRecord(Struct, frozen=True):
+    """What must be the same to resume a job; it may ask for more packs.
+
+    Attributes
+    ----------
+    library : LibraryRef
+        The library of shapes.
+    split : str, optional
+        The name of its split.
+    seed : int
+        The seed of the first pack.
+    history : bool
+        Whether all packs of an evolution's history are kept.
+    settings : EvolutionSettings
+        The settings of the evolutions.
+    """
+
+    library: LibraryRef
+    split: str | None
+    seed: int
+    history: bool
+    settings: EvolutionSettings
 
 
 @dataclass(frozen=True)
 class GenerationJob:
-    """What is to be made: packs 0 to packs - 1, of which number n has the seed `seed` + n.
+    """A dataset to generate.
 
-    library: or one of its splits, which `split` names. history: of each evolution not the best pack
-    alone, but all that were kept on the way (the hardness curve: paper, figure 4).
+    Attributes
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits.
+    packs : int
+        The number of evolutions.
+    seed : int
+        The seed of the first evolution; that of number n is `seed` + n.
+    split : str, optional
+        The name of the split that the library is.
+    history : bool
+        Whether an evolution gives all packs of its history, not the best pack alone (for the
+        hardness curve: paper, figure 4).
+    settings : EvolutionSettings
+        The settings of the evolutions.
     """
 
     library: ShapeLibrary
@@ -56,20 +97,26 @@ class GenerationJob:
     history: bool = False
     settings: EvolutionSettings = field(default_factory=EvolutionSettings)
 
-    def to_json(self) -> dict[str, Any]:
-        """What must be the same to go on; there may be more packs."""
-        return {
-            "library": asdict(LibraryRef.of(self.library)),
-            "split": self.split,
-            "seed": self.seed,
-            "history": self.history,
-            "settings": self.settings.to_json(),
-        }
+    @property
+    def record(self) -> JobRecord:
+        """What must be the same to resume the job."""
+        library = LibraryRef.of(self.library)
+        return JobRecord(library, self.split, self.seed, self.history, self.settings)
 
 
 @dataclass(frozen=True)
 class Progress:
-    """An evolution under way: which pack's, and where its last checkpoint stands."""
+    """An unfinished evolution at its last checkpoint.
+
+    Attributes
+    ----------
+    number : int
+        The number of its pack.
+    generation : int
+        The last generation, from 0.
+    density : float
+        The best density so far.
+    """
 
     number: int
     generation: int
@@ -77,34 +124,57 @@ class Progress:
 
 
 def generate(
-    order: GenerationJob,
+    job: GenerationJob,
     file: Path,
     workers: Workers | None = None,
     on_pack: Callable[[int, Pack], None] = lambda number, pack: None,
 ) -> list[Pack]:
-    """Makes a dataset, or what is missing of it, and returns it in the order of seeds.
+    """Generate a dataset, or what is missing of it.
 
-    on_pack is called with the number and the best pack of each evolution that ends, once. The packs
-    are the same with any number of workers. On a cluster the lost machine's packs go on elsewhere,
-    from their checkpoints where its machines share the file's folder, or else anew. Raises
-    GenerationError where another process is at it, and where what is there was made with other
-    settings; WorkersError where workers are lost for good.
+    The packs are the same with any number of workers. On a cluster the packs of a lost machine are
+    resumed elsewhere, from their checkpoints if its machines share the file's folder, otherwise
+    from the start.
+
+    Parameters
+    ----------
+    job : GenerationJob
+        The dataset to generate.
+    file : Path
+        The JSON Lines file of its packs.
+    workers : Workers | None
+        Where evolutions run; None for this process.
+    on_pack : Callable[[int, Pack], None]
+        Called with the number and the best pack of each evolution that ends, once.
+
+    Returns
+    -------
+    list of Pack
+        The packs in the order of their seeds.
+
+    Raises
+    ------
+    GenerationError
+        If the file or the folder of checkpoints belongs to a job with other settings.
+    BusyError
+        If another process generates the same file.
+    WorkersError
+        If workers are lost for good.
     """
     folder = work_folder(file)
     with _locked(folder):
         for half_written in file.parent.glob(f".{file.name}.*"):
             half_written.unlink()
-        done = _finished(order, file)
-        _check_order(order, folder / ORDER)
+        done = _finished(job, file)
+        _check_job(job, folder / JOB_FILE)
         if done:
             write_packs(file, _in_order(done))
-        missing = [n for n in range(order.packs) if order.seed + n not in done]
-        _log.info("%s: %d of %d packs are left to evolve", file, len(missing), order.packs)
+        missing = [n for n in range(job.packs) if job.seed + n not in done]
+        _log.info("%s: %d of %d packs are left to evolve", file, len(missing), job.packs)
         started = time.monotonic()
-        jobs = ((order, order.to_json(), folder.absolute(), n, os.getpid()) for n in missing)
-        made = starmap(_made, jobs) if workers is None else workers.as_done(_made, jobs)
-        for number, packs in made:
-            done[order.seed + number] = packs
+        calls = ((job, job.record, folder.absolute(), n, os.getpid()) for n in missing)
+        evolved = starmap(_evolve, calls) if workers is None else workers.as_done(_evolve, calls)
+        for number, packs in evolved:
+            done[job.seed + number] = packs
             write_packs(file, _in_order(done))
             checkpoint(folder, number).unlink(missing_ok=True)
             _log.info("pack %d: density %.3f", number, packs[-1].density)
@@ -115,59 +185,59 @@ def generate(
 
 
 def work_folder(file: Path) -> Path:
-    """Where the checkpoints of a dataset are while it is being made."""
+    """Return the folder of a dataset's checkpoints, which exists until all packs are finished."""
     return file.with_name(f".{file.stem}.making")
 
 
 def checkpoint(folder: Path, number: int) -> Path:
-    """The checkpoint of a pack."""
+    """Return the file of a pack's checkpoint."""
     return folder / f"{number:05d}.json"
 
 
 def under_way(file: Path) -> list[Progress]:
-    """Where the evolutions of a dataset stand."""
+    """Read the progress of a dataset's unfinished evolutions from their checkpoints."""
     found = []
     for path in sorted(work_folder(file).glob("[0-9]*.json")):
-        state = _read(path)
-        if state and state["densities"]:
-            densities = state["densities"]
-            found.append(Progress(int(path.stem), len(densities) - 1, densities[-1]))
+        state = _read(path, EvolutionState)
+        if state is not None and state.densities:
+            last = len(state.densities) - 1
+            found.append(Progress(int(path.stem), last, state.densities[-1]))
     return found
 
 
-def _made(
-    order: GenerationJob, wanted: dict[str, Any], folder: Path, number: int, driver: int
+def _evolve(
+    job: GenerationJob, wanted: JobRecord, folder: Path, number: int, driver: int
 ) -> tuple[int, list[Pack]]:
-    """Evolves a pack, from its checkpoint if it has one, to the end.
+    """Evolve a pack to the end, from its checkpoint if it has one.
 
-    Checkpoints are kept where the folder is that of the order wanted: a machine of a cluster may
-    not share it. Raises GenerationError where the library here is not the one that is wanted.
+    Checkpoints are written only if the folder is that of the wanted job: a machine of a cluster may
+    not share it. Raises GenerationError if the library here is not the wanted one.
     """
-    if order.to_json() != wanted:
+    if job.record != wanted:
         raise GenerationError(
-            f"{order.library.path}: not the library of the order: its digest is "
-            f"{order.library.digest:.12}, and should be {wanted['library']['digest']:.12}"
+            f"{job.library.path}: not the library of the job: its digest is "
+            f"{job.library.digest:.12}, and should be {wanted.library.digest:.12}"
         )
-    ours = os.getppid() == driver
-    keeps = _read(folder / ORDER) == wanted
+    is_child = os.getppid() == driver
+    writes = _read(folder / JOB_FILE, JobRecord) == wanted
     path = checkpoint(folder, number)
-    evolution = Evolution(order.library, order.seed + number, order.settings)
-    state = _read(path) if keeps else None
-    if state:
+    evolution = Evolution(job.library, job.seed + number, job.settings)
+    state = _read(path, EvolutionState) if writes else None
+    if state is not None:
         evolution.restore(state)
         _log.info("pack %d: resumes after %d generations", number, len(evolution.densities))
-    elif keeps and path.exists():
+    elif writes and path.exists():
         _log.warning("%s is damaged: pack %d starts again", path, number)
     written = time.monotonic()
     while not evolution.is_over:
         evolution.step()
         if evolution.is_over or time.monotonic() - written > CHECKPOINT_SECONDS:
-            if ours and os.getppid() != driver:
+            if is_child and os.getppid() != driver:
                 os._exit(1)  # nobody waits for this worker any more
-            if keeps:
-                replace_text(path, json.dumps(evolution.to_json()))
+            if writes:
+                replace_text(path, typed_json.encode(evolution.state))
             written = time.monotonic()
-    packs = evolution.kept if order.history else [evolution.best]
+    packs = evolution.kept if job.history else [evolution.best]
     return number, packs
 
 
@@ -175,33 +245,36 @@ def _in_order(done: dict[int, list[Pack]]) -> list[Pack]:
     return [pack for seed in sorted(done) for pack in done[seed]]
 
 
-def _read(path: Path) -> dict[str, Any] | None:
-    """A checkpoint; None where there is none to be had, or a failing disk has damaged it."""
+def _read(path: Path, kind: type[T]) -> T | None:
+    """Read a record; None if there is none, or if a failing disk has damaged it."""
     try:
-        state: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError):
+        return typed_json.decode(path.read_bytes(), kind, GenerationError)
+    except (OSError, GenerationError):
         return None
-    return state
 
 
-def _check_order(order: GenerationJob, path: Path) -> None:
-    wanted = order.to_json()
-    before = _read(path)
+def _check_job(job: GenerationJob, path: Path) -> None:
+    """Record the job, or compare it with the record that is there."""
+    before, wanted = _read(path, JobRecord), job.record
     if before is None:
-        replace_text(path, json.dumps(wanted))
+        replace_text(path, typed_json.encode(wanted))
     elif before != wanted:
-        names = [name for name in wanted if before.get(name) != wanted[name]]
-        told = "; ".join(f"{name} was {before.get(name)!r}, now {wanted[name]!r}" for name in names)
+        theirs, ours = typed_json.builtins(before), typed_json.builtins(wanted)
+        differences = "; ".join(
+            f"{name} was {theirs[name]!r}, now {ours[name]!r}"
+            for name in ours
+            if theirs[name] != ours[name]
+        )
         raise GenerationError(
-            f"{path.parent} goes on only with what it was begun with: {told}. "
-            "Choose another folder, or delete that one to begin anew"
+            f"{path.parent} can be resumed only as the job that began it: {differences}. "
+            "Choose another folder, or delete that one to start again"
         )
 
 
-def _finished(order: GenerationJob, file: Path) -> dict[int, list[Pack]]:
-    """The packs of a dataset by seed. Raises GenerationError where they are not of this order.
+def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
+    """Read the packs of a dataset by seed. Raises GenerationError if they are not of this job.
 
-    The manifest may be that of one pack less: between the two a kill can fall.
+    The manifest may be that of one pack less: a kill can fall between the two.
     """
     if not file.exists():
         return {}
@@ -210,12 +283,12 @@ def _finished(order: GenerationJob, file: Path) -> dict[int, list[Pack]]:
         found = pack.provenance
         if (
             not isinstance(found, Evolved)
-            or pack.library != LibraryRef.of(order.library)
-            or found.settings != order.settings
-            or (found.after is not None) != order.history
+            or pack.library != LibraryRef.of(job.library)
+            or found.settings != job.settings
+            or (found.after is not None) != job.history
         ):
             raise GenerationError(
-                f"{file}, pack {number} was made with another library or other settings: "
+                f"{file}, pack {number} was generated with another library or other settings: "
                 "choose another folder"
             )
         done.setdefault(found.seed, []).append(pack)
@@ -224,11 +297,11 @@ def _finished(order: GenerationJob, file: Path) -> dict[int, list[Pack]]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Holds the folder for this process; the lock ends with the process, however that ends.
+    """Lock the folder for this process; the lock ends with the process.
 
-    A folder that is left without a checkpoint goes, with those above it that were made for it.
+    A folder without a checkpoint is removed at the end, with the folders above that this created.
     """
-    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    created = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     with claimed(folder / "lock", folder):
         try:
@@ -236,6 +309,6 @@ def _locked(folder: Path) -> Iterator[None]:
         finally:
             if folder.exists() and not any(folder.glob("[0-9]*.json")):
                 shutil.rmtree(folder)
-            for parent in made[1:]:
+            for parent in created[1:]:
                 if not any(parent.iterdir()):
                     parent.rmdir()

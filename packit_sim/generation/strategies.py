@@ -1,23 +1,52 @@
 """Which chromosomes to try next: the paper's generations, or an elitist search.
 
-A search asks for the densities of chromosomes and is told them, batch by batch. It needs to know
-those below its `threshold` no better than that: they can never matter to it.
+Searches have the ask-and-tell interface of evolutionary optimisation: `ask` returns chromosomes,
+and `tell` takes their densities, batch by batch. A density below the search's `threshold` may be
+given as 0, since it can't matter.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
 
 
+class SearchState(Struct, frozen=True):
+    """The state of a search, as checkpoints record it.
+
+    Attributes
+    ----------
+    population : list
+        The genes of each chromosome.
+    densities : list of float
+        Their densities.
+    """
+
+    population: list[list[list[int]]]
+    densities: list[float]
+
+
 class Search(ABC):
-    """Looks for dense packs. population, densities: the chromosomes that it goes on from."""
+    """A search for dense packs.
+
+    Parameters
+    ----------
+    settings : EvolutionSettings
+        The settings.
+
+    Attributes
+    ----------
+    population : list of Chromosome
+        The chromosomes that the search continues from.
+    densities : list of float
+        Their densities.
+    """
 
     def __init__(self, settings: EvolutionSettings) -> None:
         self.settings = settings
@@ -47,17 +76,16 @@ class Search(ABC):
         a, b = rng.choice(len(parents), size=2, replace=len(parents) < 2)
         return mutate(crossover(parents[a], parents[b], rng), self.settings, rng)
 
-    def to_json(self) -> dict[str, Any]:
-        """Where the search stands."""
-        return {
-            "population": [chromosome.to_json() for chromosome in self.population],
-            "densities": self.densities,
-        }
+    @property
+    def state(self) -> SearchState:
+        """The chromosomes that the search continues from, for `restore`."""
+        population = [chromosome.to_json() for chromosome in self.population]
+        return SearchState(population, list(self.densities))
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `to_json` gave."""
-        self.population = [Chromosome.from_json(genes) for genes in state["population"]]
-        self.densities = list(state["densities"])
+    def restore(self, state: SearchState) -> None:
+        """Continue from the state of a search of the same kind."""
+        self.population = [Chromosome.from_json(genes) for genes in state.population]
+        self.densities = list(state.densities)
 
 
 class Generational(Search):

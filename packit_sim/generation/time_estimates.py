@@ -1,4 +1,4 @@
-"""How long the generation of a dataset still takes: about."""
+"""Estimates of the time that the generation of a dataset still takes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.jobs import Progress
 
 ENOUGH = 20
-"""Generations a worker from which a pace can be told: the first ones are the slowest."""
+"""Generations a worker before the first estimate: the first ones are the slowest."""
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 """In seconds."""
@@ -19,14 +19,25 @@ MINUTE, HOUR, DAY = 60, 3600, 86400
 
 @dataclass
 class TimeEstimate:
-    """Tells from how many generations were done in so much time how long the rest will take.
+    """The time that a generation job still takes, estimated from its pace so far.
 
-    An evolution is expected to be as long as those that ended later than where it stands, or as
-    long as its settings allow where there is none; so with early stopping it is rough.
+    An evolution is expected to have as many generations as those that ended after more generations
+    than it has, or as its settings allow if there is none; so with early stopping it is rough.
 
-    settings: of the evolutions. packs: how many there are to be, done: those that there are, by
-    number. workers: how many evolve at a time. since: from when on it counts, in seconds of any
-    clock. before: where evolutions stood then.
+    Attributes
+    ----------
+    settings : EvolutionSettings
+        The settings of the evolutions.
+    packs : int
+        The number of evolutions.
+    workers : int
+        How many evolutions run at a time.
+    since : float
+        When the measurement starts, in seconds of any clock.
+    before : iterable of Progress
+        The unfinished evolutions at that time.
+    done : mapping of int to Pack
+        The finished packs at that time, by number.
     """
 
     settings: EvolutionSettings
@@ -43,18 +54,18 @@ class TimeEstimate:
         self._crew = max(1, min(self.workers, self.packs - len(self._lengths)))
 
     def is_over(self, number: int) -> bool:
-        """Whether this pack is finished."""
+        """Return whether a pack is finished."""
         return number in self._lengths
 
     def finish(self, number: int, pack: Pack) -> None:
-        """Counts a pack that was finished just now."""
+        """Count a pack that was finished just now."""
         length = self._length(pack)
         self._lengths[number] = length
         self._worked += max(0, length - self._before.get(number, 0))
         self._finished += 1
 
     def seconds_left(self, under_way: Iterable[Progress], now: float) -> float | None:
-        """From now until the last pack is there; None while there is too little to tell it from."""
+        """Estimate the seconds until the last pack is finished; None while too little is known."""
         at = {p.number: p.generation + 1 for p in under_way if not self.is_over(p.number)}
         worked = self._worked + sum(done - self._before.get(n, 0) for n, done in at.items())
         if not self._finished and worked < ENOUGH * self._crew:
@@ -81,7 +92,7 @@ class TimeEstimate:
 
 
 def format_remaining(seconds: float | None) -> str:
-    """A time as a forecast should tell it, no more exactly than it is known."""
+    """Format a time estimate no more exactly than it is known; "" for None or 0."""
     if not seconds:
         return ""
     if seconds < MINUTE:
