@@ -350,7 +350,7 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
     assert read.pack.density == episode.box.density
     for before, after in zip(episode.box.placed, read.pack.placed(library), strict=True):
         assert after.item == before.item
-        assert after.pose == pytest.approx(before.pose, abs=1e-12)
+        assert after.matrix == pytest.approx(before.matrix, abs=1e-12)
     report = verify_dataset(tmp_path / "results.jsonl", library)
     assert report.holds and report.settled == len(items)
     assert "3 items that settled" in report.not_judged

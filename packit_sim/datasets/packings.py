@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from itertools import combinations
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from msgspec import Meta, Struct
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import MeshError, PackFormatError
 from packit_sim.datasets.verification import Problem, Report, named
@@ -36,6 +37,10 @@ SAMPLES = 9
 
 WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 """The walls of a box by axis, that at 0 first."""
+
+Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
+Extent = Annotated[float, Meta(gt=1 / MAX_LENGTH, lt=MAX_LENGTH)]
+Row = tuple[Length, Length, Length, Length]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -90,8 +95,8 @@ def verify_packing(file: Path | str) -> Report:
             problems += _pair_problems(one, other)
     cube = unit * unit * unit
     volume = sum(body.volume for body in bodies) * cube
-    told = tuple(Problem(file, None, sentence) for sentence in problems)
-    return Report(told, 1, 1, len(items), volume, float((extents / unit).prod()) * cube)
+    found = tuple(Problem(file, None, sentence) for sentence in problems)
+    return Report(found, 1, 1, len(items), volume, float((extents / unit).prod()) * cube)
 
 
 class _Loaded:
@@ -241,72 +246,40 @@ def _is_closed(faces: Ints) -> bool:
     return not np.bincount(forward.ravel(), signs).any()
 
 
+class _PackingItem(Struct):
+    mesh: str
+    pose: tuple[Row, Row, Row, Row]
+
+
+class _Packing(Struct):
+    """The content of a packing's file; other fields are the tool's own."""
+
+    box: tuple[Extent, Extent, Extent]
+    items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
+    unit: str = ""
+
+
 def _packing(file: Path) -> tuple[Floats, list[tuple[str, Floats]]]:
     """The box's extents (3,), and of each item the mesh's path and its pose (4, 4)."""
     try:
-        raw = json.loads(file.read_bytes())
+        packing = typed_json.decode(file.read_bytes(), _Packing, PackFormatError, "a packing")
     except OSError as error:
         raise PackFormatError(f"{file}: can't be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise PackFormatError(f"{file}: not JSON: {error}") from None
-    if not isinstance(raw, dict):
-        raise PackFormatError(f"{file}: a packing is a JSON object, not {type(raw).__name__}")
-    extents = _numbers(file, raw, "box", (3,))
-    if not (extents > 1 / MAX_LENGTH).all():
-        raise PackFormatError(f"{file}: field 'box' is {raw['box']!r}: it must be above 0")
-    if not isinstance(raw.get("unit", ""), str):
-        raise PackFormatError(f"{file}: field 'unit' is {raw['unit']!r}: it must be text")
-    listed = raw.get("items")
-    if not isinstance(listed, list) or not listed:
-        raise PackFormatError(f"{file}: field 'items' is {listed!r}: it must be a list of items")
-    items = []
-    for n, item in enumerate(listed):
-        where = f"items[{n}]"
-        if not isinstance(item, dict):
-            raise PackFormatError(f"{file}: field '{where}' is {item!r}: it must be an object")
-        mesh = item.get("mesh")
-        if not isinstance(mesh, str) or not _is_inside(mesh):
+    except PackFormatError as error:
+        raise PackFormatError(f"{file}: {error}") from None
+    for n, item in enumerate(packing.items):
+        if not _is_inside(item.mesh):
             raise PackFormatError(
-                f"{file}: field '{where}.mesh' is {mesh!r}: "
+                f"{file}: field 'items[{n}].mesh' is {item.mesh!r}: "
                 "it must be a path inside the packing's folder"
             )
-        items.append((mesh, _numbers(file, item, "pose", (4, 4), f"{where}.")))
-    return extents, items
+    return np.array(packing.box), [(item.mesh, np.array(item.pose)) for item in packing.items]
 
 
 def _is_inside(path: str) -> bool:
     parts = PurePosixPath(path).parts
     outside = path.startswith("/") or PureWindowsPath(path).anchor or "\0" in path
     return bool(parts) and not outside and ".." not in parts
-
-
-def _numbers(
-    file: Path, raw: Mapping[str, Any], key: str, shape: tuple[int, ...], where: str = ""
-) -> Floats:
-    value = raw.get(key)
-    if _has_shape(value, shape):
-        return np.array(value, dtype=float)
-    size = " x ".join(map(str, shape))
-    raise PackFormatError(
-        f"{file}: field '{where}{key}' is {value!r:.200}: it must be {size} finite numbers"
-    )
-
-
-def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
-    if not shape:
-        return _is_number(value)
-    return (
-        isinstance(value, list)
-        and len(value) == shape[0]
-        and all(_has_shape(part, shape[1:]) for part in value)
-    )
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value of JSON is a number, and not beyond `MAX_LENGTH`."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < MAX_LENGTH
 
 
 def _pose_fault(pose: Floats) -> str | None:

@@ -105,12 +105,12 @@ def evaluate(
     weights are others than at the start, and BusyError where another process is at work on it.
     """
     weights = {agent.name: agent.weights for agent in agents}
-    with opened(file, list(weights)) as ledger:
+    with opened(file, list(weights)) as store:
         if file is not None:
-            check_same(file, ledger.rollouts, weights, tasks, seed, rules)
+            check_same(file, store.rollouts, weights, tasks, seed, rules)
         jobs = []
         for number, task in enumerate(tasks):
-            missing = [agent for agent in agents if (agent.name, number) not in ledger]
+            missing = [agent for agent in agents if (agent.name, number) not in store]
             if missing:
                 jobs.append((missing, task, number, seed, rules))
         playing = sum(len(missing) for missing, *_ in jobs)
@@ -133,9 +133,9 @@ def evaluate(
                     )
                 _log.debug("task %d, %s: return %.3f", rollout.task, rollout.agent, rollout.total)
                 on_rollout(rollout)
-            ledger.add(rollouts)
+            store.add(rollouts)
         _log.info("%d results in %.1f s", playing, time.monotonic() - started)
-        return [ledger[agent.name, number] for agent in agents for number in range(len(tasks))]
+        return [store[agent.name, number] for agent in agents for number in range(len(tasks))]
 
 
 def _played(
