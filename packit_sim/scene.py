@@ -97,11 +97,13 @@ class Scene:
 
         Parameters
         ----------
-        width, height : int
+        width : int
             Pixels, 1 to 2048.
-        look : Look or None
+        height : int
+            Pixels, 1 to 2048.
+        look : Look | None
             How the box is shown; None for `DEFAULT_LOOK`.
-        layout : Layout or None
+        layout : Layout | None
             Where the items are shown, instead of `look.explode`. By default they are in their
             places, or as far apart as the look says.
 
@@ -112,7 +114,7 @@ class Scene:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the width or the height is out of range.
         """
         self._client.check()

@@ -175,7 +175,7 @@ def test_tiles_are_taken_one_at_a_time() -> None:
             events.append(shape.id)
             yield shape.id, shape
 
-    contact_sheet(tiles(), side=32, drawn=lambda: events.append("drawn"))
+    contact_sheet(tiles(), side=32, on_tile=lambda: events.append("drawn"))
     assert events == ["cube", "drawn", "ball", "drawn"]
 
 

@@ -1,4 +1,4 @@
-"""What there is to see on a page: the packs of a dataset, or what agents made of its tasks."""
+"""What the explorer shows: the packs of a dataset, or the results of agents on its tasks."""
 
 from __future__ import annotations
 
@@ -20,11 +20,26 @@ from packit_sim.placement import BoxState, PlacedItem
 
 @dataclass(frozen=True)
 class PackView:
-    """A packed box and what was left outside.
+    """A packed box and the items that were left outside.
 
-    title: tells it from the others. name: what stands over the box. facts: names and values, as
-    text. placed: in the order of placing. outside: upright. total: volume of all the items that
-    rewards are shares of, in box units cubed. kinematic: whether items come straight from above.
+    Attributes
+    ----------
+    title : str
+        A unique title.
+    name : str
+        The title above the box.
+    facts : tuple[tuple[str, str], ...]
+        Names and values, as text.
+    cells : Triple
+        Cells along each axis of the box.
+    placed : tuple[PlacedItem, ...]
+        The items in the box, in the order of placing.
+    outside : tuple[Item, ...]
+        The other items, in canonical orientation.
+    total : float
+        Volume of all items of the task, in box units cubed: rewards are shares of it.
+    kinematic : bool
+        Whether items must enter straight from above.
     """
 
     title: str
@@ -38,19 +53,19 @@ class PackView:
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
-        """All of them: first those that are placed, in order, then those left outside."""
+        """All items: the placed ones in order, then those outside."""
         return tuple(placed.item for placed in self.placed) + self.outside
 
     def reward(self, number: int) -> float:
-        """What an item brings: its share of the volume of all."""
+        """Return an item's reward: its share of the volume of all items."""
         return self.items[number].volume / self.total
 
     def at(self, step: int) -> BoxState[PlacedItem]:
-        """The box when so many items were placed."""
+        """Return the box after so many items were placed."""
         return BoxState(self.cells, self.placed[:step])
 
     def same(self, item: Item) -> frozenset[int]:
-        """Numbers of the placed items that have the shape and the scale of another's item."""
+        """Return the numbers of placed items that have the shape and the scale of an item."""
         return frozenset(
             n
             for n, placed in enumerate(self.placed)
@@ -60,7 +75,7 @@ class PackView:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A pack, the number of the task that it is of, and whether that task was made of it."""
+    """A pack, the number of its task, and whether the pack is the task's solution."""
 
     pack: Pack
     task: int | None = None
@@ -68,10 +83,17 @@ class _Entry:
 
 
 class PackCollection:
-    """Exhibits in a row, each made when it is asked for.
+    """A sequence of packs to show, each loaded when it is first needed.
 
-    packs: of a dataset, or results. tasks: the packs that results were played on: they tell what
-    was left outside, and stand in the row behind the results.
+    Parameters
+    ----------
+    packs : Sequence[Pack]
+        Packs of a dataset, or results.
+    library : ShapeLibrary
+        The library of their shapes.
+    tasks : Sequence[Pack]
+        The packs of the tasks that agents played: they show which items were left outside, and
+        follow the results in the sequence.
     """
 
     def __init__(
@@ -99,7 +121,7 @@ class PackCollection:
         tasks: Path | str | None = None,
         tasks_split: str | None = None,
     ) -> PackCollection:
-        """A dataset or a file of results (see `dataset_file`), and the tasks that were played."""
+        """Read a dataset or results (see `dataset_file`), and the tasks that were played."""
         packs = read_packs(dataset_file(source, split))
         played = [] if tasks is None else read_packs(dataset_file(tasks, tasks_split))
         return cls(packs, library, played)
@@ -108,7 +130,7 @@ class PackCollection:
         return len(self._entries)
 
     def __getitem__(self, number: int) -> PackView:
-        """Raises PackItError where the collection has no such exhibit, or the library no shape."""
+        """Load a pack; raise PackItError if there is no such number, or a shape is unknown."""
         if not 0 <= number < len(self):
             raise PackItError(f"there is no pack {number}: choose 0 to {len(self) - 1}")
         entry = self._entries[number]
@@ -133,7 +155,7 @@ class PackCollection:
         )
 
     def rivals(self, number: int) -> tuple[int, ...]:
-        """What may stand beside an exhibit: others of the same task, or of none as it is."""
+        """Return the packs that may stand next to one: those of the same task, or also of none."""
         task = self._entries[number].task
         return tuple(
             n for n, entry in enumerate(self._entries) if n != number and entry.task == task
@@ -152,12 +174,12 @@ class PackCollection:
 
 
 def _task_of(pack: Pack) -> int | None:
-    """The number of the task that a result is of; None for a pack that is no result."""
+    """Return the number of a result's task; None for a pack that is not a result."""
     return pack.provenance.task if isinstance(pack.provenance, Played) else None
 
 
 def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
-    """The items of a task that are not placed."""
+    """Return the items of a task that are not placed."""
     inside = Counter((p.item.shape, p.item.scale) for p in placed)
     left = []
     for item in task.items:
@@ -172,7 +194,7 @@ def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
 def _name(entry: _Entry) -> str:
     played = entry.pack.provenance
     if entry.is_truth:
-        return "the pack that the task was made of"
+        return "the task's own pack"
     if not isinstance(played, Played):
         return f"density {entry.pack.density:.3f}"
     return f"{played.agent}: {played.total:.3f}"
@@ -185,7 +207,7 @@ def _title(entry: _Entry) -> str:
 
 
 def _facts(pack: Pack, items: int) -> tuple[tuple[str, str], ...]:
-    """What a pack says of itself."""
+    """List what a pack records about itself."""
     origin = pack.provenance
     rows = [
         ("items", f"{len(pack.items)} of {items} in the box"),

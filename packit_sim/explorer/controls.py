@@ -1,4 +1,4 @@
-"""The panel beside the boxes: what is to be shown, and how."""
+"""The panel next to the boxes: what is shown, and how."""
 
 from __future__ import annotations
 
@@ -23,11 +23,30 @@ _EXPLODE = 1.5
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """What the panel asks for.
+    """The state of the panel: what it requests.
 
-    pack, beside: numbers of exhibits. step: how many items. explode: 0 while "why not here?" is
-    request, which is about places. chosen: number of an item. wanted: number of the item that "why
-    not here?" is about, with its rotation and location.
+    Attributes
+    ----------
+    pack : int
+        The number of the pack.
+    beside : int | None
+        The number of the pack next to it.
+    step : int
+        How many items are in the box.
+    explode : float
+        How far items are moved apart; 0 while "Why not here?" is used, which is about locations.
+    cut : Cut | None
+        Where the box is cut open.
+    coloring : str
+        The name of the rule that colours items.
+    chosen : int | None
+        The number of the selected item.
+    wanted : int | None
+        The number of the item that "Why not here?" is about.
+    rotation : int
+        Its rotation.
+    location : Triple
+        Its location.
     """
 
     pack: int
@@ -43,7 +62,21 @@ class ViewRequest:
 
 
 class Controls:
-    """Sliders, lists and buttons; `changed` is called whenever one is set, by whomever."""
+    """Sliders, lists and buttons.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+        Viser's panel.
+    titles : Sequence[str]
+        Titles of the packs.
+    pack : int
+        The number of the pack that is shown at first.
+    beside : int | None
+        The number of the pack next to it.
+    changed : Callable[[], None]
+        Called after each change of a control, also by the program.
+    """
 
     def __init__(
         self,
@@ -98,7 +131,7 @@ class Controls:
 
     @property
     def request(self) -> ViewRequest:
-        """All that is set now."""
+        """The current state of all controls."""
         axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
         x, y, z = (slider.value for slider in self._location)
         wanted = _number(self._wanted.value)
@@ -116,17 +149,17 @@ class Controls:
         )
 
     def set_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
-        """What may stand beside the pack, and what does."""
+        """Offer packs to stand next to the first one, and select one."""
         self._beside.options = (NOTHING, *(self._titles[n] for n in rivals))
         _set(self._beside, NOTHING if beside is None else self._titles[beside])
 
     def set_steps(self, steps: int) -> None:
-        """So many, and all of them are shown."""
+        """Set the number of steps, and show all of them."""
         self._step.max = max(1, steps)
         _set(self._step, steps)
 
     def set_pack(self, exhibit: PackView) -> None:
-        """The items and the extents of another pack; nothing is chosen."""
+        """Offer the items and the extents of another pack, with nothing selected."""
         _set(self._item, NOTHING)
         _set(self._wanted, NOTHING)
         self._item.options = (NOTHING, *(label(exhibit, n) for n in range(len(exhibit.items))))
@@ -136,14 +169,14 @@ class Controls:
             slider.max = nodes - 1
 
     def set_outside(self, exhibit: PackView, step: int) -> None:
-        """The items that are outside after so many steps."""
+        """Offer the items that are outside after so many steps."""
         first = min(step, len(exhibit.placed))
         options = (NOTHING, *(label(exhibit, n) for n in range(first, len(exhibit.items))))
         if options != self._wanted.options:
             self._wanted.options = options
 
     def enable(self, request: ViewRequest) -> None:
-        """What can be set: a cut's place once there is a cut, a location once there is an item."""
+        """Enable the position of a cut if there is one, and the location if an item is wanted."""
         self._at.disabled = request.cut is None
         idle = request.wanted is None
         self._explode.disabled = not idle
@@ -151,38 +184,39 @@ class Controls:
             handle.disabled = idle
 
     def show_notice(self, notice: str) -> None:
-        """A line above the lists, "" for none."""
+        """Show a line above the lists, "" for none."""
         self._notice.visible = bool(notice)
         self._notice.content = notice
 
     def set_step(self, step: int) -> None:
+        """Show so many items."""
         _set(self._step, step)
 
     def choose(self, exhibit: PackView, number: int) -> None:
-        """Chooses an item; once more, none."""
+        """Select an item, or none if it is selected already."""
         text = label(exhibit, number)
         _set(self._item, NOTHING if self._item.value == text else text)
 
     def set_query(self, rotation: int, location: Triple) -> None:
-        """Sets where "why not here?" looks."""
+        """Set the rotation and the location of "Why not here?"."""
         _set(self._rotation, rotation)
         for slider, node in zip(self._location, location, strict=True):
             _set(slider, node)
 
     def _switch_pack(self, by: int) -> None:
-        """To another pack, and from the last on to the first."""
+        """Select another pack; the first follows the last."""
         number = self._titles.index(self._pack.value) + by
         _set(self._pack, self._titles[number % len(self._titles)])
 
 
 def label(exhibit: PackView, number: int) -> str:
-    """An item's entry in a list."""
+    """Return an item's entry in a list."""
     left = "" if number < len(exhibit.placed) else " (left outside)"
     return f"{number} {exhibit.items[number].shape.id}{left}"
 
 
 def _number(text: str) -> int | None:
-    """Of the item with such an entry."""
+    """Return the number of the item with this entry."""
     return None if text == NOTHING else int(text.partition(" ")[0])
 
 

@@ -1,4 +1,4 @@
-"""A page on which packs and results are explored: step by step, cut open, side by side."""
+"""A web page to explore packs and results: step by step, cut open, side by side."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
 from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
 PACE = 0.5
-"""Seconds between two items while the sequence is played."""
+"""Seconds between two items during playback."""
 
 _GAP = 0.35
-"""Between two boxes, as a share of the first one's width."""
+"""Distance between two boxes, as a share of the first one's width."""
 
 _BLOCKING = 0.35
-"""How opaque items are that are in another's way: it can be seen through them."""
+"""Opacity of blockers, so that the blocked item is visible through them."""
 
 _NODES = ("/first", "/second")
-"""Of the two boxes' nodes in the scene."""
+"""Names of the two boxes' nodes in the scene."""
 
-_HINT = "Choose an item that is outside, or go back some steps to have more of them."
+_HINT = "Choose an item that is outside. At an earlier step there are more of them."
 
 
 class Explorer:
@@ -51,11 +51,11 @@ class Explorer:
         The packs that the page offers.
     pack : int
         The number of the pack that is shown at first.
-    beside : int or None
+    beside : int | None
         The number of the pack next to it.
     host : str
         Where the page listens, see `WebPage`.
-    port : int or None
+    port : int | None
         The same.
 
     Raises
@@ -67,7 +67,7 @@ class Explorer:
     """
 
     address: str
-    """Where a browser on this machine finds the page."""
+    """The page's URL for a browser on this machine."""
 
     def __init__(
         self,
@@ -102,20 +102,20 @@ class Explorer:
 
     @property
     def boxes(self) -> tuple[BoxView, ...]:
-        """What is in the scene, one or two."""
+        """The one or two boxes in the scene."""
         return tuple(self._boxes)
 
     def play(self, playing: bool = True) -> None:
-        """Plays the sequence from where it is, from the start at its end; or stops it."""
+        """Start playback, from the beginning if it is at the end; or stop it."""
         self._playing = playing
         self._thread.wake()
 
     def wait(self, timeout: float = 60.0) -> None:
-        """Waits until the page shows what it is request for. Raises TimeoutError."""
+        """Wait until the page shows what is requested; raise TimeoutError after `timeout` s."""
         self._thread.wait(timeout)
 
     def close(self) -> None:
-        """Ends the page, its server and its threads, and frees the port; once more does nothing."""
+        """End the page, its server and its threads; calling it again does nothing."""
         self._thread.close()
         self._page.close()
 
@@ -126,7 +126,7 @@ class Explorer:
         self.close()
 
     def _work(self) -> float | None:
-        """Draws what is request for; returns when to go on where the sequence is played."""
+        """Draw what is requested; return the seconds until the next step of playback."""
         try:
             with self._page.server.atomic():
                 request = self._apply_request()
@@ -141,7 +141,7 @@ class Explorer:
         return self._play_on(request.step)
 
     def _apply_request(self) -> ViewRequest:
-        """What is request for, once the lists and the ranges are those of the packs request for."""
+        """Set lists and ranges to the requested packs, and return the resulting request."""
         request, drawn = self.controls.request, self._drawn
         other = drawn is None or request.pack != drawn.pack
         if other:
@@ -174,7 +174,7 @@ class Explorer:
         return max(len(exhibit.placed) for exhibit in self._exhibits)
 
     def _create_boxes(self) -> None:
-        """Boxes for the exhibits."""
+        """Create the boxes of the packs."""
         for box in self._boxes:
             box.remove()
         self._boxes = [
@@ -183,7 +183,7 @@ class Explorer:
         ]
 
     def _arrange(self, explode: float) -> None:
-        """The boxes side by side, with titles, and cameras that see all that is in them whole."""
+        """Arrange the boxes side by side, with titles, and move cameras so that all is in view."""
         places = _places([exhibit.cells for exhibit in self._exhibits], explode)
         seen = []
         for exhibit, box, place in zip(self._exhibits, self._boxes, places, strict=True):
@@ -229,7 +229,7 @@ class Explorer:
             self.controls.answer.content = f"**{answer}**\n\n{self._query.summary()}"
 
     def _focus(self, n: int, exhibit: PackView, request: ViewRequest) -> frozenset[int] | None:
-        """The items that stay solid: what is in the way of a wanted one, or what is chosen."""
+        """Return the items that stay opaque: blockers of the wanted item, or the selected one."""
         if self._query is not None:
             found = self._query.blockers(request.location)
             return frozenset((*found.items, *found.above)) if n == 0 else None
@@ -241,7 +241,7 @@ class Explorer:
         return same if any(m < min(request.step, len(exhibit.placed)) for m in same) else None
 
     def _query_of(self, request: ViewRequest) -> FitQuery | None:
-        """The query request, the same as before where it is the same."""
+        """Return the requested query, the previous one if nothing but the location changed."""
         if request.wanted is None:
             return None
         drawn, exhibit = self._drawn, self._exhibits[0]
@@ -256,7 +256,7 @@ class Explorer:
         return FitQuery(box, exhibit.items[request.wanted].turned(request.rotation))
 
     def _play_on(self, step: int) -> float | None:
-        """The next step of the sequence, where it is due; returns the seconds until then."""
+        """Take the next step of playback if it is due; return the seconds until then."""
         now = time.monotonic()
         if not self._playing:
             self._due = None
@@ -273,7 +273,7 @@ class Explorer:
         return None if self._due is None else max(0.0, self._due - now)
 
     def _choose(self, n: int, number: int) -> None:
-        """What a click on an item of one of the boxes does: it is chosen in the first one."""
+        """Select the clicked item of one of the boxes in the first one."""
         first, exhibit = self._exhibits[0], self._exhibits[n]
         item = exhibit.items[number]
         same = [number] if n == 0 else [m for m, one in enumerate(first.items) if _same(one, item)]
@@ -287,7 +287,7 @@ class Explorer:
 
 
 def _places(cells: Sequence[Triple], explode: float) -> npt.NDArray[np.float64]:
-    """(n, 3) where one or two boxes of such cells stand, clear of each other's items."""
+    """Compute positions (n, 3) of one or two boxes, clear of each other's items."""
     places = np.zeros((len(cells), 3))
     if len(cells) > 1:  # on the right, as the camera sees it
         first, second = cells[0][0], cells[1][0]
@@ -302,7 +302,7 @@ def _same(a: Item, b: Item) -> bool:
 def _colored(
     exhibits: Sequence[PackView], name: str
 ) -> tuple[list[tuple[Color, ...]], Legend | None]:
-    """The colours of each exhibit's items, by the same rule, and what they mean."""
+    """Colour the items of each pack by the same rule, and return the legend."""
     if name == "order":
         ordered = [by_order([placed.item for placed in e.placed]) for e in exhibits]
         left = [(UNKNOWN,) * len(exhibit.outside) for exhibit in exhibits]

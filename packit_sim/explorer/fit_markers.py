@@ -1,4 +1,4 @@
-"""The answer to "why not here?" in the scene: the item where it is asked for, and where it fits."""
+"""The wanted item in the scene, and dots at its feasible locations."""
 
 from __future__ import annotations
 
@@ -19,19 +19,26 @@ if TYPE_CHECKING:
     import viser
 
 _FITS, _BLOCKED = PALETTE[0], PALETTE[5]
-"""Blue and vermilion, which all can tell apart."""
+"""Blue and vermilion, which colour-blind readers can distinguish."""
 
 _ELSEWHERE = (0.62, 0.78, 0.88)
-"""Of dots above and below the item: a pale blue, so that they don't hide it."""
+"""The colour of dots above and below the item, a pale blue that does not hide it."""
 
 _POINT, _SMALL = 0.007, 0.003
-"""Sides of dots, in box units: at the item's height, and elsewhere."""
+"""Sizes of dots, in box units: at the item's height, and elsewhere."""
 
 
 class FitMarkers:
-    """One item in a scene, in blue where it fits and else in vermilion, and dots where it fits.
+    """One item in a scene, blue where it fits and else vermilion, and dots where it fits.
 
     Dots at the item's own height are larger.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Viser's server.
+    name : str
+        The name of the node in the scene.
     """
 
     def __init__(self, server: viser.ViserServer, name: str) -> None:
@@ -41,7 +48,7 @@ class FitMarkers:
         self._item: viser.MeshHandle | None = None
 
     def show(self, query: FitQuery, location: Triple) -> None:
-        """Shows the item of the query at a location."""
+        """Show the item of the query at a location."""
         placed = PlacedItem(query.item, location)
         color = _BLOCKED if query.blockers(location) else _FITS
         if query is not self._query or self._item is None:
@@ -54,7 +61,7 @@ class FitMarkers:
         self._item.color = rgb(color)
 
     def remove(self) -> None:
-        """Takes it out of the scene."""
+        """Remove the item and the dots from the scene."""
         if self._query is not None:
             self._server.scene.remove_by_name(self._name)
         self._query = self._item = None

@@ -1,4 +1,4 @@
-"""Why an item can't stand somewhere: where it could, and what is in its way elsewhere."""
+"""Where an item fits in a box, and what blocks it elsewhere."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from packit_sim.placement import Blockers, Mask, PlacedItem, first
 
 @dataclass(frozen=True, eq=False)
 class FitQuery:
-    """An item in a rotation, and a box that it may have room in.
+    """An item in a rotation, and a box that may have space for it.
 
-    box: is not to change as long as the question is asked.
+    Parameters
+    ----------
+    box : Box
+        The box; it must not change while the query is used.
+    item : Item
+        The item.
     """
 
     box: Box
@@ -26,25 +31,25 @@ class FitQuery:
 
     @cached_property
     def mask(self) -> Mask:
-        """Bool over the grid's nodes: where the item can stand, exactly."""
+        """The exact mask of feasible locations, bool (nx, ny, nz)."""
         return self.box.feasible(self.item)
 
     @cached_property
     def first(self) -> Triple | None:
-        """The bottom-left-back-fill location, or None where there is no room."""
+        """The bottom-left-back-fill location; None if the item fits nowhere."""
         return first(self.mask)
 
     @property
     def centers(self) -> npt.NDArray[np.float64]:
-        """(n, 3) where the item's middle is at each feasible location, in box units."""
+        """The item's centres (n, 3) at all feasible locations, in box units."""
         return (np.argwhere(self.mask) * STEP + np.array(self.item.cells) / 2) * CELL
 
     def blockers(self, location: Triple) -> Blockers:
-        """What keeps the item from a location; false where nothing does."""
+        """Return what blocks the item at a location; false if nothing does."""
         return self.box.why_not(self.item, location)
 
     def summary(self) -> str:
-        """A sentence about the whole box."""
+        """Describe the whole box in a sentence."""
         count = int(np.count_nonzero(self.mask))
         if count == 0:
             return (
@@ -53,7 +58,7 @@ class FitQuery:
         return f"It fits at {count:,} of {self.mask.size:,} locations in this rotation."
 
     def answer(self, location: Triple) -> str:
-        """A sentence about one location: the item fits, or what is in its way."""
+        """Describe one location in a sentence: the item fits, or what is in its way."""
         found = self.blockers(location)
         if not found:
             return f"At {location} it fits."

@@ -1,4 +1,4 @@
-"""The lists beside a box on a page, as HTML: its facts, its items, what the colours mean."""
+"""The lists next to a box on a page, as HTML: facts, items and the legend of colours."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _CHOSEN = "background:#fff3bf;color:#212529"
 _AWAY = "opacity:0.5"
 _SWATCH = "display:inline-block;width:11px;height:11px;border-radius:2px"
 _STEPS = 12
-"""Stripes in the ramp of a scale."""
+"""Stripes in the colour ramp of a scale."""
 
 
 def facts(exhibit: PackView) -> str:
-    """What the pack says of itself, a row for each name and value."""
+    """Render what the pack records about itself, a row for each name and value."""
     rows = "".join(
         f'<tr><td style="{_NAME};opacity:0.65">{escape(name)}</td>'
         f'<td style="{_NAME}">{escape(value)}</td></tr>'
@@ -32,9 +32,23 @@ def facts(exhibit: PackView) -> str:
 
 
 def items(exhibit: PackView, colors: Sequence[Color], step: int, chosen: int | None) -> str:
-    """All items: colour, number, name, category, volume, reward.
+    """Render all items: colour, number, name, category, volume and reward.
 
-    Those that are not in the box after so many steps are pale, the chosen one is marked.
+    Parameters
+    ----------
+    exhibit : PackView
+        The pack.
+    colors : Sequence[Color]
+        The colour of each item.
+    step : int
+        How many items are in the box; the others are pale.
+    chosen : int | None
+        The number of the item that is marked.
+
+    Returns
+    -------
+    str
+        A table.
     """
     names = ("", "#", "item", "category", "volume", "reward")
     heads = [(name, _NUMBER if name in ("#", "volume", "reward") else _NAME) for name in names]
@@ -51,7 +65,7 @@ def items(exhibit: PackView, colors: Sequence[Color], step: int, chosen: int | N
 
 
 def legend(meaning: Legend | None) -> str:
-    """What the colours mean; nothing where they only tell items apart."""
+    """Render the legend of colours; "" if they only distinguish items."""
     if meaning is None:
         return ""
     if isinstance(meaning, ColorKey):

@@ -14,7 +14,7 @@ class RedrawThread:
 
     Parameters
     ----------
-    work : Callable[[], float or None]
+    work : Callable[[], float | None]
         Returns the seconds after which it is to be called again, or None. An exception is logged,
         and the thread continues.
     """

@@ -1,4 +1,4 @@
-"""Meshes as OBJ text, in the way in which PyBullet reads it rightly."""
+"""Meshes as OBJ text that PyBullet reads correctly."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ UNIT = 100.0
 """Metres of PyBullet's worlds to a box unit: its tolerances are absolute, and small in this way."""
 
 _CREASE = np.radians(35)
-"""Edges sharper than this are drawn as edges."""
+"""Edges sharper than this angle are drawn as edges, in radians."""
 
 
 def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
-    """Vertices (n, 3) and faces (m, 3) of convex pieces that make up a mesh's surface."""
+    """Split a mesh's surface into convex pieces: vertices (n, 3) and faces (m, 3) of each."""
     pieces: list[tuple[Rows, Rows]] = []
     for part in mesh.split(only_watertight=False, repair=False):
         with np.errstate(divide="ignore", invalid="ignore"):  # of a part that holds no volume
@@ -33,10 +33,23 @@ def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
 
 
 def drawn(mesh: trimesh.Trimesh, scale: float) -> str:
-    """An OBJ in metres, each vertex with its normal, and the triangles of open parts twice.
+    """Write the OBJ text of a mesh for pictures, in metres.
 
-    PyBullet draws the front of a triangle only, and parts that are open show their backs. Normals
-    are means over faces that are joined by other edges than creases, weighted by area.
+    PyBullet draws the front of a triangle only, and parts that are open show their backs, so their
+    triangles are written twice. Each vertex has a normal: the mean over faces that are joined by
+    edges other than creases, weighted by area.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        The canonical mesh.
+    scale : float
+        The ratio by which its volume is scaled.
+
+    Returns
+    -------
+    str
+        The text.
     """
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # what it caches goes with it
     joined = mesh.face_adjacency[mesh.face_adjacency_angles <= _CREASE]
@@ -58,9 +71,19 @@ def drawn(mesh: trimesh.Trimesh, scale: float) -> str:
 
 
 def objects(pieces: list[tuple[Rows, Rows]], scale: float) -> str:
-    """An OBJ in metres with one object a piece, of which PyBullet can make a convex hull each.
+    """Write OBJ text with one object for each piece, of which PyBullet computes convex hulls.
 
-    Faces are triangles: it reads polygons of many corners wrongly.
+    Parameters
+    ----------
+    pieces : list[tuple[Rows, Rows]]
+        Vertices (n, 3) and triangles (m, 3) of each piece.
+    scale : float
+        The ratio by which volumes are scaled.
+
+    Returns
+    -------
+    str
+        The text, in metres. Faces are triangles: PyBullet reads larger polygons incorrectly.
     """
     text, first = [], 1
     for vertices, faces in pieces:
@@ -72,10 +95,10 @@ def objects(pieces: list[tuple[Rows, Rows]], scale: float) -> str:
 
 
 def _sides(mesh: trimesh.Trimesh) -> tuple[Rows, Rows]:
-    """Bool (m,) twice: triangles whose front may be seen, and those whose back may.
+    """Return two bool arrays (m,): triangles whose front, and whose back, may be visible.
 
-    Of a part in which each edge is run through as often in either direction only one side may, the
-    one that looks away from what the part encloses.
+    Only the outer side is visible of a part in which each edge has as many triangles in either
+    direction.
     """
     edge = mesh.edges_unique_inverse
     signs = np.where(mesh.edges[:, 0] < mesh.edges[:, 1], 1, -1)

@@ -1,1 +1,1 @@
-"""What is made of scenes: contact sheets, films, exported files."""
+"""Contact sheets, films and exported files."""

@@ -1,4 +1,4 @@
-"""Pictures of shapes: one by itself, or a whole library on a contact sheet."""
+"""Pictures of single shapes, and contact sheets of whole libraries."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from packit_sim.render.looks import BACKGROUND, Look
 from packit_sim.scene import Scene
 
 MIN_SIDE = 16
-"""The fewest pixels along a side of a shape's picture."""
+"""The smallest side of a shape's picture, in pixels."""
 
 _LOOK = Look(Camera(azimuth=120.0, elevation=28.0, fov=20.0), box="none")
 _HALF_TURN = 2
-"""The rotation that turns a shape's front, which looks along -y, to the camera and the light."""
+"""The rotation that turns a shape's front, which faces -y, to the camera and the light."""
 
 _PLACE: Triple = tuple(np.rint(-250 * _LOOK.camera.toward).astype(int).tolist())
-"""Where shapes stand, in grid nodes: EGL draws highlights as they are seen from the origin, so that
-is put far away on the camera's side."""
+"""Location of shapes, in grid nodes: EGL draws highlights as seen from the origin, which is
+therefore far away on the camera's side."""
 
 _INK = (44, 48, 56)
 _ALARM = (168, 44, 32)
@@ -43,16 +43,34 @@ _TEXT_WIDTH = 0.94
 class ContactSheet:
     """Pictures of shapes in a grid, row by row, each with its label below.
 
-    image: (H, W, 3) uint8. renderer: "egl" or "tiny".
+    Attributes
+    ----------
+    image : RGBImage
+        Array of shape (H, W, 3), uint8.
+    renderer : str
+        "egl" or "tiny".
     """
 
     image: RGBImage
     renderer: str
 
     def save(self, path: str | os.PathLike[str]) -> str:
-        """Writes the image as PNG, whole or not at all; returns the renderer's name.
+        """Write the image as PNG, completely or not at all.
 
-        Raises RenderError where the path can't be written.
+        Parameters
+        ----------
+        path : str | os.PathLike[str]
+            The file.
+
+        Returns
+        -------
+        str
+            The renderer's name.
+
+        Raises
+        ------
+        RenderError
+            If the file cannot be written.
         """
         save_png(self.image, path, self.renderer)
         return self.renderer
@@ -60,7 +78,7 @@ class ContactSheet:
 
 @dataclass(frozen=True)
 class _Contents:
-    """A shape by itself, or nothing, for a scene to show."""
+    """A shape by itself, or nothing, as the contents of a box."""
 
     placed: tuple[PlacedItem, ...] = ()
     cells: Triple = BOX_CELLS
@@ -71,9 +89,9 @@ class _Contents:
 
 
 def picture(shape: Shape, side: int = 256) -> RGBImage:
-    """A shape by itself, from the front and above, as large as fits: (side, side, 3) uint8.
+    """Draw a shape from the front and above, as large as fits: (side, side, 3) uint8.
 
-    Raises ValueError where the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
+    Raises ArgumentError if the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
     """
     _check_side(side)
     with Scene(_Contents.of(shape)) as scene:
@@ -84,15 +102,31 @@ def contact_sheet(
     tiles: Iterable[tuple[str, Shape | str]],
     columns: int | None = None,
     side: int = 160,
-    drawn: Callable[[], object] | None = None,
+    on_tile: Callable[[], object] | None = None,
 ) -> ContactSheet:
-    """Pictures of many shapes with their labels, in the order in which they come.
+    """Draw many shapes with their labels, in the order in which they come.
 
-    tiles: each a label and a shape, or a message to show where there is none; they are taken one at
-    a time and not kept. columns: no more than tiles are used; by default rows and columns are as
-    many. side: pixels along each edge of a shape's picture. drawn: called after each tile. Raises
-    ValueError where the side is not `MIN_SIDE` to `MAX_SIDE`, where columns are less than 1, and
-    where there are no tiles.
+    Parameters
+    ----------
+    tiles : Iterable[tuple[str, Shape | str]]
+        A label and a shape each, or a message to show if there is none. They are taken one at a
+        time and not kept.
+    columns : int | None
+        At most so many as tiles; by default as many as rows.
+    side : int
+        Pixels along each side of a shape's picture, `MIN_SIDE` to `MAX_SIDE`.
+    on_tile : Callable[[], object] | None
+        Called after each tile.
+
+    Returns
+    -------
+    ContactSheet
+        The image.
+
+    Raises
+    ------
+    ArgumentError
+        If the side is out of range, there are less than 1 columns, or there are no tiles.
     """
     _check_side(side)
     if columns is not None and columns < 1:
@@ -106,8 +140,8 @@ def contact_sheet(
             else:
                 image = _message(content, side)
             pictures.append(np.concatenate((image, _label(label, side))))
-            if drawn is not None:
-                drawn()
+            if on_tile is not None:
+                on_tile()
         renderer = scene.renderer
     if not pictures:
         raise ArgumentError("a contact sheet of 0 tiles is not possible: at least 1")
@@ -121,7 +155,7 @@ def _check_side(side: int) -> None:
 
 
 def _grid(pictures: list[RGBImage], columns: int) -> RGBImage:
-    """Pictures of one size, row by row, with a gap around each."""
+    """Arrange pictures of one size row by row, with a gap around each."""
     height, width = pictures[0].shape[:2]
     gap = max(2, width // 20)
     rows = math.ceil(len(pictures) / columns)
@@ -135,23 +169,23 @@ def _grid(pictures: list[RGBImage], columns: int) -> RGBImage:
 
 
 def _label(text: str, side: int) -> RGBImage:
-    """A line of text, shortened in the middle where it is too wide: (H, side, 3)."""
+    """Draw a line of text (H, side, 3), shortened in the middle if it is too wide."""
     font = _font(side)
     line = shortened(plain(text), font, side * _TEXT_WIDTH)
     return _written([line], side, 3 * line_height(font) // 2, _INK)
 
 
 def _message(text: str, side: int) -> RGBImage:
-    """Text in as many lines as it takes and there is room for: (side, side, 3)."""
+    """Draw text in lines (side, side, 3), as many as there is space for."""
     font = _font(side)
-    room = max(1, side // line_height(font) - 1)
-    *lines, last = itertools.islice(lines_of(plain(text), font, side * _TEXT_WIDTH), room + 1)
-    lines.append(last if len(lines) < room else lines.pop()[:-1] + ELLIPSIS)
+    space = max(1, side // line_height(font) - 1)
+    *lines, last = itertools.islice(lines_of(plain(text), font, side * _TEXT_WIDTH), space + 1)
+    lines.append(last if len(lines) < space else lines.pop()[:-1] + ELLIPSIS)
     return _written(lines, side, side, _ALARM)
 
 
 def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int, int]) -> RGBImage:
-    """Lines of text in the middle of a picture: (height, width, 3)."""
+    """Draw lines of text in the middle of a picture (height, width, 3)."""
     font = _font(width)
     image = Image.new("RGB", (width, height), BACKGROUND)
     draw = ImageDraw.Draw(image)
@@ -162,5 +196,5 @@ def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int,
 
 
 def _font(side: int) -> FreeTypeFont:
-    """The font of a picture with so many pixels an edge."""
+    """Return the font for a picture whose side is so many pixels."""
     return font_of(min(6 + side // 22, 32))

@@ -1,4 +1,4 @@
-"""A packed box as a file of other tools: GLB, 3MF, STL, and JSON of meshes and poses."""
+"""Export of packed boxes to other tools: GLB, 3MF, STL, and JSON with meshes and poses."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from packit_sim.render.image_files import written
 from packit_sim.render.lettering import plain
 
 UNIT_MM = 100.0
-"""Millimetres to a box unit, in the formats that are printed from, unless another is asked for."""
+"""Default millimetres per box unit, in formats for 3D printing."""
 
 BOX = "box"
-"""The name of what holds the items in a GLB: its frame is the box's."""
+"""The name of the node above the items in a GLB: its frame is the box's."""
 
 _Y_UP = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)), dtype=float)
-"""From the box's axes to glTF's, whose y is up."""
+"""Maps the box's axes to glTF's, whose y is up."""
 
 _GAMMA = 2.2
-"""Of screens: glTF wants colours in amounts of light."""
+"""The gamma of screens: glTF's colours are linear."""
 
 
 def export(
@@ -42,16 +42,33 @@ def export(
     coloring: Coloring = by_item,
     unit_mm: float = UNIT_MM,
 ) -> None:
-    """Writes a box, whole or not at all, in the format that the path's suffix names.
+    """Write a box, completely or not at all, in the format of the path's suffix.
 
-    .glb: a node for each item, below one called "box", with its pose as its matrix and its colour;
-    a box unit is a metre. .3mf: an object for each shape and an item for each
-    placed one; .stl: all items as one mesh, binary; both in millimetres. .json: a packing as
-    `packit verify` reads it, with poses as (4, 4) matrices and a PLY file of each canonical mesh in
-    a folder beside it, NAME-meshes; lengths are in box units. Items are named by their number in
-    the order of placing and their shape, "03 mug-2". unit_mm: millimetres to a box unit. Raises
-    RenderError where the suffix is another, the box is empty or the path can't be written,
-    ValueError where the unit is not above 0.
+    Parameters
+    ----------
+    box : Contents
+        The box.
+    path : str | os.PathLike[str]
+        The file to write.
+    coloring : Coloring
+        The rule that gives items their colours in a GLB.
+    unit_mm : float
+        Millimetres per box unit in 3MF and STL.
+
+    Raises
+    ------
+    RenderError
+        If the suffix is unknown, the box is empty or the file cannot be written.
+    ArgumentError
+        If the unit is not above 0.
+
+    Notes
+    -----
+    .glb: a node for each item, below one named "box", with its pose as matrix and its colour; a box
+    unit is a metre. .3mf: an object for each shape and an item for each placed one. .stl: all items
+    as one mesh, binary. .json: a packing as `packit verify` reads it, with poses as (4, 4) matrices
+    and a PLY file of each canonical mesh in the folder NAME-meshes next to it; lengths are in box
+    units. Items are named by their number in the order of placing and their shape, "03 mug-2".
     """
     path = Path(path)
     require(path)
@@ -69,7 +86,7 @@ def export(
 
 
 def require(path: Path | str) -> None:
-    """Raises RenderError where the path's suffix names no format: to ask before there is work."""
+    """Raise RenderError if the path's suffix names no format; call it before long work."""
     if Path(path).suffix.lower() not in SUFFIXES:
         raise RenderError(
             f"{path} is no export: choose a name that ends in {', '.join(SUFFIXES[:-1])} "
@@ -78,7 +95,7 @@ def require(path: Path | str) -> None:
 
 
 def names(placed: Sequence[ItemInBox]) -> list[str]:
-    """A name for each item, unique, in plain ASCII."""
+    """Return a unique ASCII name for each item."""
     digits = max(2, len(str(len(placed) - 1)))
     return [f"{n:0{digits}d} {plain(p.item.shape.id)}" for n, p in enumerate(placed)]
 
@@ -131,8 +148,8 @@ def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
         shape = placed.item.shape
         file = folder / f"{shape.digest[:16]}.ply"
         if shape.digest not in files:
-            with written(file) as made:
-                made.write(export_ply(shape.mesh, vertex_normal=False))
+            with written(file) as out:
+                out.write(export_ply(shape.mesh, vertex_normal=False))
         files[shape.digest] = f"{folder.name}/{file.name}"
     items = [
         {
@@ -144,9 +161,9 @@ def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
         for name, placed in zip(names(box.placed), box.placed, strict=True)
     ]
     extents = (np.array(box.cells) * CELL).tolist()
-    told = {"box": extents, "unit": "box", "items": items}
+    packing = {"box": extents, "unit": "box", "items": items}
     with written(path) as out:
-        out.write((json.dumps(told, indent=1, ensure_ascii=False) + "\n").encode())
+        out.write((json.dumps(packing, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 def _poses_mm(placed: Sequence[ItemInBox], unit_mm: float) -> Iterator[npt.NDArray[np.float64]]:
@@ -155,7 +172,7 @@ def _poses_mm(placed: Sequence[ItemInBox], unit_mm: float) -> Iterator[npt.NDArr
 
 
 def _mesh_name(shape: Shape) -> str:
-    """Unique, whatever the shape's id."""
+    """Return a unique name, whatever the shape's id."""
     return f"{plain(shape.id)} {shape.digest[:8]}"
 
 
@@ -169,4 +186,4 @@ def _material(color: Color) -> PBRMaterial:
 _PRINTED: dict[str, Callable[[Sequence[ItemInBox], float], bytes]] = {".3mf": _3mf, ".stl": _stl}
 
 SUFFIXES = (".glb", *_PRINTED, ".json")
-"""The formats that a box can be written in."""
+"""Suffixes of the formats."""

@@ -1,4 +1,4 @@
-"""Films of a box: how it is packed, item by item, and a turn around it."""
+"""Films of a box: items fly in one after the other, or the camera circles the box."""
 
 from __future__ import annotations
 
@@ -21,28 +21,40 @@ from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.scene import Scene
 
 Frame = tuple[Look, Layout | None]
-"""How a box is shown at a moment of a film."""
+"""How a box is shown in one frame of a film."""
 
 _SIDES = ((2, 1), (1, 1), (0, 1), (0, -1), (1, -1))
-"""From where an item may come, the first preferred: axis, and the side of the box on it."""
+"""Directions from which items enter, in order of preference: axis, and 1 or -1 for the side."""
 
 _POINTS = 200
-"""Along a path."""
+"""Points along a path."""
 
 _RISE = 0.3
-"""How far items rise at least, in box units."""
+"""The least height by which items rise, in box units."""
 
 _BEND = 0.2
-"""From how far off a path goes around a corner, in box units."""
+"""Distance from a corner at which a path begins to bend, in box units."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a film goes.
+    """The speed of a film.
 
-    fps: frames a second. flight: seconds from an item's start to its place. gap: seconds from the
-    start of an item to that of the next. rest: seconds before the first start and after the last
-    item is in its place. Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    fps : int
+        Frames per second, 1 to 100.
+    flight : float
+        Seconds from an item's start to its place.
+    gap : float
+        Seconds from the start of an item to that of the next.
+    rest : float
+        Seconds before the first start, and after the last item is in its place.
+
+    Raises
+    ------
+    ArgumentError
+        If a parameter is out of range.
     """
 
     fps: int = 25
@@ -60,24 +72,42 @@ class Pace:
 
     @classmethod
     def lasting(cls, seconds: float, items: int, fps: int = 25) -> Pace:
-        """The pace at which so many items are packed in so many seconds, rests included."""
+        """Return the pace at which a film of `items` items takes `seconds`, rests included."""
         usual = cls(fps)
         share = seconds / usual.seconds(items)
         return cls(fps, usual.flight * share, usual.gap * share, usual.rest * share)
 
     def seconds(self, items: int) -> float:
-        """How long it takes to pack so many."""
+        """Return how long a film of so many items takes."""
         return 2 * self.rest + (self.flight + self.gap * (items - 1) if items else 0.0)
 
 
 def packing(
     box: Contents[PlacedItem], look: Look = DEFAULT_LOOK, pace: Pace | None = None
 ) -> Iterator[Frame]:
-    """Frames in which the items of a box, which stand beside it, come in one after the other.
+    """Yield frames in which the items, which stand next to the box, enter it one after the other.
 
-    Each rises, turns on the way, and comes in from above, or from the side on which least of what
-    is there already is in its way: not every packing can be made by hand. Raises ValueError where
-    the look cuts the box open or moves its items apart, which `turning` shows.
+    Each rises, rotates on the way, and enters from above, or from the side on which the fewest
+    items are in its way: not every packing can be assembled without collision.
+
+    Parameters
+    ----------
+    box : Contents
+        The box.
+    look : Look
+        How it is shown.
+    pace : Pace | None
+        The speed.
+
+    Returns
+    -------
+    Iterator[Frame]
+        The frames.
+
+    Raises
+    ------
+    ArgumentError
+        If the look cuts the box open or moves its items apart; `turning` can show that.
     """
     if look.cut is not None or look.explode:
         raise ArgumentError(
@@ -87,7 +117,7 @@ def packing(
 
 
 def _packing(box: Contents[PlacedItem], look: Look, pace: Pace) -> Iterator[Frame]:
-    """Frames of `packing`."""
+    """Yield the frames of `packing`."""
     size = np.array(box.cells) * CELL
     outside = Layout.standing([placed.item for placed in box.placed], size)
     inside = Layout.packed(box.placed, size)
@@ -109,7 +139,7 @@ def _packing(box: Contents[PlacedItem], look: Look, pace: Pace) -> Iterator[Fram
 
 
 def turning(box: Contents[ItemInBox], views: int, look: Look = DEFAULT_LOOK) -> Iterator[Frame]:
-    """Frames of one turn around a box, so many, which can be shown again without a jump."""
+    """Yield `views` frames of one turn around a box, which can be repeated without a jump."""
     size = np.array(box.cells) * CELL
     layout = Layout.packed(box.placed, size, look.explode).all_round(size)
     for camera in turntable(views, look.camera):
@@ -119,16 +149,24 @@ def turning(box: Contents[ItemInBox], views: int, look: Look = DEFAULT_LOOK) -> 
 def shot(
     box: Contents[ItemInBox], frames: Iterable[Frame], width: int = 512, height: int = 512
 ) -> Iterator[RGBImage]:
-    """The pictures (H, W, 3) of frames, one at a time."""
+    """Yield the pictures (H, W, 3) of frames."""
     with Scene(box) as scene:
         for look, layout in frames:
             yield scene.snapshot(width, height, look, layout).image
 
 
 def sides(box: Contents[PlacedItem]) -> list[tuple[int, int]]:
-    """For each item, from where it comes in: axis, and 1 for the side where that is large, or -1.
+    """Choose the side from which each item enters, on which the fewest earlier cells block it.
 
-    The one from which the fewest of its cells pass through cells of items before it.
+    Parameters
+    ----------
+    box : Contents
+        The box.
+
+    Returns
+    -------
+    list[tuple[int, int]]
+        For each item the axis, and 1 for its high side or -1 for its low side.
     """
     filled = np.zeros(box.cells, dtype=bool)
     chosen = []
@@ -147,7 +185,7 @@ def _blocked(
     axis: int,
     side: int,
 ) -> int:
-    """How many of an item's cells have a filled one between them and a side of the box."""
+    """Count the cells of an item with a filled cell between them and a side of the box."""
     window = list(map(slice, placed.start, placed.stop))
     window[axis] = slice(placed.start[axis], None) if side > 0 else slice(None, placed.stop[axis])
     column = np.moveaxis(filled[tuple(window)], axis, 0)
@@ -162,8 +200,8 @@ def _blocked(
 class _Flight:
     """An item's way into the box.
 
-    path: (n, 3) of its centre, at equal distances. entry: the share of it where the box begins.
-    reach: (n, 3) how high it comes.
+    path: positions (n, 3) of its centre, at equal distances. entry: the share of the path after
+    which the item enters the box. reach: positions (n, 3) of its top.
     """
 
     start: Pose
@@ -176,7 +214,7 @@ class _Flight:
     def of(
         cls, placed: PlacedItem, start: Pose, end: Pose, side: tuple[int, int], size: Floats
     ) -> _Flight:
-        """Up, over the box unless it comes in where it stands, and straight in from its side."""
+        """Plan a path: up, over the box unless the item stands at its side, and straight in."""
         axis, sign = side
         half = placed.item.extents / 2
         turn = end.position.copy()
@@ -193,7 +231,7 @@ class _Flight:
         return cls(start, end, path, float(way[corner] / way[-1]), reach)
 
     def at(self, share: float) -> Pose:
-        """Where the item is when it has gone that share of its way; turned before it comes in."""
+        """Compute the item's pose at a share of its path; it has its rotation before it enters."""
         if share <= 0:
             return self.start
         if share >= 1:
@@ -206,7 +244,7 @@ class _Flight:
 
 
 def _rounded(ways: Sequence[Floats]) -> tuple[Floats, int]:
-    """A line (n, 3) through points, whose corners are rounded; and where the last corner ends."""
+    """Connect points by a line (n, 3) with rounded corners; return where the last corner ends."""
     kept = [ways[0]] + [way for last, way in pairwise(ways) if np.linalg.norm(way - last) > 1e-9]
     points = [kept[0]]
     for before, corner, after in zip(kept, kept[1:], kept[2:], strict=False):
@@ -220,6 +258,6 @@ def _rounded(ways: Sequence[Floats]) -> tuple[Floats, int]:
 
 
 def _eased(share: float) -> float:
-    """0 to 1 as share goes from 0 to 1, at rest at both ends."""
+    """Map a share of 0 to 1 to another, with speed 0 at both ends."""
     u = min(1.0, max(0.0, share))
     return u**3 * (10 - 15 * u + 6 * u**2)

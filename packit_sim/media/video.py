@@ -1,4 +1,4 @@
-"""Pictures one after the other in a file: MP4 by ffmpeg, and GIF."""
+"""Video files: MP4 by ffmpeg, and GIF."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from packit_sim.render.image_files import RGBImage, written
 SUFFIXES = (".mp4", ".gif")
 
 CRF = 18
-"""How much H.264 may lose: 0 nothing, 51 most; at 18 nobody sees it."""
+"""Quality of H.264, 0 (lossless) to 51: at 18 the loss is not visible."""
 
 _PALETTE_FRAMES = 12
-"""Of a GIF, of which its one palette is made."""
+"""Frames of a GIF from which its palette is computed."""
 
 
 class MissingFfmpegError(PackItError, ImportError):
@@ -30,9 +30,19 @@ class MissingFfmpegError(PackItError, ImportError):
 
 
 def require(path: Path | str) -> None:
-    """Raises RenderError where the path is no film's, and MissingFfmpegError where ffmpeg is not.
+    """Raise an error if a film cannot be written; call it before long work.
 
-    To ask before there is work.
+    Parameters
+    ----------
+    path : Path | str
+        The file.
+
+    Raises
+    ------
+    RenderError
+        If the suffix is not one of `SUFFIXES`.
+    MissingFfmpegError
+        If it is .mp4, and ffmpeg is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -48,11 +58,29 @@ def require(path: Path | str) -> None:
 
 
 def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) -> int:
-    """Writes pictures (H, W, 3) of one size as a film, whole or not at all; returns how many.
+    """Write pictures of one size as a film, completely or not at all.
 
-    A GIF tells times in hundredths of a second: its rate is the next that they allow. Raises what
-    `require` raises, and RenderError where there is no picture, where a side is odd, which MP4
-    does not allow, or where the path can't be written.
+    Parameters
+    ----------
+    path : str | os.PathLike[str]
+        The file.
+    pictures : Iterable[RGBImage]
+        The frames, of shape (H, W, 3).
+    fps : int
+        Frames per second. A GIF stores hundredths of a second: its rate is the nearest possible.
+
+    Returns
+    -------
+    int
+        The number of pictures.
+
+    Raises
+    ------
+    RenderError
+        If there is no picture, a side is odd, which MP4 does not allow, the suffix is unknown, or
+        the file cannot be written.
+    MissingFfmpegError
+        If ffmpeg is required and not installed.
     """
     path = Path(path)
     require(path)
@@ -114,14 +142,14 @@ def _gif(path: Path, pictures: Iterable[RGBImage], fps: int) -> int:
 
 
 def _palette(kept: Sequence[bytes]) -> Image.Image:
-    """The 255 colours that do best for all frames."""
+    """Choose 255 colours for all frames."""
     chosen = np.unique(np.linspace(0, len(kept) - 1, _PALETTE_FRAMES).astype(int))
     pixels = [np.asarray(_unpacked(kept[n])) for n in chosen.tolist()]
     return Image.fromarray(np.concatenate(pixels)).quantize(255, method=Image.Quantize.MEDIANCUT)
 
 
 def _packed(picture: RGBImage) -> bytes:
-    """A picture as PNG: a film's fill the memory otherwise."""
+    """Compress a picture as PNG: those of a film would fill the memory."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()

@@ -156,6 +156,11 @@ class BulletClient:
             The text, in metres.
         concave : bool
             Whether its surface is taken as it is; else each object becomes its convex hull.
+
+        Returns
+        -------
+        int
+            The number of the shape.
         """
         number: int = self._pybullet.createCollisionShape(
             self._pybullet.GEOM_MESH,
@@ -177,14 +182,17 @@ class BulletClient:
         return number
 
     def remove(self, body: int) -> None:
+        """Remove a body."""
         self._pybullet.removeBody(body, physicsClientId=self.number)
 
     def move(self, body: int, pose: Pose) -> None:
+        """Set the pose of a body."""
         self._pybullet.resetBasePositionAndOrientation(
             body, (pose.position * UNIT).tolist(), pose.xyzw, physicsClientId=self.number
         )
 
     def paint(self, body: int, color: Color) -> None:
+        """Set the colour of a body."""
         self._pybullet.changeVisualShape(
             body, -1, rgbaColor=(*color, 1.0), physicsClientId=self.number
         )
@@ -194,10 +202,14 @@ class BulletClient:
 
         Parameters
         ----------
-        pieces, mesh : int
-            Collision shapes.
-        first, second : Pose
-            Poses of the pieces and of the mesh.
+        pieces : int
+            The collision shape of the pieces.
+        mesh : int
+            The collision shape of the mesh.
+        first : Pose
+            The pose of the pieces.
+        second : Pose
+            The pose of the mesh.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Cameras: from where a picture is taken, and where a point of the box ends up in it."""
+"""Cameras: where a picture is taken from, and where a point of the box is in it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,23 @@ Points = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a picture is taken from: as near as fits whole what it shows, a box or items.
+    """A direction to look from; the distance follows from what the picture contains.
 
-    azimuth: degrees about z from +x, the default looks at the origin's corner from across the box.
-    elevation: degrees above the floor. fov: vertical opening angle in degrees. margin: share of
-    the picture's half that stays free on each side. Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    azimuth : float
+        Degrees about z from +x. The default looks at the origin's corner from across the box.
+    elevation : float
+        Degrees above the floor, between -90 and 90.
+    fov : float
+        Vertical opening angle in degrees, between 0 and 180.
+    margin : float
+        Share of half the picture that stays free on each side, between -1 and 1.
+
+    Raises
+    ------
+    ArgumentError
+        If a parameter is out of range.
     """
 
     azimuth: float = 62.0
@@ -40,7 +52,7 @@ class Camera:
 
     @property
     def toward(self) -> Points:
-        """(3,) unit vector from what the camera looks at to the camera."""
+        """Unit vector (3,) from what the camera looks at to the camera."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         return np.array(
             (
@@ -52,19 +64,32 @@ class Camera:
 
     @property
     def right(self) -> Points:
-        """(3,) unit vector to the right of the picture."""
+        """Unit vector (3,) to the right of the picture."""
         azimuth = math.radians(self.azimuth)
         return np.array((-math.sin(azimuth), math.cos(azimuth), 0.0))
 
     @property
     def up(self) -> Points:
-        """(3,) unit vector to the upper edge of the picture."""
+        """Unit vector (3,) to the upper edge of the picture."""
         return np.cross(self.toward, self.right)
 
     def eye(self, points: Points, aspect: float, center: Points | None = None) -> Points:
-        """(3,) where the camera stands, in box units, to have points (n, 3) in the picture.
+        """Compute the nearest position from which the picture contains all points.
 
-        It looks at the centre (3,), or by default past whatever brings it nearest to the points.
+        Parameters
+        ----------
+        points : Points
+            Array of shape (n, 3), in box units.
+        aspect : float
+            Width over height of the picture.
+        center : Points | None
+            What the camera looks at, of shape (3,); by default whatever allows the nearest
+            position.
+
+        Returns
+        -------
+        Points
+            The camera's position, of shape (3,), in box units.
         """
         reach = math.tan(math.radians(self.fov) / 2) * (1 - self.margin)
         depth = points @ self.toward
@@ -78,9 +103,22 @@ class Camera:
         return eye + distance * self.toward
 
     def projection(self, eye: Points, width: int, height: int) -> Points:
-        """(3, 4): takes a point (x, y, z, 1) of the box to (column, row, 1) times its depth.
+        """Compute the projection from the box to pixels.
 
-        Columns and rows are in pixels from the upper left corner of the picture.
+        Parameters
+        ----------
+        eye : Points
+            The camera's position, of shape (3,), in box units.
+        width : int
+            Pixels.
+        height : int
+            Pixels.
+
+        Returns
+        -------
+        Points
+            A (3, 4) matrix that maps a point (x, y, z, 1) of the box to (column, row, 1) times its
+            depth, counted from the upper left corner of the picture.
         """
         focal = height / 2 / math.tan(math.radians(self.fov) / 2)
         depth = -self.toward
@@ -96,15 +134,15 @@ class Camera:
 
 ISO = Camera()
 FRONT = Camera(azimuth=90.0, elevation=4.0, fov=20.0)
-"""Of the wall where y is largest; the camera sees a little of what lies on top."""
+"""A view of the wall where y is largest, and a little of the top."""
 
 TOP = Camera(azimuth=90.0, elevation=89.9, fov=20.0)
-"""From above, the front at the lower edge."""
+"""A view from above, with the front at the lower edge."""
 
 CAMERAS = {"iso": ISO, "front": FRONT, "top": TOP}
-"""The cameras that have a name."""
+"""Cameras by name."""
 
 
 def turntable(views: int, camera: Camera = ISO) -> tuple[Camera, ...]:
-    """So many cameras on a circle about the box, evenly, from the given one on."""
+    """Return `views` cameras, evenly spaced on a circle about the box, the given one first."""
     return tuple(replace(camera, azimuth=camera.azimuth + 360 * n / views) for n in range(views))

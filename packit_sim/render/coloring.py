@@ -1,6 +1,6 @@
-"""What colours tell: which item has which, by a rule, and what it means.
+"""Rules that give each item of a box a colour, and legends that explain them.
 
-Every set of colours here can be told apart by the colour-blind.
+Colour-blind readers can distinguish the colours of every rule.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ PALETTE = (
     *((0.34, 0.71, 0.91), (0.84, 0.37, 0.00), (0.87, 0.80, 0.47), (0.53, 0.13, 0.33)),
     *((0.59, 0.90, 0.80), (0.60, 0.60, 0.20), (0.45, 0.45, 0.75), (0.20, 0.20, 0.55)),
 )
-"""Most after Okabe and Ito and Paul Tol; the colour-blind can tell them apart."""
+"""Most are by Okabe and Ito and by Paul Tol; colour-blind readers can distinguish them."""
 
 _SHADES = (0.0, 0.25, 0.45)
-"""Shares of white in the colours of the palette, where there are more things than colours."""
+"""Shares of white in the palette's colours, for more categories than it has colours."""
 
 _RAMP = ((0.24, 0.22, 0.52), (0.13, 0.46, 0.58), (0.36, 0.70, 0.46), (0.99, 0.90, 0.42))
-"""From little to much: ever lighter, so that it can be read without telling colours at all."""
+"""From low to high: lighter at each step, so that brightness alone is enough to read it."""
 
 UNKNOWN: Color = (0.72, 0.72, 0.72)
-"""Of items that have no number."""
+"""The colour of items without a number."""
 
 
 @dataclass(frozen=True)
 class ColorKey:
-    """A legend of names, each with its colour."""
+    """A legend that gives each name a colour."""
 
     title: str
     entries: tuple[tuple[str, Color], ...]
@@ -43,7 +43,7 @@ class ColorKey:
 
 @dataclass(frozen=True)
 class ColorScale:
-    """A legend of numbers: what the ends of the ramp of colours stand for."""
+    """A legend of numbers: the values at both ends of the colour ramp."""
 
     title: str
     low: str
@@ -55,28 +55,28 @@ Legend = ColorKey | ColorScale
 
 @dataclass(frozen=True)
 class Colors:
-    """The colour of each item, in their order, and what the colours mean if they mean anything."""
+    """The colour of each item, in order, and the legend if colours have a meaning."""
 
     of: tuple[Color, ...]
     legend: Legend | None = None
 
 
 Coloring = Callable[[Sequence[Item]], Colors]
-"""A rule that gives colours to the items of a box, which come in the order of placing."""
+"""A rule that gives colours to the items of a box, in the order of placing."""
 
 
 def color_of(shape: Shape) -> Color:
-    """The shape's own colour, whatever box it is in: one of the palette in one of three shades."""
+    """Return the shape's colour, the same in every box: a palette colour in one of three shades."""
     return _tinted(int(shape.digest[:8], 16) % (len(_SHADES) * len(PALETTE)))
 
 
 def hexadecimal(color: Color) -> str:
-    """Its six digits."""
+    """Return the six hexadecimal digits of a colour."""
     return bytes(round(255 * channel) for channel in color).hex()
 
 
 def ramp(share: float) -> Color:
-    """The colour of a share, 0 for little and 1 for much."""
+    """Return the colour of a share, 0 for low and 1 for high."""
     at = np.clip(share, 0, 1) * (len(_RAMP) - 1)
     channels = np.transpose(_RAMP)
     red, green, blue = (float(np.interp(at, range(len(_RAMP)), c)) for c in channels)
@@ -84,12 +84,12 @@ def ramp(share: float) -> Color:
 
 
 def by_item(items: Sequence[Item]) -> Colors:
-    """Each shape in its own colour, the same in every picture."""
+    """Give each shape its own colour, the same in every picture."""
     return Colors(tuple(color_of(item.shape) for item in items))
 
 
 def by_category(items: Sequence[Item]) -> Colors:
-    """A colour for each category, those first in the palette that are most frequent."""
+    """Give each category a colour, in the palette's order from the most frequent one on."""
     counts = Counter(item.shape.category for item in items)
     names = sorted(counts, key=lambda name: (-counts[name], name))
     shades = len(PALETTE) * len(_SHADES)
@@ -101,7 +101,7 @@ def by_category(items: Sequence[Item]) -> Colors:
 
 
 def by_order(items: Sequence[Item]) -> Colors:
-    """The order of placing, from the first to the last."""
+    """Colour items by the order of placing, from the first to the last."""
     last = max(1, len(items) - 1)
     shares = tuple(ramp(n / last) for n in range(len(items)))
     return Colors(shares, ColorScale("order of placing", "first", "last"))
@@ -109,9 +109,12 @@ def by_order(items: Sequence[Item]) -> Colors:
 
 @dataclass(frozen=True)
 class ByShare:
-    """The reward that each item brings: its volume's share of the volume of a task's items.
+    """A rule that shows each item's reward: its share of the volume of a task's items.
 
-    total: that volume, in box units cubed; by default all items of the task are in the picture.
+    Parameters
+    ----------
+    total : float | None
+        The volume of the task's items, in box units cubed; by default that of the coloured items.
     """
 
     total: float | None = None
@@ -125,10 +128,20 @@ class ByShare:
 
 @dataclass(frozen=True)
 class ByNumber:
-    """A number of each item, such as a score: light where it is large.
+    """A rule that shows a number of each item, such as a score: light where it is large.
 
-    title: what the number is. numbers: by the items' places in their order; items without one are
-    grey. low, high: ends of the scale, by default of the numbers. spec: how the ends are written.
+    Parameters
+    ----------
+    title : str
+        The name of the number.
+    numbers : Mapping[int, float]
+        The number by the item's index; items without one are grey.
+    low : float | None
+        The low end of the scale, by default the smallest number.
+    high : float | None
+        The high end of the scale, by default the largest number.
+    spec : str
+        The format of the ends.
     """
 
     title: str
@@ -156,7 +169,7 @@ COLORINGS: Mapping[str, Coloring] = {
     "order": by_order,
     "share": ByShare(),
 }
-"""The rules that need to know nothing but the items."""
+"""Rules by name that depend on the items alone."""
 
 
 def _tinted(number: int) -> Color:

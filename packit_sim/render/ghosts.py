@@ -1,4 +1,4 @@
-"""The box as panes of glass around what it holds, drawn over a picture of that."""
+"""The box as panes of glass, drawn over a picture of its contents."""
 
 from __future__ import annotations
 
@@ -14,17 +14,31 @@ from packit_sim.render.cameras import Camera, Points
 Floats = npt.NDArray[np.floating]
 
 _SAMPLES = 2
-"""Along each side of a pixel, so that edges are smooth."""
+"""Samples along each side of a pixel, which make edges smooth."""
 
 _GLASS = (120, 160, 205)
 _INK = (64, 74, 92)
 _FRONT, _BACK = (26, 200), (34, 110)
-"""How opaque panes and edges are, of 255: on the side of the camera, and on the other."""
+"""Opacity of panes and of edges, 0 to 255: on the side of the camera, and on the far side."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """A box of extents `size` (3,) as a camera at `eye` (3,) sees it, in so many pixels."""
+    """The panes of a box as a camera sees them.
+
+    Parameters
+    ----------
+    size : Points
+        Extents of the box, of shape (3,), in box units.
+    camera : Camera
+        The camera.
+    eye : Points
+        The camera's position, of shape (3,), in box units.
+    width : int
+        Pixels.
+    height : int
+        Pixels.
+    """
 
     size: Points
     camera: Camera
@@ -33,16 +47,26 @@ class Ghost:
     height: int
 
     def behind(self, background: tuple[int, int, int]) -> Floats:
-        """(H, W, 3) the background with the panes that are on the far side, 0 to 255."""
+        """Draw the panes on the far side over a background: (H, W, 3), 0 to 255."""
         image = np.full((self.height, self.width, 3), background, dtype=np.float32)
         for axis, side in self._panes(facing=False):
             image = _over(image, *self._pane(axis, side, *_BACK))
         return image
 
     def before(self, image: Floats, depth: npt.NDArray[np.float32]) -> Floats:
-        """(H, W, 3) a picture with the panes on the camera's side over it, but for what is nearer.
+        """Draw the panes on the camera's side over a picture, except where it is nearer.
 
-        depth: (H, W) of the picture, inf where there is nothing.
+        Parameters
+        ----------
+        image : Floats
+            The picture, of shape (H, W, 3), 0 to 255.
+        depth : npt.NDArray[np.float32]
+            Depths of the picture, of shape (H, W), in box units, inf where there is nothing.
+
+        Returns
+        -------
+        Floats
+            The picture with panes, of shape (H, W, 3), 0 to 255.
         """
         for axis, side in self._panes(facing=True):
             color, alpha = self._pane(axis, side, *_FRONT)
@@ -51,7 +75,7 @@ class Ghost:
         return image
 
     def _panes(self, facing: bool) -> Iterator[tuple[int, int]]:
-        """Axis, and 0 for the low or 1 for the high side, of panes that face the camera or not."""
+        """Yield the axis and the side (0 low, 1 high) of panes that face the camera, or do not."""
         for axis in range(3):
             for side in (0, 1):
                 ahead = (2 * side - 1) * (self.eye[axis] - side * self.size[axis])
@@ -59,7 +83,7 @@ class Ghost:
                     yield axis, side
 
     def _pane(self, axis: int, side: int, fill: int, edge: int) -> tuple[Floats, Floats]:
-        """Color (H, W, 3) and opacity (H, W), 0 to 1, of a pane."""
+        """Draw a pane: colour (H, W, 3) and opacity (H, W), 0 to 1."""
         corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
         corners = np.insert(corners, axis, side, axis=1) * self.size
         projection = self.camera.projection(self.eye, self.width, self.height)
@@ -74,7 +98,7 @@ class Ghost:
         return pixels[..., :3], pixels[..., 3] / 255
 
     def _depth(self, axis: int, side: int) -> Floats:
-        """(H, W) how far a pane's plane is along the view, inf where a pixel does not meet it."""
+        """Compute depths (H, W) of a pane's plane, inf where a pixel's ray does not meet it."""
         projection = self.camera.projection(self.eye, self.width, self.height)
         rays = np.linalg.inv(projection[:, :3])[axis]
         columns, rows = np.arange(self.width) + 0.5, np.arange(self.height)[:, None] + 0.5

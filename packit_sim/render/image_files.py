@@ -29,7 +29,7 @@ def written(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     Parameters
     ----------
-    path : str or os.PathLike
+    path : str | os.PathLike[str]
         The file to write.
 
     Yields
@@ -57,7 +57,7 @@ def save_png(image: RGBImage, path: str | os.PathLike[str], renderer: str) -> No
     ----------
     image : RGBImage
         Array of shape (H, W, 3), uint8.
-    path : str or os.PathLike
+    path : str | os.PathLike[str]
         The file to write.
     renderer : str
         The renderer's name, stored in the metadata.

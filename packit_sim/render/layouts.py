@@ -1,4 +1,4 @@
-"""Where items are shown: in their places, moved apart, or standing beside the box."""
+"""Where items are shown: in their places, moved apart, or next to the box."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from packit_sim.placement import ItemInBox, PosedItem
 Floats = npt.NDArray[np.float64]
 
 GAP = 0.06
-"""Box units between items that stand beside each other, and from them to the box."""
+"""Box units between items that stand next to each other, and from them to the box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,15 @@ class Layout:
         ----------
         placed : Sequence[ItemInBox]
             The items.
-        size : ndarray of float64, shape (3,)
-            Extents of the box in box units.
+        size : Floats
+            Extents (3,) of the box in box units.
         explode : float
             How much farther, as a share of the distance.
+
+        Returns
+        -------
+        Layout
+            Poses of the items in order.
         """
         middle = size * (0.5, 0.5, 0.0)
         poses = [p.pose for p in placed]
@@ -65,9 +70,14 @@ class Layout:
         ----------
         items : Sequence[Item]
             The items.
-        size : ndarray of float64, shape (3,), or None
-            Extents of a box next to which they stand, on the left of its usual picture; by default
-            there is none.
+        size : Floats | None
+            Extents (3,) of a box next to which they stand, on the left of its usual picture; by
+            default there is none.
+
+        Returns
+        -------
+        Layout
+            Poses of the items in order.
         """
         upright = [item.turned(0) for item in items]
         centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
@@ -92,7 +102,7 @@ class Layout:
 
 
 def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
-    """(3,) centres of things of such extents (n, 3), in rows along x from the back to the front."""
+    """Compute centres (3,) of boxes with extents (n, 3), in rows along x from back to front."""
     x, middle = (0.0, 0.0) if size is None else (float(size[0]) + 2 * GAP, float(size[1]) / 2)
     area = float(np.prod(extents[:, :2] + GAP, axis=1).sum())
     length = max(1.3 * np.sqrt(area), extents[:, 0].max(initial=0.0))
@@ -117,7 +127,7 @@ def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
 
 
 def _corners(items: Sequence[Item], poses: Sequence[Pose]) -> Floats:
-    """(8n, 3) the corners of items' bounding boxes, turned with them."""
+    """Compute the corners (8n, 3) of items' bounding boxes, rotated with them."""
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
     boxes = [
         pose.apply(signs * item.turned(0).extents) for item, pose in zip(items, poses, strict=True)

@@ -1,4 +1,4 @@
-"""What the colours of a picture mean, drawn at its right."""
+"""Legends of colours, drawn at the right of a picture."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from packit_sim.render.lettering import font_of, line_height, plain, shortened
 from packit_sim.render.looks import RGB
 
 _STEPS = 64
-"""Stripes in the ramp of a scale."""
+"""Stripes in the colour ramp of a scale."""
 
 
 def beside(image: RGBImage, legend: Legend, background: RGB) -> RGBImage:
-    """A picture (H, W, 3) with a legend at its right, in a strip of its own: (H, W', 3)."""
+    """Add a strip with a legend at the right of a picture: (H, W, 3) becomes (H, W', 3)."""
     height = len(image)
     font = font_of(min(10 + height // 100, 26))
     step = round(1.25 * line_height(font))

@@ -1,4 +1,4 @@
-"""Text in pictures: any text, in the one font that comes with Pillow, in lines that fit."""
+"""Text in pictures, in the font that comes with Pillow, in lines that fit."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ ELLIPSIS = "\N{HORIZONTAL ELLIPSIS}"
 
 @functools.cache
 def font_of(size: int) -> FreeTypeFont:
-    """The font, so many pixels high."""
+    """Return the font, `size` pixels high."""
     font = ImageFont.load_default(size)
     assert isinstance(font, FreeTypeFont)
     return font
 
 
 def line_height(font: FreeTypeFont) -> int:
-    """Pixels from line to line."""
+    """Return the distance between lines, in pixels."""
     return math.ceil(1.2 * font.size)
 
 
 def plain(text: str) -> str:
-    """Text as the font can write it, ASCII on a line: "?" for letters, but for accents nothing."""
+    """Reduce text to one line of ASCII, which the font has: no accents, "?" for other letters."""
     bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     line = " ".join(bare.encode("ascii", "replace").decode().split())
     return "".join(c if c.isprintable() else "?" for c in line)
 
 
 def shortened(text: str, font: FreeTypeFont, width: float) -> str:
-    """Text, or as much of its beginning and end as fits around an ellipsis."""
+    """Replace the middle of a text that is too wide by an ellipsis."""
 
     def cut(kept: int) -> str:
         tail = kept // 2
@@ -48,7 +48,7 @@ def shortened(text: str, font: FreeTypeFont, width: float) -> str:
 
 
 def lines_of(text: str, font: FreeTypeFont, width: float) -> Iterator[str]:
-    """Text broken at spaces, and within words that are wider than a line; at least one line."""
+    """Break text at spaces, and within words that are wider than a line; at least one line."""
     while True:
         sizes = range(1, min(len(text), math.ceil(width)) + 1)
         end = max(1, bisect_right(sizes, width, key=lambda n: font.getlength(text[:n])))

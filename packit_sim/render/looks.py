@@ -1,4 +1,4 @@
-"""How a box is shown: one value that snapshots, films, environments and the command line share."""
+"""How a box is shown: one value for snapshots, films, environments and the command line."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from packit_sim.render.cameras import ISO, Camera
 from packit_sim.render.coloring import Coloring, by_item
 
 RGB = tuple[int, int, int]
-"""Red, green and blue, of 255."""
+"""Red, green and blue, 0 to 255."""
 
 BACKGROUND: RGB = (246, 247, 249)
-"""Where a picture shows nothing."""
+"""The colour where a picture shows nothing."""
 
 BoxStyle = Literal["edges", "ghost", "none"]
 BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
@@ -23,10 +23,17 @@ BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
 
 @dataclass(frozen=True)
 class Cut:
-    """Where a box is cut open: what lies beyond `at`, in box units, along an axis is taken away.
+    """A plane that cuts a box open: what lies beyond it is hidden.
 
-    What is cut through shows its section, as the fine cells of the engine have it: solid where a
-    mesh encloses it, closed or not.
+    Items that it crosses show their section, which consists of the engine's fine cells: solid where
+    a mesh encloses them, whether it is closed or not.
+
+    Parameters
+    ----------
+    axis : Axis
+        The axis to which the plane is perpendicular: "x", "y" or "z".
+    at : float
+        Position of the plane on the axis, above 0, in box units.
     """
 
     axis: Axis
@@ -40,7 +47,7 @@ class Cut:
 
     @property
     def dimension(self) -> int:
-        """The axis as an index."""
+        """The index of the axis."""
         return UP_AXES.index(self.axis)
 
 
@@ -48,11 +55,26 @@ class Cut:
 class Look:
     """How a box is shown.
 
-    background: red, green and blue, of 255. box: "edges" shows its edges and floor, "ghost" panes
-    of glass around what it holds, "none" the items alone, as large as fits. explode: how far
-    items are moved apart, as a share of where they stand from the middle of the floor. cut: where
-    the box is cut open. coloring: the rule that gives each item its colour. Raises ValueError
-    where one is out of range.
+    Parameters
+    ----------
+    camera : Camera
+        Where the picture is taken from.
+    background : RGB
+        Red, green and blue, 0 to 255.
+    box : BoxStyle
+        "edges" shows the box's edges and floor, "ghost" panes of glass around its contents, "none"
+        the items alone, as large as fits.
+    explode : float
+        How far items are moved apart: a share of their distance from the middle of the floor.
+    cut : Cut | None
+        Where the box is cut open.
+    coloring : Coloring
+        The rule that gives each item its colour.
+
+    Raises
+    ------
+    ArgumentError
+        If a parameter is out of range.
     """
 
     camera: Camera = ISO

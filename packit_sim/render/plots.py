@@ -1,4 +1,4 @@
-"""Plots in one style, by matplotlib, which comes with `pip install packit-sim[plot]`."""
+"""Plots in one style, by matplotlib (`pip install packit-sim[plot]`)."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's, which the colour-blind can tell apart; the first three differ most."""
+"""By Okabe and Ito; colour-blind readers can distinguish them, the first three best."""
 
 DPI = 150
-"""Pixels an inch of a figure."""
+"""Pixels per inch of a figure."""
 
 INK = "#4a4f58"
-"""Of what is no data."""
+"""The colour of everything that is not data."""
 
 BAND = 0.18
-"""How opaque an interval is around its line."""
+"""Opacity of an interval around its line."""
 
 _STYLE = {
     "axes.axisbelow": True,
@@ -49,7 +49,7 @@ class MissingMatplotlibError(PackItError, ImportError):
 
 
 def require() -> None:
-    """Raises MissingMatplotlibError where there can be no plots: to ask before there is work."""
+    """Raise MissingMatplotlibError if matplotlib is missing; call it before long work."""
     try:
         import matplotlib  # noqa: F401
     except ImportError as error:
@@ -62,11 +62,30 @@ def require() -> None:
 def drawn(
     path: Path | str, mosaic: Sequence[Sequence[str]], width: float, height: float
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure to draw on, and its axes by the names that the mosaic lays out row by row.
+    """Create a figure that is written as PNG when the block ends without an error.
 
-    When the block ends it is written as PNG, whole or not at all; where it raises, nothing is.
-    width, height: in inches of `DPI` pixels. Raises MissingMatplotlibError, and RenderError where
-    the path can't be written.
+    Parameters
+    ----------
+    path : Path | str
+        The file, which is written completely or not at all.
+    mosaic : Sequence[Sequence[str]]
+        Names of axes, row by row.
+    width : float
+        Inches of `DPI` pixels.
+    height : float
+        Inches of `DPI` pixels.
+
+    Yields
+    ------
+    tuple[Figure, Any]
+        The figure, and its axes by name.
+
+    Raises
+    ------
+    MissingMatplotlibError
+        If matplotlib is not installed.
+    RenderError
+        If the file cannot be written.
     """
     with _figure(mosaic, width, height, {}) as (figure, axes):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -82,10 +101,26 @@ def drawn(
 def inlined(
     out: TextIO, mosaic: Sequence[Sequence[str]], width: float, height: float
 ) -> Iterator[tuple[Figure, Any]]:
-    """As `drawn`, but an SVG element for a page, of which out has the text when the block ends.
+    """Create a figure that is written as an SVG element of a page when the block ends.
 
-    The page gives the fonts, and the colours: `var(--ink)` for all that is no data, `var(--data-0)`
-    and so on for those of `COLORS`. Nothing is behind it.
+    The page defines the fonts and the colours: `var(--ink)` for everything that is not data,
+    `var(--data-0)` and so on for `COLORS`. The background is transparent.
+
+    Parameters
+    ----------
+    out : TextIO
+        Where the element is written.
+    mosaic : Sequence[Sequence[str]]
+        Names of axes, row by row.
+    width : float
+        Inches.
+    height : float
+        Inches.
+
+    Yields
+    ------
+    tuple[Figure, Any]
+        The figure, and its axes by name.
     """
     ink = dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK)
     style = {
@@ -112,7 +147,7 @@ def inlined(
 def _figure(
     mosaic: Sequence[Sequence[str]], width: float, height: float, style: Mapping[str, Any]
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure and its axes, in our style and what is changed of it."""
+    """Create a figure and its axes, in the common style with some changes."""
     require()
     import matplotlib
     from matplotlib.figure import Figure
@@ -123,9 +158,18 @@ def _figure(
 
 
 def line(axes: Any, at: Sequence[float], estimates: Sequence[Estimate], **style: Any) -> None:
-    """Means as a line with their intervals as a band; where there is none, the line alone.
+    """Draw means as a line, and their intervals as a band where they have any.
 
-    style: what matplotlib's `plot` takes; it must have a color.
+    Parameters
+    ----------
+    axes : Any
+        Matplotlib's axes.
+    at : Sequence[float]
+        Positions of the estimates on the x axis.
+    estimates : Sequence[Estimate]
+        The means and intervals.
+    **style : Any
+        Arguments of matplotlib's `plot`; `color` is required.
     """
     means = [estimate.mean for estimate in estimates]
     low = [e.mean if e.low is None else e.low for e in estimates]

@@ -85,16 +85,16 @@ def take(
         The world.
     indices : dict[int, int]
         The item's index for each body's number.
-    points : ndarray of float64, shape (n, 3)
-        What the picture contains, see `Camera.eye`.
-    center : ndarray of float64, shape (3,), or None
-        Where the camera looks, see `Camera.eye`.
+    points : Points
+        What the picture contains, of shape (n, 3), see `Camera.eye`.
+    center : Points | None
+        Where the camera looks, of shape (3,), see `Camera.eye`.
     look : Look
         The camera and the background.
     size : tuple[int, int]
         Width and height in pixels.
-    ghost : ndarray of float64, shape (3,), or None
-        Extents of a box to draw as panes of glass.
+    ghost : Points | None
+        Extents (3,) of a box to draw as panes of glass.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def take(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the width or the height is not 1 to `MAX_SIDE`.
     """
     width, height = size

@@ -1,4 +1,4 @@
-"""What is left of an item where a box is cut open, and the section that the cut shows."""
+"""What remains of an item that a plane cuts, and its section."""
 
 from __future__ import annotations
 
@@ -15,9 +15,14 @@ from packit_sim.render.looks import Cut
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """An item that is cut through, about its centre, in box units.
+    """An item that is cut, relative to its centre, in box units.
 
-    rest: the surface before the cut, open there. cap: the section, flat.
+    Attributes
+    ----------
+    rest : trimesh.Trimesh
+        The surface in front of the plane, open there.
+    cap : trimesh.Trimesh
+        The section, flat.
     """
 
     rest: trimesh.Trimesh
@@ -25,15 +30,29 @@ class Section:
 
 
 def is_beyond(placed: PlacedItem, cut: Cut) -> bool:
-    """Whether an item is taken away whole."""
+    """Return whether an item is hidden completely."""
     return float(_span(placed, cut)[0]) >= _plane(cut)
 
 
 def section(placed: PlacedItem, cut: Cut, mesh: trimesh.Trimesh | None = None) -> Section | None:
-    """What is left of an item that stands across a cut; None where it does not.
+    """Compute what remains of an item that a plane crosses.
 
-    The cut is at the face between fine cells that is next to it. mesh: what is shown of the item,
-    about its centre, in box units; by default its own.
+    The plane is moved to the nearest face between fine cells.
+
+    Parameters
+    ----------
+    placed : PlacedItem
+        The item.
+    cut : Cut
+        The plane.
+    mesh : trimesh.Trimesh | None
+        The surface that is shown of the item, relative to its centre, in box units; by default its
+        own mesh.
+
+    Returns
+    -------
+    Section | None
+        What remains; None if the plane does not cross the item.
     """
     low, high = _span(placed, cut)
     at = _plane(cut)
@@ -49,18 +68,18 @@ def section(placed: PlacedItem, cut: Cut, mesh: trimesh.Trimesh | None = None) -
 
 
 def _plane(cut: Cut) -> float:
-    """Where the cut goes, in box units: on the nearest face between fine cells."""
+    """Return the position of the plane in box units: the nearest face between fine cells."""
     return round(cut.at / FINE) * FINE
 
 
 def _span(placed: PlacedItem, cut: Cut) -> npt.NDArray[np.float64]:
-    """(2,) from where to where an item reaches along the cut's axis."""
+    """Return an item's extent (2,) along the cut's axis."""
     half = placed.item.extents[cut.dimension] / 2
     return placed.center[cut.dimension] + np.array((-half, half))
 
 
 def _cap(placed: PlacedItem, cut: Cut, at: float) -> trimesh.Trimesh:
-    """The outer fine cells of the layer before the cut, as rectangles at the cut."""
+    """Build rectangles at the plane from the outer fine cells of the layer in front of it."""
     axis = cut.dimension
     layer = round(at / FINE - placed.start[axis] * CELL / FINE) - 1
     filled = np.take(placed.item.voxels.outer_fine, layer, axis=axis)

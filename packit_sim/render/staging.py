@@ -1,4 +1,4 @@
-"""What a picture shows of a PyBullet world: bodies moved, painted and cut open as a look says."""
+"""Bodies of a PyBullet world, arranged for each picture: moved, painted and cut open."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from packit_sim.render.looks import RGB, Cut, Look
 from packit_sim.render.sections import is_beyond, section
 
 _EDGE_RADIUS = 0.004
-"""Of the box's edges, as a share of its longest side."""
+"""Radius of the box's edges, as a share of its longest side."""
 
 _WHITE = (1.0, 1.0, 1.0)
 _AWAY = np.array((0.0, 0.0, -1e4))
 """Position of bodies that are hidden."""
 
 _CAP = 0.8
-"""What a section keeps of its item's brightness."""
+"""The share of its item's brightness that a section has."""
 
 
 class BodyStager:
@@ -79,8 +79,8 @@ class BodyStager:
             How the box is shown.
         layout : Layout
             Where the items are shown.
-        size : ndarray of float64, shape (3,)
-            Extents of the box in box units.
+        size : Points
+            Extents (3,) of the box in box units.
 
         Returns
         -------
@@ -153,12 +153,12 @@ class BodyStager:
 
 
 def corners(size: Points) -> Points:
-    """(8, 3) corners of a box that has one at the origin."""
+    """Compute the corners (8, 3) of a box with one at the origin."""
     return np.indices((2, 2, 2)).reshape(3, 8).T * size
 
 
 def _box(size: Points) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
-    """The edges of a box, and a floor under it."""
+    """Build the edges of a box, and a floor under it."""
     radius = _EDGE_RADIUS * float(size.max())
     points = corners(size)
     joints = [creation.icosphere(2, radius).apply_translation(point) for point in points]
@@ -176,7 +176,7 @@ def _box(size: Points) -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
 
 
 def _box_colors(background: RGB) -> tuple[Color, Color]:
-    """Of a box's edges and its floor, to be seen before a background."""
+    """Choose colours of a box's edges and its floor that stand out from a background."""
     red, green, blue = (channel / 255 for channel in background)
     if 0.3 * red + 0.59 * green + 0.11 * blue > 0.5:
         return (0.30, 0.32, 0.36), (0.94 * red, 0.94 * green, 0.95 * blue)

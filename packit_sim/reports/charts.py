@@ -1,4 +1,4 @@
-"""The plots of a report, as SVG that takes its colours from the page."""
+"""The plots of a report, as SVG with the page's colours."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from packit_sim.render import plots
 from packit_sim.reports.runs import EvaluationRun, TrainingRun
 
 WIDTH = 8.0
-"""Inches of a plot, of which the page makes its own width."""
+"""Width of a plot in inches; the page scales it."""
 
 _LINES = ("-", "--", ":", "-.")
-"""Of the second seven agents, and so on: colours come again, lines differ."""
+"""Line styles: after seven agents colours repeat, with the next style."""
 
 
 def rewards(played: Sequence[EvaluationRun]) -> str:
-    """Average Reward of each agent with its interval, the best on top."""
+    """Plot the Average Reward of each agent with its interval, the best on top."""
     found = sorted(
         ((Estimate.of([r.total for r in one.rollouts]), one.name) for one in played),
         key=lambda pair: pair[0].mean,
@@ -56,7 +56,7 @@ def rewards(played: Sequence[EvaluationRun]) -> str:
 
 
 def returns(played: Sequence[EvaluationRun]) -> str:
-    """The share of tasks with a return of x or more, for all x: Success@x as a curve."""
+    """Plot the share of tasks with a return of x or more, Success@x, over x."""
     out = StringIO()
     with plots.inlined(out, [["returns"]], WIDTH, _height(len(played))) as (figure, axes):
         ax = axes["returns"]
@@ -71,14 +71,14 @@ def returns(played: Sequence[EvaluationRun]) -> str:
 
 
 def success(totals: Sequence[float]) -> tuple[list[float], list[float]]:
-    """Success@x in percent where it changes: each share holds from the x before it to its own."""
+    """Return the steps of Success@x in percent: each share holds from the previous x to its own."""
     count = len(totals)
     shares = [100 * (count - n) / count for n in range(count)]
     return [0.0, *sorted(totals), max(totals)], [100.0, *shares, 0.0]
 
 
 def learning(learned: Sequence[TrainingRun]) -> str:
-    """Validation rewards with their intervals, and training's as thin lines, against steps."""
+    """Plot validation rewards with intervals, and training rewards as thin lines, over steps."""
     out = StringIO()
     with plots.inlined(out, [["learning"]], WIDTH, _height(len(learned))) as (figure, axes):
         ax = axes["learning"]
@@ -105,12 +105,12 @@ def learning(learned: Sequence[TrainingRun]) -> str:
 
 
 def _height(curves: int) -> float:
-    """Inches of a plot with a legend below it, two curves a line."""
+    """Return the height in inches of a plot with a legend below it, two curves per line."""
     return 3.7 + 0.23 * ((curves + 1) // 2)
 
 
 def _styles() -> Iterator[dict[str, Any]]:
-    """A colour and a kind of line for each, endlessly."""
+    """Yield a colour and a line style for each curve, without end."""
     return cycle(
         {"color": color, "linestyle": line, "linewidth": 1.8}
         for line, color in product(_LINES, plots.COLORS)

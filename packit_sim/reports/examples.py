@@ -1,4 +1,4 @@
-"""The tasks that an agent did best and worst on, as boxes to be turned."""
+"""The tasks on which an agent did best and worst, as interactive boxes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,23 @@ from packit_sim.reports.models import Models
 from packit_sim.reports.runs import EvaluationRun, ReportError, Runs
 
 SOLUTION = "ground truth"
-"""The name under which a task's own pack stands among the agents."""
+"""The name of a task's own pack in the list of agents."""
 
 
 @dataclass(frozen=True)
 class Example:
-    """A box as one packed it.
+    """A box as one agent packed it.
 
-    model: its number among the page's models. total: the return. summary: the rest in a few words.
+    Attributes
+    ----------
+    by : str
+        The agent's name.
+    model : int
+        Its number among the page's models.
+    total : float
+        The return.
+    summary : str
+        Items, density and end of the episode, as text.
     """
 
     by: str
@@ -31,13 +40,13 @@ class Example:
 
     @property
     def shown(self) -> str:
-        """The return as text, which is 1.000 only where all was placed."""
+        """The return as text, which is 1.000 only if all items were placed."""
         return f"{self.total if self.total >= 1 - SLACK else min(self.total, 0.999):.3f}"
 
 
 @dataclass(frozen=True)
 class TaskExamples:
-    """A task. rank: such as "best"; examples: of the gallery's agent first, then of all others."""
+    """A task, its rank ("best" or "worst"), and the boxes: the gallery's agent's, then others'."""
 
     task: int
     rank: str
@@ -46,7 +55,7 @@ class TaskExamples:
 
 @dataclass(frozen=True)
 class Gallery:
-    """Exhibits of the tasks of one agent, its best first, and the models that they show."""
+    """Tasks of one agent, its best first, and the models that they show."""
 
     agent: str
     tasks: tuple[TaskExamples, ...]
@@ -54,9 +63,24 @@ class Gallery:
 
 
 def chosen(runs: Runs, agent: str | None) -> EvaluationRun:
-    """The agent whose tasks are shown: by default that of the highest Average Reward.
+    """Choose the agent whose tasks are shown.
 
-    Raises ReportError where the runs hold no such.
+    Parameters
+    ----------
+    runs : Runs
+        The results.
+    agent : str | None
+        The agent's name; by default the one with the highest Average Reward.
+
+    Returns
+    -------
+    EvaluationRun
+        Its results.
+
+    Raises
+    ------
+    ReportError
+        If the runs do not contain the agent.
     """
     if agent is None:
         return max(runs.played, key=lambda one: one.reward)
@@ -68,9 +92,19 @@ def chosen(runs: Runs, agent: str | None) -> EvaluationRun:
 
 
 def extremes(rollouts: Sequence[Rollout], each: int) -> list[tuple[str, Rollout]]:
-    """So many rollouts with the highest return, and so many with the lowest, none twice.
+    """Choose the rollouts with the highest and the lowest returns, each at most once.
 
-    Of equal returns the first task counts as the higher one. Each comes with its rank.
+    Parameters
+    ----------
+    rollouts : Sequence[Rollout]
+        All rollouts.
+    each : int
+        How many of the highest, and of the lowest.
+
+    Returns
+    -------
+    list[tuple[str, Rollout]]
+        Rank ("best" or "worst") and rollout. Of equal returns the first task ranks higher.
     """
     ordered = sorted(rollouts, key=lambda rollout: (-rollout.total, rollout.task))
     best = ordered[: min(each, (len(ordered) + 1) // 2)]
@@ -85,10 +119,30 @@ def gallery(
     agent: str | None = None,
     tasks: Mapping[str, Task] = MappingProxyType({}),
 ) -> Gallery:
-    """So many best and so many worst tasks of an agent (see `chosen`).
+    """Collect the best and the worst tasks of an agent, with the boxes of all agents.
 
-    tasks: those that were played, by digest, whose packs are then shown as well. Raises
-    PackFormatError where results are of another library.
+    Parameters
+    ----------
+    runs : Runs
+        The results.
+    library : ShapeLibrary
+        The library of their shapes.
+    each : int
+        How many of the best tasks, and of the worst.
+    agent : str | None
+        The agent's name, see `chosen`.
+    tasks : Mapping[str, Task]
+        Tasks by digest; the packs of those that were played are shown as well.
+
+    Returns
+    -------
+    Gallery
+        The tasks and the models.
+
+    Raises
+    ------
+    PackFormatError
+        If the results are of another library.
     """
     shown = chosen(runs, agent)
     others = [one for one in runs.played if one is not shown]
@@ -121,7 +175,7 @@ def _solution(task: Task, library: ShapeLibrary, models: Models) -> Example:
 
 
 def _model(pack: Pack, total: float, library: ShapeLibrary, models: Models) -> int:
-    """total: the return, which is the share of the task's volume that the pack holds."""
+    """Add a pack's model; `total`, the return, is its share of the task's volume."""
     placed = pack.contents(library).placed
     volume = sum(one.item.volume for one in placed)
     return models.add(pack.cells, placed, volume / total if total > 0 else 1.0)

@@ -1,4 +1,4 @@
-"""Packed boxes as data of a page: each shape once, reduced and on a lattice, and poses."""
+"""Packed boxes as data of a page: poses, and each shape once, simplified and quantized."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from packit_sim.placement import PlacedItem
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 
 TRIANGLES = 1500
-"""Of a shape on the page: it is looked at in a hand's breadth."""
+"""The most triangles of a shape on the page, where boxes are small."""
 
 VERTEX_TYPE = np.dtype("<u2")
-"""Of coordinates on the lattice of a shape's bounding box."""
+"""The type of coordinates on the lattice of a shape's bounding box."""
 
 FACE_TYPE = np.dtype("<u4")
-"""Of indices of vertices: a shape that cannot be reduced may have more than 65,536."""
+"""The type of vertex indices: a shape that cannot be simplified may have more than 65,536."""
 
 _REDUCED = Simplification(max_triangles=TRIANGLES, max_error=1.0)
 _AS_IT_IS = Simplification(max_triangles=None, max_error=1.0)
 
 
 class Models:
-    """Boxes that a page shows, collected one by one."""
+    """The boxes that a page shows, added one by one."""
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
@@ -38,10 +38,21 @@ class Models:
         self._boxes: list[dict[str, Any]] = []
 
     def add(self, cells: Triple, placed: Sequence[PlacedItem], total: float) -> int:
-        """Takes in a box and returns its number.
+        """Add a box.
 
-        placed: what is in it, in the order of placing. total: volume of all items of its task, in
-        box units cubed.
+        Parameters
+        ----------
+        cells : Triple
+            Cells along each axis.
+        placed : Sequence[PlacedItem]
+            Its items, in the order of placing.
+        total : float
+            Volume of all items of its task, in box units cubed.
+
+        Returns
+        -------
+        int
+            The number of the box.
         """
         items = [one.item for one in placed]
         rules: dict[str, Coloring] = {**COLORINGS, "share": ByShare(total)}

@@ -1,4 +1,4 @@
-"""A report as one HTML file that asks nothing from outside, by Jinja."""
+"""A report as one self-contained HTML file, by Jinja."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from packit_sim.reports.runs import Runs
 
 
 def check_installed() -> None:
-    """Raises MissingJinjaError or MissingMatplotlibError: to ask before there is work."""
+    """Raise MissingJinjaError or MissingMatplotlibError; call it before long work."""
     require()
     templates.check_installed()
 
 
 @dataclass(frozen=True)
 class Headline:
-    """The agent with the highest Average Reward, and how many there were on how many tasks."""
+    """The agent with the highest Average Reward, and the numbers of agents and tasks."""
 
     agents: int
     tasks: int
@@ -34,9 +34,23 @@ class Headline:
 
 
 def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
-    """The report as HTML: the same for the same runs.
+    """Render the report; the same runs give the same text.
 
-    gallery: none where there is nothing to show. command: that makes it again.
+    Parameters
+    ----------
+    title : str
+        The title.
+    runs : Runs
+        The results.
+    gallery : Gallery | None
+        The boxes to show, if any.
+    command : str
+        The command that reproduces the report.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     check_installed()
     here = Path(__file__).parent

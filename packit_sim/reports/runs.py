@@ -1,4 +1,4 @@
-"""What a report is of: what agents made of tasks, and trainings, under names that differ."""
+"""The contents of a report: evaluations and trainings, under unique names."""
 
 from __future__ import annotations
 
@@ -16,15 +16,21 @@ from packit_sim.rules import Rules
 
 
 class ReportError(PackItError, ValueError):
-    """Runs of which there can be no report."""
+    """Runs that cannot be reported."""
 
 
 @dataclass(frozen=True)
 class EvaluationRun:
-    """What one agent made of its tasks.
+    """The results of one agent.
 
-    name: tells it from all others of the report. file: of the results. rollouts: at least one, one
-    a task, in the order of tasks.
+    Attributes
+    ----------
+    name : str
+        Its unique name in the report.
+    file : Path
+        The file of results.
+    rollouts : tuple[Rollout, ...]
+        At least one, one for each task, in the order of tasks.
     """
 
     name: str
@@ -33,7 +39,7 @@ class EvaluationRun:
 
     @property
     def seed(self) -> int:
-        """Of the evaluation."""
+        """The seed of the evaluation."""
         return self.rollouts[0].seed
 
     @property
@@ -48,7 +54,7 @@ class EvaluationRun:
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """A training. name: tells it from all others of the report."""
+    """A training, with its unique name in the report."""
 
     name: str
     run: Trained
@@ -56,18 +62,31 @@ class TrainingRun:
 
 @dataclass(frozen=True)
 class Runs:
-    """All that a report is of, in the order that it was asked for."""
+    """Everything that a report contains, in the requested order."""
 
     played: tuple[EvaluationRun, ...]
     learned: tuple[TrainingRun, ...]
 
     @classmethod
     def read(cls, paths: Sequence[Path]) -> Runs:
-        """Reads files of results (`packit evaluate --out`) and folders of trainings.
+        """Read files of results (`packit evaluate --out`) and folders of trainings.
 
-        An agent's name is its own, with its file's where several files hold it. Raises ReportError
-        where there is nothing to read, ResultsError, PackFormatError or CurveError that name the
-        file and what is wrong with it.
+        Parameters
+        ----------
+        paths : Sequence[Path]
+            Files and folders.
+
+        Returns
+        -------
+        Runs
+            The runs. Names of agents that are in several files contain the file's name.
+
+        Raises
+        ------
+        ReportError
+            If there is nothing to read.
+        PackFormatError
+            If a file cannot be read; ResultsError and CurveError likewise.
         """
         played: list[tuple[str, Path, list[Rollout]]] = []
         trained: list[Trained] = []
@@ -95,7 +114,7 @@ class Runs:
 
 
 def _by_agent(file: Path) -> dict[str, list[Rollout]]:
-    """Rollouts by agent, each agent's in the order of tasks."""
+    """Group rollouts by agent, each group in the order of tasks."""
     found: dict[str, list[Rollout]] = {}
     for rollout in read_results(file):
         found.setdefault(rollout.agent, []).append(rollout)
@@ -105,13 +124,13 @@ def _by_agent(file: Path) -> dict[str, list[Rollout]]:
             if before.task == after.task:
                 raise ReportError(
                     f"{file} holds two results of {agent!r} on task {after.task}: "
-                    "give each evaluation a file of its own"
+                    "write each evaluation to a separate file"
                 )
     return found
 
 
 def _told_apart(names: Sequence[tuple[str, Path]]) -> list[str]:
-    """Names that differ: with the path's stem where they don't, or with all of it."""
+    """Make names unique by adding the path's stem, or all of it, where they repeat."""
     counts = Counter(name for name, _ in names)
     longer = [name if counts[name] == 1 else f"{name} ({path.stem})" for name, path in names]
     again = Counter(longer)

@@ -1,4 +1,4 @@
-// Tables that are sorted by a click on a heading, and the choice of what agents are held against.
+// Tables sorted by a click on a heading, and the choice of the agent that others are compared with.
 "use strict";
 (() => {
   const key = (row, column) => {

@@ -1,4 +1,4 @@
-"""The tables of a report: what agents scored, how they compare, and what was asked for."""
+"""The tables of a report: scores, comparisons, and the settings of evaluations and trainings."""
 
 from __future__ import annotations
 
@@ -15,8 +15,20 @@ from packit_sim.reports.runs import EvaluationRun, TrainingRun
 
 @dataclass(frozen=True)
 class Cell:
-    """What stands in a table. low_high: the interval, below. value: to sort by. best: of its
-    column. differs: from others of its row.
+    """A cell of a table.
+
+    Attributes
+    ----------
+    text : str
+        The text.
+    low_high : str
+        The interval, shown below it.
+    value : float | str
+        The key to sort by.
+    best : bool
+        Whether it is the best of its column.
+    differs : bool
+        Whether it differs from others in its row.
     """
 
     text: str
@@ -28,7 +40,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, and what it means."""
+    """A heading and its meaning."""
 
     name: str
     meaning: str = ""
@@ -44,7 +56,7 @@ class Table:
 
 
 def scores(played: Sequence[EvaluationRun]) -> Table:
-    """An agent a row: Average Reward, Success@x and density."""
+    """Tabulate Average Reward, Success@x and density, a row for each agent."""
     found = [(one.name, Score.of(one.rollouts[0].agent, one.rollouts)) for one in played]
     columns = (
         Column("agent"),
@@ -110,8 +122,17 @@ def more_scores(played: Sequence[EvaluationRun]) -> Table | None:
 
 
 def comparisons(played: Sequence[EvaluationRun]) -> dict[str, Table]:
-    """How each agent does against each other, on the tasks that both have played, by the other's
-    name: the numbers of `packit compare`.
+    """Compare each agent with each other on the tasks that both have played.
+
+    Parameters
+    ----------
+    played : Sequence[EvaluationRun]
+        The results of agents.
+
+    Returns
+    -------
+    dict[str, Table]
+        By the other agent's name, the numbers of `packit compare`.
     """
     columns = (
         Column("agent"),
@@ -131,7 +152,7 @@ def comparisons(played: Sequence[EvaluationRun]) -> dict[str, Table]:
 
 
 def evaluations(played: Sequence[EvaluationRun]) -> Table:
-    """What was asked of the agents, file by file."""
+    """Tabulate what was played, file by file."""
     columns = (
         Column("results"),
         Column("agents"),
@@ -158,7 +179,7 @@ def evaluations(played: Sequence[EvaluationRun]) -> Table:
 
 
 def trainings(learned: Sequence[TrainingRun]) -> Table:
-    """What each training reached in validation."""
+    """Tabulate what each training reached in validation."""
     columns = (
         Column("training"),
         Column("steps", "so far"),
@@ -180,7 +201,7 @@ def trainings(learned: Sequence[TrainingRun]) -> Table:
 
 
 def settings(learned: Sequence[TrainingRun]) -> Table:
-    """The settings of trainings side by side; those that differ are marked."""
+    """Tabulate the settings of trainings side by side; those that differ are marked."""
     names = dict.fromkeys(name for one in learned for name in one.run.settings)
     rows = []
     for name in names:

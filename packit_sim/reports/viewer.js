@@ -1,4 +1,4 @@
-// Boxes to be turned: one WebGL context draws them all, each onto a canvas of its own, when it changes.
+// Interactive boxes: one WebGL context draws them all, each onto a separate canvas, when it changes.
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("models").textContent);
@@ -6,7 +6,7 @@
   const CREASE = (35 * Math.PI) / 180;
   const LATTICE = 65535;
   const TURN = Math.PI / 24;
-  const PIXELS = 2; // of the screen to one of the page, at most
+  const PIXELS = 2; // the most device pixels per CSS pixel
   const FAR = 0.7; // how much farther the camera goes, and
   const DOWN = 0.4; // how many heights all goes down, while items are moved apart by their own distance
   const PERCENT = 100;
@@ -85,13 +85,13 @@
     }, { rootMargin: "200px" }).observe(figure);
     fill();
 
-    // Another box: as the chosen agent left it.
+    // Show the box of the selected agent.
     function fill() {
       const option = by.selectedOptions[0];
       const box = data.boxes[Number(by.value)];
       figure.querySelector(".total").textContent = option.dataset.total;
       figure.querySelector(".summary").textContent = option.dataset.summary;
-      canvas.setAttribute("aria-label", `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.summary}. Drag, or use the arrow keys, to turn it.`);
+      canvas.setAttribute("aria-label", `${figure.querySelector("b").textContent}, packed by ${option.textContent}: ${option.dataset.summary}. Drag, or use the arrow keys, to rotate it.`);
       step.max = box.items.length; // first, since it bounds the value
       step.value = box.items.length;
       items = null;
@@ -148,7 +148,7 @@
       }
     }
 
-    // What is seen of the box by the two sliders.
+    // Show the items that the two sliders select.
     function arrange() {
       step.nextElementSibling.textContent = `${step.value} of ${step.max}`;
       apart.nextElementSibling.textContent = `${apart.value}%`;

@@ -1,1 +1,1 @@
-"""A web page that shows a box."""
+"""An interactive web page that shows a box."""

@@ -1,4 +1,4 @@
-"""A box and its items in the scene of a page."""
+"""A box and its items in the scene of a web page."""
 
 from __future__ import annotations
 
@@ -30,27 +30,37 @@ _EDGE = 0.004
 """Thickness of the box's edges and of its floor, as a share of its longest side."""
 
 _CAP = 0.8
-"""What a section keeps of its item's brightness."""
+"""The share of its item's brightness that a section has."""
 
 _ABOVE = 0.2
-"""How far over a box and its items its title stands, as a share of the box's longest side: enough
-to be clear of its far corner in the usual view."""
+"""Height of a title above a box and its items, as a share of the box's longest side: it does not
+hide the far corner in the default view."""
 
 _TITLE = 1.2
 """Size of a title, as a share of other text in the scene."""
 
 _GLASS = 0.12
-"""How opaque items are that stand back."""
+"""Opacity of items that are not in focus."""
 
 
 @dataclass(frozen=True)
 class DisplaySettings:
     """How the items of a box are shown.
 
-    step: how many, from the first on; None for all. explode: how far they are moved apart, as a
-    share of where they stand from the middle of the floor. cut: where a box is cut open whose items
-    are on the grid. colors: of each item; None for each shape's own. focus: numbers of the items
-    that are `solid` while the others turn to glass; None for all. solid: how opaque, 0 to 1.
+    Parameters
+    ----------
+    step : int | None
+        How many items, from the first on; None for all.
+    explode : float
+        How far items are moved apart: a share of their distance from the middle of the floor.
+    cut : Cut | None
+        Where the box is cut open; its items must be on the grid.
+    colors : tuple[Color, ...] | None
+        The colour of each item; None for each shape's own.
+    focus : frozenset[int] | None
+        Numbers of the items with opacity `solid`, while others look like glass; None for all.
+    solid : float
+        Opacity, 0 to 1.
     """
 
     step: int | None = None
@@ -65,10 +75,16 @@ DEFAULT_DISPLAY = DisplaySettings()
 
 
 class BoxView:
-    """A box in a scene, and its items as meshes that follow it.
+    """A box and its items as nodes of a scene.
 
-    name: of its node in the scene, "" for none of its own. on_click: told the number of an item
-    that was clicked.
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Viser's server.
+    name : str
+        The name of the box's node in the scene, "" for the root.
+    on_click : Callable[[int], None] | None
+        Called with the number of an item that is clicked.
     """
 
     def __init__(
@@ -93,7 +109,7 @@ class BoxView:
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
     def show(self, box: Contents[ItemInBox], display: DisplaySettings = DEFAULT_DISPLAY) -> None:
-        """Shows the box as it stands; items that stayed are left alone."""
+        """Show the box as it is now; nodes of items that stayed are kept."""
         with self._server.atomic():
             if box.cells != self._cells:
                 self._show_walls(box.cells)
@@ -107,12 +123,12 @@ class BoxView:
                 self._show_item(key, pose, color, display)
 
     def move(self, origin: Floats) -> None:
-        """Stands a box that has a node of its own with its origin there (3,)."""
+        """Move a box that has its own node: its origin is at a position (3,)."""
         assert self._node is not None
         self._node.position = origin
 
     def title(self, text: str, place: Floats) -> None:
-        """What stands over the box, there (3,); see `over`."""
+        """Write a title at a position (3,), see `over`."""
         self._server.scene.add_label(
             f"{self._name}/title",
             text,
@@ -122,7 +138,7 @@ class BoxView:
         )
 
     def label(self, number: int | None) -> None:
-        """Writes the name of a shown item over it, and of no other; None for of none."""
+        """Show the name of one item above it; None for no name."""
         name = f"{self._name}/label"
         if number is None:
             self._server.scene.remove_by_name(name)
@@ -137,11 +153,11 @@ class BoxView:
         )
 
     def remove(self) -> None:
-        """Takes the box out of the scene."""
+        """Remove the box from the scene."""
         self._server.scene.remove_by_name(self._name)
 
     def _forget(self, rows: set[tuple[int, ItemInBox]], cut: Cut | None) -> None:
-        """Takes away what is no more in the box, and the parts of another cut."""
+        """Remove nodes of items that left the box, and the parts of another cut."""
         for key in self._items.keys() - rows:
             self._items.pop(key).remove()
             del self._surfaces[key]
@@ -172,7 +188,7 @@ class BoxView:
             handle.color = rgb(color, light)
 
     def _cut_open(self, key: tuple[int, ItemInBox], color: Color) -> tuple[viser.MeshHandle, ...]:
-        """What is left of an item that is cut through, and its section; nothing where it is not."""
+        """Create what remains of an item that is cut, and its section; nothing if it is not cut."""
         if self._cut is None:
             return ()
         if key not in self._parts:
@@ -218,7 +234,7 @@ class BoxView:
         return handle
 
     def _show_walls(self, cells: Triple) -> None:
-        """The box's edges and its floor."""
+        """Draw the box's edges and its floor."""
         size = np.array(cells) * CELL
         thickness = _EDGE * float(size.max())
         corners = np.indices((2, 2, 2)).reshape(3, 8).T
@@ -241,23 +257,23 @@ def _on_grid(placed: ItemInBox) -> PlacedItem:
 
 
 def corners(cells: Triple) -> Floats:
-    """(8, 3) corners of a box of so many cells, in box units."""
+    """Compute the corners (8, 3) of a box of so many cells, in box units."""
     return np.indices((2, 2, 2)).reshape(3, 8).T * np.array(cells) * CELL
 
 
 def reach(box: Contents[ItemInBox], explode: float = 0.0) -> Floats:
-    """(n, 3) corners of a box and of its items, which may be moved apart, in box units."""
+    """Compute the corners (n, 3) of a box and its items, which may be moved apart, in box units."""
     layout = Layout.packed(box.placed, np.array(box.cells) * CELL, explode)
     return np.concatenate((corners(box.cells), layout.points))
 
 
 def over(cells: Triple, points: Floats) -> Floats:
-    """(3,) where a box's title stands that is to be clear of points (n, 3)."""
+    """Compute the position (3,) of a box's title above points (n, 3)."""
     x, y, z = np.array(cells) * CELL
     return np.array((x / 2, y / 2, points[:, 2].max() + _ABOVE * max(x, y, z)))
 
 
 def rgb(color: Color, light: float = 1.0) -> tuple[int, int, int]:
-    """A colour of 255, with a share of its brightness."""
+    """Return a colour of 0 to 255, with a share of its brightness."""
     red, green, blue = (round(255 * light * channel) for channel in color)
     return red, green, blue

@@ -1,4 +1,4 @@
-"""What a page shows of a shape: its triangles, fewer where it has very many, smoothly shaded."""
+"""Surfaces of shapes for web pages: simplified, with smooth shading."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 
 MOST_TRIANGLES = 4000
-"""Of a shape on a page: fifty of them turn smoothly, and no pixel tells the difference."""
+"""The most triangles of a shape: fifty such shapes rotate smoothly, and look the same."""
 
 _CREASE = np.radians(35)
-"""Edges sharper than this are shown as edges."""
+"""Edges sharper than this angle are shown as edges, in radians."""
 
 
 def surface(shape: Shape) -> trimesh.Trimesh:
-    """The canonical mesh, reduced to `MOST_TRIANGLES`, its vertices doubled along sharp edges.
+    """Simplify the canonical mesh to `MOST_TRIANGLES` and duplicate vertices along sharp edges.
 
-    For looking at alone: nothing is placed by it.
+    The result is for display only: nothing is placed by it.
     """
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
     if len(mesh.faces) > MOST_TRIANGLES:

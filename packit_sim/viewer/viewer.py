@@ -1,4 +1,4 @@
-"""A box on a local web page, to be turned and looked into, that follows as the box fills."""
+"""A box on a local, interactive web page that follows as the box fills."""
 
 from __future__ import annotations
 
@@ -14,15 +14,28 @@ if TYPE_CHECKING:
 
 
 class Viewer:
-    """A box and its items on a web page of their own, in box units, z up.
+    """A web page with a box and its items, in box units, z up.
 
-    The page follows each `update`, in every browser that has it open. host, port: where it listens
-    (see `WebPage`). Close it, or use it in a `with`; one left open ends with the process. Raises
-    RenderError where viser is not installed, and where host and port can't be had.
+    Each `update` appears in every browser that shows the page. Close it, or use it in a `with`
+    statement; a page left open ends with the process.
+
+    Parameters
+    ----------
+    box : Load
+        The box.
+    host : str
+        Where the page listens, see `WebPage`.
+    port : int | None
+        The same.
+
+    Raises
+    ------
+    RenderError
+        If viser is not installed, or the host and the port are not available.
     """
 
     address: str
-    """Where a browser on this machine finds the page."""
+    """The page's URL for a browser on this machine."""
 
     def __init__(
         self, box: Contents[ItemInBox], *, host: str = LOOPBACK, port: int | None = None
@@ -40,14 +53,11 @@ class Viewer:
 
     @property
     def items(self) -> tuple[viser.MeshHandle, ...]:
-        """Viser's handle of each item that is shown, in the order of placing; none when closed."""
+        """Viser's handle of each item in the order of placing; empty after `close`."""
         return self._shown.items if self._page.is_open else ()
 
     def update(self, box: Contents[ItemInBox]) -> None:
-        """Shows the box as it stands; items that stayed are left alone.
-
-        Raises RenderError after `close`.
-        """
+        """Show the box as it is now; raise RenderError after `close`."""
         server = self._page.server
         with server.atomic():
             self._shown.show(box)
@@ -56,7 +66,7 @@ class Viewer:
                 self._cells = box.cells
 
     def close(self) -> None:
-        """Ends the page, its server and its threads, and frees the port; once more does nothing."""
+        """End the page, its server and its threads; calling it again does nothing."""
         self._page.close()
 
     def __enter__(self) -> Viewer:

@@ -1,4 +1,4 @@
-"""A local web page with a 3D scene, by viser: where it listens, its light, and how it ends."""
+"""A local web page with a 3D scene, by viser: its address, light and end."""
 
 from __future__ import annotations
 
@@ -27,22 +27,33 @@ LOOPBACK = "127.0.0.1"
 _EVERYWHERE = "0.0.0.0"
 
 _ASPECT = 4 / 3
-"""Width to height of the smallest window in which all is to be seen at first."""
+"""Width over height of the smallest window that shows everything at first."""
 
 _PRINTING = threading.Lock()
 
 
 class WebPage:
-    """An empty scene on a web page of its own, z up.
+    """A web page with an empty scene, z up.
 
-    It asks nothing from outside, and nothing is printed: tell the user the `address`. host: the
-    IPv4 address or name to listen at; whoever reaches it can look, so it is this machine alone by
-    default. port: 1 to 65535, by default a free one. Close it; one left open ends with the process.
-    Raises RenderError where viser is not installed, and where host and port can't be had.
+    It loads nothing from other servers and prints nothing: show the user its `address`. Close it; a
+    page left open ends with the process.
+
+    Parameters
+    ----------
+    host : str
+        The IPv4 address or name to listen at, by default this machine alone: everyone who can reach
+        it can see the page.
+    port : int | None
+        1 to 65535, by default a free one.
+
+    Raises
+    ------
+    RenderError
+        If viser is not installed, or the host and the port are not available.
     """
 
     address: str
-    """Where a browser on this machine finds the page."""
+    """The page's URL for a browser on this machine."""
 
     def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
         self._server: viser.ViserServer | None = _serve(host, port or 0)
@@ -64,16 +75,17 @@ class WebPage:
 
     @property
     def server(self) -> viser.ViserServer:
-        """Viser's own. Raises RenderError after `close`."""
+        """Viser's server. Raises RenderError after `close`."""
         if self._server is None:
             raise RenderError("the viewer is closed")
         return self._server
 
     def frame(self, points: npt.NDArray[np.float64]) -> None:
-        """Has points (n, 3) in view in every browser, from the side that it looks from.
+        """Move the camera of every browser so that points (n, 3) are in view.
 
-        Those that come later look from where pictures are taken, and so does each where its window
-        gets another shape: what a new browser says of its camera may be of before it was placed.
+        Each keeps its direction. Browsers that connect later look in the direction of pictures, and
+        so do those whose window changes its shape: what a new browser reports of its camera may be
+        older than the camera's placement.
         """
         self._points = points
         _look(self.server.initial_camera, points, _ASPECT)
@@ -83,7 +95,7 @@ class WebPage:
             _look(client.camera, points, client.camera.aspect, view)
 
     def _follow(self, client: viser.ClientHandle) -> None:
-        """Keeps all in view of a browser whose window, or what a panel leaves of it, changes."""
+        """Keep the points in view of a browser whose window changes its shape."""
 
         def changed(camera: viser.CameraHandle) -> None:
             aspect = camera.aspect
@@ -95,7 +107,7 @@ class WebPage:
         client.camera.on_update(changed)
 
     def close(self) -> None:
-        """Ends the page, its server and its threads, and frees the port; once more does nothing."""
+        """End the page, its server and its threads; calling it again does nothing."""
         server, self._server = self._server, None
         if server is not None:
             atexit.unregister(self.close)
@@ -109,7 +121,7 @@ def _look(
     aspect: float,
     view: Camera = ISO,
 ) -> None:
-    """Turns a camera to points (n, 3), from as near as has them whole on the side of a view."""
+    """Point a camera at points (n, 3), as near as possible, in the direction of a view."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     eye = view.eye(points, aspect, middle)
     camera.position = eye + view.toward  # viser keeps to itself what it takes for known, and a
@@ -118,7 +130,7 @@ def _look(
 
 
 def _view(camera: viser.CameraHandle) -> Camera:
-    """From which side a browser looks."""
+    """Return the direction in which a browser looks."""
     x, y, z = camera.position - camera.look_at
     elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
     steep = TOP.elevation
@@ -130,7 +142,7 @@ def _view(camera: viser.CameraHandle) -> Camera:
 
 
 def _serve(host: str, port: int) -> viser.ViserServer:
-    """A server at that port and no other; 0 stands for a free one."""
+    """Start a server at exactly this port; 0 stands for a free one."""
     try:
         import viser
     except ImportError as error:
@@ -161,13 +173,13 @@ def _refused(host: str, port: int, reason: str) -> RenderError:
 
 
 def _is_no_handshake(record: logging.LogRecord) -> bool:
-    """False for what browsers do all the time: connect in advance, and leave without a word."""
+    """Return False for connections that browsers open in advance and close unused."""
     return record.getMessage() != "opening handshake failed"
 
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keeps viser's banners, which it prints by rich's global console, off the terminal."""
+    """Hide viser's banners, which it prints with rich's global console."""
     console = rich.get_console()
     with _PRINTING:
         before, console.quiet = console.quiet, True
@@ -178,7 +190,7 @@ def _silence() -> Iterator[None]:
 
 
 def _dress(server: viser.ViserServer) -> None:
-    """What is the same for every page: light, background, no way to share it."""
+    """Set up what all pages share: light, background, and no share button."""
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.initial_camera.fov = math.radians(ISO.fov)
     server.scene.set_background_image(np.full((1, 1, 3), BACKGROUND, dtype=np.uint8), "png")
