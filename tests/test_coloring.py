@@ -22,7 +22,7 @@ from packit_sim.render.coloring import (
     by_order,
     ramp,
 )
-from packit_sim.render.legends import beside
+from packit_sim.render.legends import add_legend
 from tests.zoo import BALL, CUBE, RING
 
 
@@ -111,7 +111,7 @@ def test_any_legend_fits(side: int, count: int, text: str) -> None:
     entries = tuple((f"{text} {n}", PALETTE[n % 12]) for n in range(count))
     for legend in (ColorKey(text, entries), ColorScale(text, "0", text)):
         for background in ((255, 255, 255), (0, 0, 0)):
-            image = beside(picture, legend, background)
+            image = add_legend(picture, legend, background)
             assert image.shape[0] == side and side < image.shape[1] <= 2.5 * side + 120
             assert np.array_equal(image[:, :side], picture)
             assert (image[:, -1] == background).all()
@@ -119,11 +119,13 @@ def test_any_legend_fits(side: int, count: int, text: str) -> None:
 
 def test_a_legend_shows_its_colours() -> None:
     picture = np.zeros((300, 10, 3), dtype=np.uint8)
-    image = beside(picture, ColorKey("what", (("a", (1, 0, 0)), ("b", (0, 0, 1)))), (255, 255, 255))
+    image = add_legend(
+        picture, ColorKey("what", (("a", (1, 0, 0)), ("b", (0, 0, 1)))), (255, 255, 255)
+    )
     pixels = image.reshape(-1, 3)
     for color in ((255, 0, 0), (0, 0, 255)):
         assert (pixels == color).all(axis=1).sum() > 50
-    scale = beside(picture, ColorScale("how much", "0", "1"), (255, 255, 255)).reshape(-1, 3)
+    scale = add_legend(picture, ColorScale("how much", "0", "1"), (255, 255, 255)).reshape(-1, 3)
     for share in (0, 0.5, 1):
         wanted = np.round(255 * np.array(ramp(share)))
         assert (np.abs(scale - wanted).max(axis=1) <= 3).any()

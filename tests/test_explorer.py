@@ -239,9 +239,9 @@ def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
             explorer.controls._explode.value = explode
             explorer.wait()
             spans, tops = [], []
-            for name, exhibit in zip(("/first", "/second"), explorer._exhibits, strict=True):
+            for name, view in zip(("/first", "/second"), explorer._views, strict=True):
                 x, _, _ = scene.get_handle_by_name(name).position
-                points = reach(exhibit.at(len(exhibit.placed)), explode)
+                points = reach(view.at(len(view.placed)), explode)
                 spans.append((x + points[:, 0].min(), x + points[:, 0].max()))
                 tops.append(points[:, 2].max())
                 assert scene.get_handle_by_name(f"{name}/title").position[2] > tops[-1]
@@ -271,12 +271,12 @@ def test_what_an_agent_left_outside_is_known_from_the_tasks(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     task = packs[0].task(library)
-    exhibit = PackCollection([result(packs[0], library, 0, 5, "a/b/c")], library, packs)[0]
-    assert sorted(i.shape.id for i in exhibit.items) == sorted(i.shape.id for i in task.items)
-    assert sum(map(exhibit.reward, range(len(exhibit.items)))) == pytest.approx(1)
+    view = PackCollection([result(packs[0], library, 0, 5, "a/b/c")], library, packs)[0]
+    assert sorted(i.shape.id for i in view.items) == sorted(i.shape.id for i in task.items)
+    assert sum(map(view.reward, range(len(view.items)))) == pytest.approx(1)
     without = PackCollection([result(packs[0], library, 0, 5, "a/b/c")], library)[0]
     assert without.outside == ()
-    assert without.reward(2) == pytest.approx(exhibit.reward(2))
+    assert without.reward(2) == pytest.approx(view.reward(2))
 
 
 def test_tasks_that_were_not_played_are_refused(packs: list[Pack], library: ShapeLibrary) -> None:
@@ -312,8 +312,8 @@ def test_an_empty_box_and_one_without_neighbours_are_shown(
 
 def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) -> None:
     pack = replace(packs[0], provenance=Other(author="<script>alert(1)</script>"))
-    exhibit = PackCollection([pack], library)[0]
-    assert "<script" not in panels.facts(exhibit)
+    view = PackCollection([pack], library)[0]
+    assert "<script" not in panels.facts(view)
     assert "&lt;b" in panels.legend(ColorKey("", (("<b>", PALETTE[0]),)))
     assert "&lt;b" in panels.legend(ColorScale("<b>", "0", "1")) and panels.legend(None) == ""
 
@@ -321,12 +321,12 @@ def test_names_in_lists_are_no_markup(packs: list[Pack], library: ShapeLibrary) 
 def test_the_list_has_every_item_with_its_volume_and_reward(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
-    exhibit = PackCollection(packs, library)[0]
-    text = panels.items(exhibit, by_category(exhibit.items).of, 3, 1)
-    assert text.count("<tr") == len(exhibit.items) + 1
-    assert text.count("opacity:0.5") == len(exhibit.items) - 3
-    for n, item in enumerate(exhibit.items):
-        assert f"{item.volume:.2%}" in text and f"{exhibit.reward(n):.1%}" in text
+    view = PackCollection(packs, library)[0]
+    text = panels.items(view, by_category(view.items).of, 3, 1)
+    assert text.count("<tr") == len(view.items) + 1
+    assert text.count("opacity:0.5") == len(view.items) - 3
+    for n, item in enumerate(view.items):
+        assert f"{item.volume:.2%}" in text and f"{view.reward(n):.1%}" in text
 
 
 def test_a_question_by_hand() -> None:

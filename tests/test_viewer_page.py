@@ -90,7 +90,7 @@ def _as_at_first(opened: Opened) -> None:
     """What the tests may have set: they stand by themselves."""
     opened.page.mouse.move(1, 1)  # what is under it is outlined
     controls = opened.explorer.controls
-    controls.set_step(len(opened.explorer._exhibits[0].placed))
+    controls.set_step(len(opened.explorer._views[0].placed))
     controls._item.value = controls._axis.value = controls._wanted.value = "nothing"
     controls._beside.value = "nothing"
     controls._explode.value = 0.0
@@ -154,7 +154,7 @@ def test_the_whole_box_is_in_view(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
-    first = opened.explorer._exhibits[0]
+    first = opened.explorer._views[0]
     apart = reach(first.at(len(first.placed)), 1.5)
     assert not in_view(opened, apart)
     opened.explorer.controls._explode.value = 1.5
@@ -178,7 +178,7 @@ def drag(opened: Opened, share: float) -> None:
 def test_the_step_slider_moves_items(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
     controls = opened.explorer.controls
-    placed = len(opened.explorer._exhibits[0].placed)
+    placed = len(opened.explorer._views[0].placed)
     drag(opened, -0.25)
     opened.wait(lambda: 0 < controls.request.step < placed)
     drag(opened, -1.0)
@@ -190,7 +190,7 @@ def test_the_step_slider_moves_items(opened: Opened) -> None:
 @pytest.mark.slow
 def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     controls = opened.explorer.controls
-    last = len(opened.explorer._exhibits[0].placed) - 1
+    last = len(opened.explorer._views[0].placed) - 1
     handle = opened.explorer.boxes[0].items[last]
     settled_like(opened, "whole")  # all items are drawn: they can be hit
     ((x, y),) = pixels(opened, handle.position[None])
@@ -198,7 +198,7 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     opened.wait(lambda: controls.request.chosen is not None)
     chosen = controls.request.chosen
     assert chosen is not None
-    text = f"{chosen} {opened.explorer._exhibits[0].items[chosen].shape.id}"
+    text = f"{chosen} {opened.explorer._views[0].items[chosen].shape.id}"
     fields = opened.page.locator("input:visible")
     opened.wait(lambda: text in [one.input_value() for one in fields.all()])
     opened.image()
@@ -243,9 +243,9 @@ def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
     opened.explorer.wait()
     settled_like(opened, "beside")
     scene = opened.explorer._page.server.scene
-    for node, exhibit in zip(("/first", "/second"), opened.explorer._exhibits, strict=True):
+    for node, view in zip(("/first", "/second"), opened.explorer._views, strict=True):
         title = scene.get_handle_by_name(f"{node}/title")
-        assert title.text == exhibit.name
+        assert title.text == view.name
         place = title.position + scene.get_handle_by_name(node).position
         assert in_view(opened, place[None])
 

@@ -34,7 +34,7 @@ from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.layouts import Layout
-from packit_sim.render.legends import beside
+from packit_sim.render.legends import add_legend
 from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
 from packit_sim.scene import Scene
 
@@ -124,7 +124,7 @@ def render_command(
             rows = [shots[:half], shots[half:]] if around else [shots]
             image = np.concatenate([np.concatenate([s.image for s in row], axis=1) for row in rows])
             if legend and shots[0].legend is not None:
-                image = beside(image, shots[0].legend, look.background)
+                image = add_legend(image, shots[0].legend, look.background)
             save_png(image, out, scene.renderer)
         print_written(out, f" by the {scene.renderer} renderer")
 

@@ -158,20 +158,20 @@ class Controls:
         self._step.max = max(1, steps)
         _set(self._step, steps)
 
-    def set_pack(self, exhibit: PackView) -> None:
+    def set_pack(self, view: PackView) -> None:
         """Offer the items and the extents of another pack, with nothing selected."""
         _set(self._item, NOTHING)
         _set(self._wanted, NOTHING)
-        self._item.options = (NOTHING, *(label(exhibit, n) for n in range(len(exhibit.items))))
-        self._at.max = max(exhibit.cells) * CELL
-        for slider, nodes in zip(self._location, grid_nodes(exhibit.cells), strict=True):
+        self._item.options = (NOTHING, *(label(view, n) for n in range(len(view.items))))
+        self._at.max = max(view.cells) * CELL
+        for slider, nodes in zip(self._location, grid_nodes(view.cells), strict=True):
             _set(slider, 0)
             slider.max = nodes - 1
 
-    def set_outside(self, exhibit: PackView, step: int) -> None:
+    def set_outside(self, view: PackView, step: int) -> None:
         """Offer the items that are outside after so many steps."""
-        first = min(step, len(exhibit.placed))
-        options = (NOTHING, *(label(exhibit, n) for n in range(first, len(exhibit.items))))
+        first = min(step, len(view.placed))
+        options = (NOTHING, *(label(view, n) for n in range(first, len(view.items))))
         if options != self._wanted.options:
             self._wanted.options = options
 
@@ -192,9 +192,9 @@ class Controls:
         """Show so many items."""
         _set(self._step, step)
 
-    def choose(self, exhibit: PackView, number: int) -> None:
+    def choose(self, view: PackView, number: int) -> None:
         """Select an item, or none if it is selected already."""
-        text = label(exhibit, number)
+        text = label(view, number)
         _set(self._item, NOTHING if self._item.value == text else text)
 
     def set_query(self, rotation: int, location: Triple) -> None:
@@ -209,10 +209,10 @@ class Controls:
         _set(self._pack, self._titles[number % len(self._titles)])
 
 
-def label(exhibit: PackView, number: int) -> str:
+def label(view: PackView, number: int) -> str:
     """Return an item's entry in a list."""
-    left = "" if number < len(exhibit.placed) else " (left outside)"
-    return f"{number} {exhibit.items[number].shape.id}{left}"
+    left = "" if number < len(view.placed) else " (left outside)"
+    return f"{number} {view.items[number].shape.id}{left}"
 
 
 def _number(text: str) -> int | None:

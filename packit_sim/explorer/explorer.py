@@ -79,7 +79,7 @@ class Explorer:
         port: int | None = None,
     ) -> None:
         self._collection = collection
-        self._exhibits = [collection[n] for n in (pack, beside) if n is not None]
+        self._views = [collection[n] for n in (pack, beside) if n is not None]
         self._drawn: ViewRequest | None = None
         self._boxes: list[BoxView] = []
         self._query: FitQuery | None = None
@@ -151,19 +151,19 @@ class Explorer:
             request = self.controls.request
         if drawn is None or (request.pack, request.beside) != (drawn.pack, drawn.beside):
             numbers = [n for n in (request.pack, request.beside) if n is not None]
-            self._exhibits = [self._collection[n] for n in numbers]
+            self._views = [self._collection[n] for n in numbers]
             if other:
-                self.controls.set_pack(self._exhibits[0])
-                self.controls.facts.content = panels.facts(self._exhibits[0])
+                self.controls.set_pack(self._views[0])
+                self.controls.facts.content = panels.facts(self._views[0])
             self.controls.set_steps(self._steps)
             self._create_boxes()
             request = self.controls.request
-        exhibit = self._exhibits[0]
-        self.controls.set_outside(exhibit, request.step)
+        view = self._views[0]
+        self.controls.set_outside(view, request.step)
         request = self.controls.request
         if request.wanted is not None and (drawn is None or request.wanted != drawn.wanted):
-            if request.wanted < len(exhibit.placed):
-                placed = exhibit.placed[request.wanted]
+            if request.wanted < len(view.placed):
+                placed = view.placed[request.wanted]
                 self.controls.set_query(placed.item.rotation, placed.location)
             else:
                 self.controls.set_query(0, ORIGIN)
@@ -171,7 +171,7 @@ class Explorer:
 
     @property
     def _steps(self) -> int:
-        return max(len(exhibit.placed) for exhibit in self._exhibits)
+        return max(len(view.placed) for view in self._views)
 
     def _create_boxes(self) -> None:
         """Create the boxes of the packs."""
@@ -179,32 +179,32 @@ class Explorer:
             box.remove()
         self._boxes = [
             BoxView(self._page.server, name, partial(self._choose, n))
-            for n, name in enumerate(_NODES[: len(self._exhibits)])
+            for n, name in enumerate(_NODES[: len(self._views)])
         ]
 
     def _arrange(self, explode: float) -> None:
         """Arrange the boxes side by side, with titles, and move cameras so that all is in view."""
-        places = _places([exhibit.cells for exhibit in self._exhibits], explode)
+        places = _places([view.cells for view in self._views], explode)
         seen = []
-        for exhibit, box, place in zip(self._exhibits, self._boxes, places, strict=True):
+        for view, box, place in zip(self._views, self._boxes, places, strict=True):
             box.move(place)
-            points = reach(exhibit.at(len(exhibit.placed)), explode)
+            points = reach(view.at(len(view.placed)), explode)
             if len(self._boxes) > 1:
-                head = over(exhibit.cells, points)
-                box.title(exhibit.name, head)
+                head = over(view.cells, points)
+                box.title(view.name, head)
                 points = np.vstack((points, head))
             seen.append(points + place)
         self._page.frame(np.concatenate(seen))
 
     def _draw(self, request: ViewRequest) -> None:
-        first, drawn = self._exhibits[0], self._drawn
+        first, drawn = self._views[0], self._drawn
         where = request.pack, request.beside, request.explode
         if drawn is None or where != (drawn.pack, drawn.beside, drawn.explode):
             self._arrange(request.explode)
-        colors, legend = _colored(self._exhibits, request.coloring)
+        colors, legend = _colored(self._views, request.coloring)
         self._query = self._query_of(request)
-        for n, (exhibit, box) in enumerate(zip(self._exhibits, self._boxes, strict=True)):
-            inside, focus = len(exhibit.placed), self._focus(n, exhibit, request)
+        for n, (view, box) in enumerate(zip(self._views, self._boxes, strict=True)):
+            inside, focus = len(view.placed), self._focus(n, view, request)
             display = DisplaySettings(
                 request.step,
                 request.explode,
@@ -213,9 +213,9 @@ class Explorer:
                 focus,
                 1.0 if self._query is None else _BLOCKING,
             )
-            box.show(exhibit.at(inside), display)
+            box.show(view.at(inside), display)
             chosen = None if request.chosen is None else first.items[request.chosen]
-            same = [] if chosen is None else sorted(exhibit.same(chosen))
+            same = [] if chosen is None else sorted(view.same(chosen))
             box.label(next((m for m in same if m < request.step), None))
         self.controls.enable(request)
         self.controls.legend.content = panels.legend(legend)
@@ -228,7 +228,7 @@ class Explorer:
             answer = self._query.answer(request.location)
             self.controls.answer.content = f"**{answer}**\n\n{self._query.summary()}"
 
-    def _focus(self, n: int, exhibit: PackView, request: ViewRequest) -> frozenset[int] | None:
+    def _focus(self, n: int, view: PackView, request: ViewRequest) -> frozenset[int] | None:
         """Return the items that stay opaque: blockers of the wanted item, or the selected one."""
         if self._query is not None:
             found = self._query.blockers(request.location)
@@ -237,23 +237,23 @@ class Explorer:
             return None
         same = frozenset([request.chosen])
         if n > 0:
-            same = exhibit.same(self._exhibits[0].items[request.chosen])
-        return same if any(m < min(request.step, len(exhibit.placed)) for m in same) else None
+            same = view.same(self._views[0].items[request.chosen])
+        return same if any(m < min(request.step, len(view.placed)) for m in same) else None
 
     def _query_of(self, request: ViewRequest) -> FitQuery | None:
         """Return the requested query, the previous one if nothing but the location changed."""
         if request.wanted is None:
             return None
-        drawn, exhibit = self._drawn, self._exhibits[0]
+        drawn, view = self._drawn, self._views[0]
         if (
             self._query is not None
             and drawn is not None
             and replace(drawn, location=request.location) == request
         ):
             return self._query
-        box = Box(exhibit.cells, kinematic=exhibit.kinematic)
-        box.restore(exhibit.at(request.step))
-        return FitQuery(box, exhibit.items[request.wanted].turned(request.rotation))
+        box = Box(view.cells, kinematic=view.kinematic)
+        box.restore(view.at(request.step))
+        return FitQuery(box, view.items[request.wanted].turned(request.rotation))
 
     def _play_on(self, step: int) -> float | None:
         """Take the next step of playback if it is due; return the seconds until then."""
@@ -274,8 +274,8 @@ class Explorer:
 
     def _choose(self, n: int, number: int) -> None:
         """Select the clicked item of one of the boxes in the first one."""
-        first, exhibit = self._exhibits[0], self._exhibits[n]
-        item = exhibit.items[number]
+        first, view = self._views[0], self._views[n]
+        item = view.items[number]
         same = [number] if n == 0 else [m for m, one in enumerate(first.items) if _same(one, item)]
         if same:
             self.controls.choose(first, same[0])
@@ -299,15 +299,13 @@ def _same(a: Item, b: Item) -> bool:
     return (a.shape, a.scale) == (b.shape, b.scale)
 
 
-def _colored(
-    exhibits: Sequence[PackView], name: str
-) -> tuple[list[tuple[Color, ...]], Legend | None]:
+def _colored(views: Sequence[PackView], name: str) -> tuple[list[tuple[Color, ...]], Legend | None]:
     """Colour the items of each pack by the same rule, and return the legend."""
     if name == "order":
-        ordered = [by_order([placed.item for placed in e.placed]) for e in exhibits]
-        left = [(UNKNOWN,) * len(exhibit.outside) for exhibit in exhibits]
+        ordered = [by_order([placed.item for placed in e.placed]) for e in views]
+        left = [(UNKNOWN,) * len(view.outside) for view in views]
         return [o.of + rest for o, rest in zip(ordered, left, strict=True)], ordered[0].legend
-    rule = ByShare(exhibits[0].total) if name == "share" else COLORINGS[name]
-    both = rule([item for exhibit in exhibits for item in exhibit.items])
-    middle = len(exhibits[0].items)
-    return [both.of[:middle], both.of[middle:]][: len(exhibits)], both.legend
+    rule = ByShare(views[0].total) if name == "share" else COLORINGS[name]
+    both = rule([item for view in views for item in view.items])
+    middle = len(views[0].items)
+    return [both.of[:middle], both.of[middle:]][: len(views)], both.legend

@@ -21,17 +21,17 @@ _STEPS = 12
 """Stripes in the colour ramp of a scale."""
 
 
-def facts(exhibit: PackView) -> str:
+def facts(view: PackView) -> str:
     """Render what the pack records about itself, a row for each name and value."""
     rows = "".join(
         f'<tr><td style="{_NAME};opacity:0.65">{escape(name)}</td>'
         f'<td style="{_NAME}">{escape(value)}</td></tr>'
-        for name, value in exhibit.facts
+        for name, value in view.facts
     )
     return f'<table style="{_TABLE}">{rows}</table>'
 
 
-def items(exhibit: PackView, colors: Sequence[Color], step: int, chosen: int | None) -> str:
+def items(view: PackView, colors: Sequence[Color], step: int, chosen: int | None) -> str:
     """Render all items: colour, number, name, category, volume and reward.
 
     Parameters
@@ -54,7 +54,7 @@ def items(exhibit: PackView, colors: Sequence[Color], step: int, chosen: int | N
     heads = [(name, _NUMBER if name in ("#", "volume", "reward") else _NAME) for name in names]
     head = "".join(f'<th style="{style};{_HEAD}">{name}</th>' for name, style in heads)
     rows = "".join(
-        _row(exhibit, n, color, n < min(step, len(exhibit.placed)), n == chosen)
+        _row(view, n, color, n < min(step, len(view.placed)), n == chosen)
         for n, color in enumerate(colors)
     )
     return (
@@ -82,16 +82,16 @@ def legend(meaning: Legend | None) -> str:
     )
 
 
-def _row(exhibit: PackView, number: int, color: Color, inside: bool, chosen: bool) -> str:
-    item = exhibit.items[number]
-    box = 1e-6 * exhibit.cells[0] * exhibit.cells[1] * exhibit.cells[2]
+def _row(view: PackView, number: int, color: Color, inside: bool, chosen: bool) -> str:
+    item = view.items[number]
+    box = 1e-6 * view.cells[0] * view.cells[1] * view.cells[2]
     cells = (
         (_swatch(color), _NAME),
         (str(number), _NUMBER),
         (escape(item.shape.id), _NAME),
         (escape(item.shape.category), _NAME),
         (f"{item.volume / box:.2%}", _NUMBER),
-        (f"{exhibit.reward(number):.1%}", _NUMBER),
+        (f"{view.reward(number):.1%}", _NUMBER),
     )
     style = ";".join(itertools.compress((_CHOSEN, _AWAY), (chosen, not inside)))
     return (

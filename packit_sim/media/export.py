@@ -19,7 +19,7 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
 from packit_sim.placement import Contents, ItemInBox
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
-from packit_sim.render.image_files import written
+from packit_sim.render.image_files import output_file
 from packit_sim.render.lettering import plain
 
 UNIT_MM = 100.0
@@ -81,7 +81,7 @@ def export(
         _write_packing(box, path)
         return
     data = _glb(box, coloring) if suffix == ".glb" else _PRINTED[suffix](box.placed, unit_mm)
-    with written(path) as file:
+    with output_file(path) as file:
         file.write(data)
 
 
@@ -148,7 +148,7 @@ def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
         shape = placed.item.shape
         file = folder / f"{shape.digest[:16]}.ply"
         if shape.digest not in files:
-            with written(file) as out:
+            with output_file(file) as out:
                 out.write(export_ply(shape.mesh, vertex_normal=False))
         files[shape.digest] = f"{folder.name}/{file.name}"
     items = [
@@ -162,7 +162,7 @@ def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
     ]
     extents = (np.array(box.cells) * CELL).tolist()
     packing = {"box": extents, "unit": "box", "items": items}
-    with written(path) as out:
+    with output_file(path) as out:
         out.write((json.dumps(packing, indent=1, ensure_ascii=False) + "\n").encode())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from packit_sim.core.errors import PackItError, RenderError
-from packit_sim.render.image_files import RGBImage, written
+from packit_sim.render.image_files import RGBImage, output_file
 
 SUFFIXES = (".mp4", ".gif")
 
@@ -85,11 +85,11 @@ def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) 
     path = Path(path)
     require(path)
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / f"film{path.suffix.lower()}"
-        count = (_gif if made.suffix == ".gif" else _mp4)(made, pictures, fps)
+        film = Path(folder) / f"film{path.suffix.lower()}"
+        count = (_gif if film.suffix == ".gif" else _mp4)(film, pictures, fps)
         if not count:
             raise RenderError(f"a film without pictures is not possible: {path}")
-        with made.open("rb") as source, written(path) as file:
+        with film.open("rb") as source, output_file(path) as file:
             shutil.copyfileobj(source, file)
     return count
 

@@ -1,4 +1,4 @@
-"""The paper's figures, from our data (a task, the environment, evolution, rollouts), and looks."""
+"""The paper's figures from our data (a task, the environment, evolution, rollouts), and looks."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _CHOSEN: Color = (0.84, 0.37, 0.00)
 _FEASIBLE = "#0072B2"
 _SIDE = 800
 _PANEL = 1.25
-"""Width to height of a panel of the environment's figure."""
+"""Width over height of a panel of the environment's figure."""
 
 _TURNS_A_ROW = 6
 
 
 @dataclass(frozen=True)
 class Highlight:
-    """A coloring: some items, by their places in the order, in one colour, the rest grey."""
+    """A rule that colours some items, given by their indices; the others are grey."""
 
     chosen: frozenset[int]
 
@@ -52,10 +52,7 @@ class Highlight:
 
 
 def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
-    """A task, its items beside the empty box, and the pack that solves it.
-
-    Raises what `plots.drawn` and `Scene` raise, as the other figures do.
-    """
+    """Draw a task, its items next to the empty box, and the pack that solves it."""
     task = pack.task(library)
     size = np.array(task.cells) * CELL
     layout = Layout.standing(task.items, size)
@@ -68,7 +65,7 @@ def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
 
 
 def draw_looks(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
-    """A pack in many looks, each with what `packit render` is told to have it."""
+    """Draw a pack in many looks, each with its options of `packit render`."""
     box = pack.contents(library)
     middle = float(pack.cells[1]) * CELL / 2
     looks = {
@@ -92,10 +89,22 @@ def draw_looks(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:
 
 
 def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
-    """The three sub-tasks, in the order of PackIt and in that of PackIt-Easy.
+    """Draw the three sub-tasks, in the order of PackIt and in that of PackIt-Easy.
 
-    placed: how many of the solution's items are in the box already; that of the others which is
-    neither large nor small is chosen. Raises PackItError where there is none.
+    Parameters
+    ----------
+    task : Task
+        The task.
+    path : Path | str
+        The file to write.
+    placed : int
+        How many of the solution's items are in the box; the item of median volume among the others
+        is chosen.
+
+    Raises
+    ------
+    PackItError
+        If no item is left.
     """
     if len(task.solution) <= placed:
         raise PackItError(f"the task has {len(task.solution)} items: {placed + 1} are needed")
@@ -114,7 +123,7 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
     view = _shot(box, replace(_WHITE, coloring=Highlight(frozenset([placed]))), aspect=_PANEL)
     turns, allowed = (_turned(item, frozenset(some)) for some in ([rotation], fits))
     counts = [f"{np.count_nonzero(mask):,} of {mask.size:,} locations" for mask in (one, any_)]
-    told = {
+    panels = {
         "shape": (shapes, "Shape-Selection", f"one of {len(left)} shapes outside"),
         "rotation": (turns, "Rotation-Selection", "one of 24 rotations"),
         "location": (view, "Location-Selection", f"it fits so at {counts[0]}"),
@@ -125,7 +134,7 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
     rows = [["shape", "rotation", "location"], ["easy shape", "easy location", "easy rotation"]]
     with plots.drawn(path, rows, 12, 8) as (figure, axes):
         figure.set_layout_engine("constrained", h_pad=0.15, w_pad=0.15)
-        for name, (shot, title, caption) in told.items():
+        for name, (shot, title, caption) in panels.items():
             _show(axes[name], shot, title)
             axes[name].set_xlabel(caption, labelpad=4)
         for row, name in zip(rows, ("PackIt", "PackIt-Easy"), strict=True):
@@ -139,21 +148,20 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
 
 
 def first_evolution(packs: Sequence[Pack]) -> list[Pack]:
-    """Of the packs of several evolutions those of the first, in the order of their generations."""
+    """Select the packs of the first evolution, in the order of their generations."""
     seed = _seed(packs[0])
     return [pack for pack in packs if _seed(pack) == seed]
 
 
 def _seed(pack: Pack) -> int | None:
-    """The seed of its evolution."""
+    """Return the seed of a pack's evolution."""
     return pack.provenance.seed if isinstance(pack.provenance, Evolved) else None
 
 
 def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | str) -> None:
-    """The best packs of one evolution, which tell after which generation they were the best.
+    """Draw the best packs of one evolution: of many the first, the last, and at doubling distances.
 
-    Of many the first, each twice as far as the one before it, and the last. Raises PackItError
-    where one does not tell.
+    Raises PackItError if a pack does not record its generation.
     """
     after = [pack.provenance.after for pack in packs if isinstance(pack.provenance, Evolved)]
     if len(after) < len(packs) or None in after:
@@ -173,7 +181,7 @@ def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | st
 def draw_rollouts(
     rollouts: Sequence[Rollout], tasks: Sequence[Task], library: ShapeLibrary, path: Path | str
 ) -> None:
-    """The best and the worst rollouts, four of each; what stayed outside stands beside the box."""
+    """Draw the four best and the four worst rollouts; items left outside stand next to the box."""
     ranked = sorted(rollouts, key=lambda rollout: rollout.total)
     shown = [*ranked[::-1][:4], *ranked[:4]]
     names = [[f"{row}{n}" for n in range(4)] for row in ("best ", "worst ")]
@@ -202,14 +210,14 @@ def _shot(
 
 
 def _outside(items: Sequence[Item], chosen: int) -> Snapshot:
-    """What is still outside, the chosen one in colour."""
+    """Draw the items outside, the chosen one in colour."""
     look = replace(_WHITE, coloring=Highlight(frozenset([chosen])), box="none")
     layout = Layout.standing(items)
     return _shot(BoxState(BOX_CELLS, layout.posed(items)), look, layout, _PANEL)
 
 
 def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
-    """An item in all 24 rotations, some in colour."""
+    """Draw an item in all 24 rotations, some in colour."""
     turned = [item.turned(n) for n in range(rotations.COUNT)]
     pitch = 1.25 * float(item.extents.max())
     rows = rotations.COUNT // _TURNS_A_ROW
@@ -231,7 +239,7 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
 def _left(
     rollout: Rollout, task: Task, library: ShapeLibrary
 ) -> tuple[Contents[ItemInBox], Layout]:
-    """A box as an agent left it, and what it left outside, beside it."""
+    """Lay out a box as an agent left it, with the other items next to it."""
     placed = rollout.pack.contents(library).placed
     outside = list(task.items)
     for one in placed:
@@ -251,7 +259,7 @@ def _show(axes: Any, shot: Snapshot, title: str) -> None:
 
 
 def _mark(axes: Any, shot: Snapshot, mask: npt.NDArray[np.bool_]) -> None:
-    """Dots at the locations of a mask, faint where something is before them."""
+    """Draw dots at the locations of a mask, faint where something hides them."""
     places = np.argwhere(mask) * STEP * CELL
     seen = np.column_stack((places, np.ones(len(places)))) @ shot.projection.T
     columns, rows = (seen[:, :2] / seen[:, 2:]).T
@@ -262,7 +270,7 @@ def _mark(axes: Any, shot: Snapshot, mask: npt.NDArray[np.bool_]) -> None:
 
 
 def _arrow(one: Any, other: Any) -> None:
-    """From one panel to the next."""
+    """Draw an arrow from one panel to the next."""
     style = {"arrowstyle": "-|>,head_width=0.5,head_length=0.9", "color": plots.INK, "lw": 2}
     one.annotate(
         "",
@@ -276,7 +284,7 @@ def _arrow(one: Any, other: Any) -> None:
 
 
 def _note(axes: Any, text: str) -> None:
-    """Below a panel's caption."""
+    """Write a note below a panel's caption."""
     axes.annotate(
         text,
         xy=(0.5, 0),

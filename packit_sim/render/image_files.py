@@ -24,7 +24,7 @@ MAX_SIDE = 2048
 
 
 @contextlib.contextmanager
-def written(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def output_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when the block ends without an error.
 
     Parameters
@@ -70,5 +70,5 @@ def save_png(image: RGBImage, path: str | os.PathLike[str], renderer: str) -> No
     info = PngInfo()
     info.add_text("Software", "PackIt-Sim")
     info.add_text("Renderer", renderer)
-    with written(path) as file:
+    with output_file(path) as file:
         Image.fromarray(image).save(file, format="PNG", pnginfo=info)

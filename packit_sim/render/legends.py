@@ -16,7 +16,7 @@ _STEPS = 64
 """Stripes in the colour ramp of a scale."""
 
 
-def beside(image: RGBImage, legend: Legend, background: RGB) -> RGBImage:
+def add_legend(image: RGBImage, legend: Legend, background: RGB) -> RGBImage:
     """Add a strip with a legend at the right of a picture: (H, W, 3) becomes (H, W', 3)."""
     height = len(image)
     font = font_of(min(10 + height // 100, 26))

@@ -13,7 +13,7 @@ from packit_sim.render.bullet import BulletClient, View
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Legend
 from packit_sim.render.ghosts import Ghost
-from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png, written
+from packit_sim.render.image_files import MAX_SIDE, RGBImage, output_file, save_png
 from packit_sim.render.looks import Look
 from packit_sim.render.pixel_kernels import resolve
 
@@ -64,7 +64,7 @@ class Snapshot:
         The file is written completely or not at all. Raises RenderError if it cannot be written.
         """
         names = ("image", "depth", "segmentation", "projection")
-        with written(path) as file:
+        with output_file(path) as file:
             np.savez_compressed(file, **{name: getattr(self, name) for name in names})
 
 

@@ -102,8 +102,8 @@ class Runs:
                 )
         if not played and not trained:
             raise ReportError("a report needs at least one file of results or folder of a training")
-        names = _told_apart([(name, path) for name, path, _ in played])
-        folders = _told_apart([(run.folder.resolve().name, run.folder) for run in trained])
+        names = _unique([(name, path) for name, path, _ in played])
+        folders = _unique([(run.folder.resolve().name, run.folder) for run in trained])
         return cls(
             tuple(
                 EvaluationRun(name, path, tuple(own))
@@ -129,7 +129,7 @@ def _by_agent(file: Path) -> dict[str, list[Rollout]]:
     return found
 
 
-def _told_apart(names: Sequence[tuple[str, Path]]) -> list[str]:
+def _unique(names: Sequence[tuple[str, Path]]) -> list[str]:
     """Make names unique by adding the path's stem, or all of it, where they repeat."""
     counts = Counter(name for name, _ in names)
     longer = [name if counts[name] == 1 else f"{name} ({path.stem})" for name, path in names]

@@ -103,7 +103,7 @@ def more_scores(played: Sequence[EvaluationRun]) -> Table | None:
     a column, under the name that it has there.
     """
     found = [_more_scores(one.rollouts) for one in played]
-    names = list(dict.fromkeys(name for told in found for name in told))
+    names = list(dict.fromkeys(name for scores in found for name in scores))
     if not names:
         return None
     columns = (
@@ -111,8 +111,8 @@ def more_scores(played: Sequence[EvaluationRun]) -> Table | None:
         for name in names
     )
     rows = [
-        (_name(one.name), *(_estimate(told.get(name), ".3f", ".2f") for name in names))
-        for one, told in zip(played, found, strict=True)
+        (_name(one.name), *(_estimate(own.get(name), ".3f", ".2f") for name in names))
+        for one, own in zip(played, found, strict=True)
     ]
     return Table(
         "The boxes as they were left: means, and below each its 95% bootstrap interval.",
@@ -162,15 +162,15 @@ def evaluations(played: Sequence[EvaluationRun]) -> Table:
         Column("library"),
         Column("box", "cells an axis"),
     )
-    asked: dict[tuple[str, str, int, str, str], list[EvaluationRun]] = {}
+    played_by: dict[tuple[str, str, int, str, str], list[EvaluationRun]] = {}
     for one in played:
         pack = one.rollouts[0].pack
         ref, box = pack.library, " x ".join(map(str, pack.cells))
         library = f"{ref.name} {ref.version} ({ref.digest[:12]})"
         key = str(one.file), str(one.rules), one.seed, library, box
-        asked.setdefault(key, []).append(one)
+        played_by.setdefault(key, []).append(one)
     rows = []
-    for (file, rules, seed, library, box), agents in asked.items():
+    for (file, rules, seed, library, box), agents in played_by.items():
         tasks = {rollout.task for one in agents for rollout in one.rollouts}
         counts = _number(len(agents), "d"), _number(len(tasks), "d")
         rest = _name(rules), _number(seed, "d"), _name(library), _name(box)
