@@ -36,7 +36,7 @@ def items(view: PackView, colors: Sequence[Color], step: int, chosen: int | None
 
     Parameters
     ----------
-    exhibit : PackView
+    view : PackView
         The pack.
     colors : Sequence[Color]
         The colour of each item.
