@@ -53,7 +53,7 @@ class Scene:
 
     Parameters
     ----------
-    box : Contents
+    box : Contents[ItemInBox]
         The box to show.
 
     Raises

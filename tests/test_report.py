@@ -283,7 +283,10 @@ def test_the_command_writes_one_file(tmp_path) -> None:
         (["cut"], r"cut/curve.json is damaged"),
         (["odd"], r"odd/curve.json is damaged: field .*validation. is 3"),
         (["good.jsonl", "--agent", "x/y/z"], r"'x/y/z'.*choose from a/b/c"),
-        (["good.jsonl", "--packs", "everyday-v1", "--split", "test"], r"none of the tasks.*v1"),
+        (
+            ["good.jsonl", "--packs", "everyday-v1", "--split", "test"],
+            r"no task of these results.*v1",
+        ),
     ],
 )
 def test_bad_runs_are_refused_by_name_and_nothing_is_written(

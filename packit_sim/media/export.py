@@ -46,7 +46,7 @@ def export(
 
     Parameters
     ----------
-    box : Contents
+    box : Contents[ItemInBox]
         The box.
     path : str | os.PathLike[str]
         The file to write.

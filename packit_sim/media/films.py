@@ -92,7 +92,7 @@ def packing(
 
     Parameters
     ----------
-    box : Contents
+    box : Contents[PlacedItem]
         The box.
     look : Look
         How it is shown.
@@ -160,7 +160,7 @@ def sides(box: Contents[PlacedItem]) -> list[tuple[int, int]]:
 
     Parameters
     ----------
-    box : Contents
+    box : Contents[PlacedItem]
         The box.
 
     Returns

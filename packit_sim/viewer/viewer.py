@@ -21,7 +21,7 @@ class Viewer:
 
     Parameters
     ----------
-    box : Load
+    box : Contents[ItemInBox]
         The box.
     host : str
         Where the page listens, see `WebPage`.
