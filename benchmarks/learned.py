@@ -94,9 +94,9 @@ def draw(runs: Mapping[str, Sequence[Trained]], heuristic: Estimate, path: Path)
             for n, run in enumerate(seeds):
                 at = [point.steps for point in run.curve]
                 means = [point.validation.mean for point in run.curve]
-                taught = bisect.bisect(at, run.settings["imitation"])
-                ax.plot(at[:taught], means[:taught], color=color, label=None if n else name)
-                ax.plot(at[taught - 1 :], means[taught - 1 :], color=color, linestyle=":")
+                imitated = bisect.bisect(at, run.settings["imitation"])
+                ax.plot(at[:imitated], means[:imitated], color=color, label=None if n else name)
+                ax.plot(at[imitated - 1 :], means[imitated - 1 :], color=color, linestyle=":")
                 ax.plot(run.best.steps, run.best.validation.mean, "o", color=color)
         ax.set_ylim(bottom=heuristic.mean - 0.1)
         ax.axhline(heuristic.mean, color=plots.INK, linestyle="--", label="the Heuristic")

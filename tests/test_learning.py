@@ -21,7 +21,7 @@ from trimesh import creation
 from packit_agents.learning import training
 from packit_agents.learning.augmentation import AugmentedEnv, turned
 from packit_agents.learning.heads import LocationHead, RotationHead
-from packit_agents.learning.imitation import IMPOSSIBLE, LESSON, SMALLER, ImitationPPO, LabellingEnv
+from packit_agents.learning.imitation import IMPOSSIBLE, LABEL, SMALLER, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, LearnedShape, log_probabilities, masked
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
@@ -421,13 +421,19 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
     assert read_settings(file, ["rules.easy=true"]).rules == expected
     assert read_settings(None, ["rules.physics=true"]).rules == Rules(physics=PhysicsSettings())
     for change, message in (
-        ("stps=3", "no setting 'stps': choose from observation, augmented, mixed, packs"),
-        ("steps", "'steps' is no setting: give NAME=VALUE"),
-        ("steps=1.5", "steps = 1.5 must be of type int"),
+        ("stps=3", "no setting 'stps': choose from network, observation, augmented, mixed"),
+        ("steps", "'steps' is not a setting: give NAME=VALUE"),
+        ("steps=1.5", "setting steps: Expected `int`, got `float`"),
         ("steps=0", "steps = 0 is not possible"),
         ("rules.easy=1", "Expected `bool`, got `int`"),
-        ("observation=voxels", "'voxels' is not known: choose from features, placement-features"),
-        ("network.network=mlp", "'mlp' is not known: choose from packnn"),
+        (
+            "observation=voxels",
+            "setting observation: Invalid enum value 'voxels': choose from features, placement",
+        ),
+        (
+            "network.network=mlp",
+            "setting network.network: Invalid enum value 'mlp': choose from packnn",
+        ),
         ("packs=fresh", "validation_packs = None is not possible"),
     ):
         with pytest.raises(ArgumentError, match=message):
@@ -483,7 +489,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
         {
             "teacher": "largest-fitting-first/aligned/blbf",
             "imitation": 128,
-            "regrets": True,
+            "costs": True,
             "mixed": 0.5,
         },
         {"network": replace(SMALL, policies="all")},
@@ -595,7 +601,7 @@ def test_an_agent_for_all_policies_imitates_the_heuristic(tmp_path) -> None:
     assert [placed.location for placed in episode.box.placed] == [(0, 0, 0), (0, 12, 0), (12, 0, 0)]
 
 
-def test_lessons_are_what_the_teacher_would_choose(library) -> None:
+def test_labels_are_the_choices_of_the_teacher(library) -> None:
     teacher = load_policy(Stage.SHAPE, "largest-first")
     plain = PackItEnv("starter", rotation="aligned", location="blbf", observation="features")
     env = LabellingEnv(plain, "largest-first/aligned/blbf")
@@ -604,12 +610,12 @@ def test_lessons_are_what_the_teacher_would_choose(library) -> None:
     for number in range(8):
         assert seen in env.observation_space
         chosen.append(teacher(plain.episode, np.random.default_rng(0)))
-        assert seen[LESSON] == [chosen[-1]]
+        assert seen[LABEL] == [chosen[-1]]
         seen, *_ = env.step(int(np.flatnonzero(seen["outside"])[number % 2]))
     assert len(set(chosen)) > 1
-    env.taught = False
+    env.labelling = False
     seen, _ = env.reset(seed=0)
-    assert seen[LESSON] == [0] != chosen[:1]
+    assert seen[LABEL] == [0] != chosen[:1]
 
 
 def test_the_learning_rate_falls_to_that_of_ppo_and_then_to_0() -> None:
@@ -678,17 +684,19 @@ def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
 
 
 @pytest.mark.parametrize("easy", [False, True])
-def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(easy) -> None:
+def test_costs_are_lowest_for_the_teachers_choice_and_highest_for_what_does_not_fit(
+    easy,
+) -> None:
     rules = {"rotation": "aligned", "location": "blbf", "easy": easy}
     rules["observation"] = "placement-features"
     plain = PackItEnv("starter", **rules)
-    env = LabellingEnv(plain, "largest-fitting-first/aligned/blbf", regrets=True)
+    env = LabellingEnv(plain, "largest-fitting-first/aligned/blbf", costs=True)
     teacher = load_policy(Stage.SHAPE, "largest-fitting-first")
     seen, _ = env.reset(seed=0)
     over, without_room = False, 0
     while not over:
         assert seen in env.observation_space
-        told, outside = seen[LESSON], seen["outside"] > 0
+        told, outside = seen[LABEL], seen["outside"] > 0
         room = seen["placement_features"][:, 0] > 0
         volumes = np.array([item.volume for item in plain.episode.task.items])
         best = teacher(plain.episode, np.random.default_rng(0))
@@ -703,23 +711,23 @@ def test_regrets_are_none_for_the_teachers_choice_and_most_for_what_has_no_room(
         without_room += int(without.sum())
         smallest = min(np.flatnonzero(outside), key=volumes.__getitem__)
         seen, _, over, *_ = env.step(smallest if easy else best)
-    assert without_room > 0 and not seen[LESSON].any()
+    assert without_room > 0 and not seen[LABEL].any()
 
 
-def test_with_regrets_a_gamble_is_left_for_what_surely_has_room() -> None:
+def test_with_costs_a_safe_choice_is_preferred_to_a_gamble() -> None:
     """Two shapes may have room one time in two, a small one always: choices alone would gamble."""
     model = ImitationPPO.__new__(ImitationPPO)
     model.imitation, model.num_timesteps = 100, 100
     logits = torch.zeros(1, 3, requires_grad=True)
-    lessons = torch.tensor([[0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
+    dataset = torch.tensor([[0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
     for _ in range(300):
-        loss = model._loss(_distribution(logits.expand(2, 3)), lessons)
+        loss = model._loss(_distribution(logits.expand(2, 3)), dataset)
         (gradient,) = torch.autograd.grad(loss, logits)
         logits = (logits - gradient).detach().requires_grad_()
     assert logits.argmax() == 2
     model.num_timesteps = 0
     choices = torch.nn.functional.cross_entropy(logits.expand(2, 3), torch.tensor([0, 1]))
-    assert model._loss(_distribution(logits.expand(2, 3)), lessons) == choices
+    assert model._loss(_distribution(logits.expand(2, 3)), dataset) == choices
 
 
 def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:
@@ -728,9 +736,9 @@ def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:
 
 
 @pytest.mark.parametrize("change", ["network.policies=all", "teacher=none imitation=0"])
-def test_regrets_are_of_shapes_and_of_a_teacher(change) -> None:
-    taught = "teacher=largest-first/aligned/blbf imitation=64 regrets=true"
-    with pytest.raises(ArgumentError, match="training setting regrets = True is not possible"):
+def test_costs_need_shapes_and_a_teacher(change) -> None:
+    taught = "teacher=largest-first/aligned/blbf imitation=64 costs=true"
+    with pytest.raises(ArgumentError, match="training setting costs = True is not possible"):
         read_settings(None, f"{taught} {change}".split())
 
 

@@ -57,6 +57,11 @@ def _provenance(made: Mapping[str, Any]) -> dict[str, Any]:
     return {"kind": "other", **author, **notes, **split}
 
 
+def _agent(name: Any) -> Any:
+    """The name of an agent, which may have been renamed since."""
+    return name.replace("packnn-prospects", "packnn-placement") if isinstance(name, str) else name
+
+
 def _played(made: Mapping[str, Any]) -> dict[str, Any]:
     """A rollout; numbers that are none of its own fields are scores."""
     if made["results"] != FORMAT:
@@ -69,5 +74,5 @@ def _played(made: Mapping[str, Any]) -> dict[str, Any]:
         for key, value in made.items()
         if key not in own and isinstance(value, int | float) and not isinstance(value, bool)
     }
-    agent = {"agent": made["by"]} if "by" in made else {}
+    agent = {"agent": _agent(made["by"])} if "by" in made else {}
     return {"kind": "rollout", **agent, **fields, "rules": rules, "scores": scores}

@@ -15,10 +15,17 @@ from packit_sim.core.errors import ArgumentError
 
 
 class ActorCritic(MaskableActorCriticPolicy):
-    """A network that chooses and another for the value, which share nothing.
+    """A policy network and a value network, which share no parameters.
 
-    The observations are dicts (see `packit_sim.envs.observations`), the actions those of the
-    environment. settings: of both networks.
+    Parameters
+    ----------
+    *spaces_and_schedule
+        Observation space (a dict, see `packit_sim.envs.observations`), action space and learning
+        rate schedule, as of the base class.
+    settings : NetworkSettings
+        Settings of both networks.
+    **others
+        Keyword arguments of the base class.
     """
 
     def __init__(self, *spaces_and_schedule: Any, settings: NetworkSettings, **others: Any) -> None:
@@ -27,7 +34,7 @@ class ActorCritic(MaskableActorCriticPolicy):
 
     @property
     def placement_features(self) -> int:
-        """Numbers of placement features of each shape, 0 if they are not observed."""
+        """Number of placement features of each shape, 0 if they are not observed."""
         assert isinstance(self.observation_space, spaces.Dict)
         observed = self.observation_space.spaces.get("placement_features")
         return 0 if observed is None or observed.shape is None else observed.shape[1]
@@ -55,18 +62,18 @@ class ActorCritic(MaskableActorCriticPolicy):
         return self.predict_values(obs), distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs: Any, action_masks: Any = None) -> MaskableDistribution:
-        logits = self.actor(self._seen(obs))
+        logits = self.actor(self._fields(obs))
         distribution = self.action_dist.proba_distribution(action_logits=logits)
         if action_masks is not None:
             distribution.apply_masking(action_masks)
         return distribution
 
     def predict_values(self, obs: Any) -> Tensor:
-        values: Tensor = self.critic(self._seen(obs))
+        values: Tensor = self.critic(self._fields(obs))
         return values
 
-    def _seen(self, obs: Any) -> dict[str, Tensor]:
-        """Fields as networks take them: numbers (b,) of what is discrete, all else as floats."""
+    def _fields(self, obs: Any) -> dict[str, Tensor]:
+        """Observation fields as the networks take them: discrete ones (b,), others as floats."""
         assert isinstance(self.observation_space, spaces.Dict)
         return {
             name: obs[name].long().flatten()

@@ -1,4 +1,4 @@
-"""Shapes seen in other poses than their own, so that a network does not learn them by heart."""
+"""Shapes observed in random poses, so that a network does not memorise them."""
 
 from __future__ import annotations
 
@@ -20,31 +20,44 @@ _POSES = tuple(
 
 
 class AugmentedEnv(gym.Wrapper[Observation, Any, Observation, Any]):
-    """An environment in whose observations each shape is turned, and maybe mirrored, by chance.
+    """An environment whose observations show each shape rotated and mirrored at random.
 
-    In each episode anew, drawn from the environment's generator. Only "shapes" of the observations
-    is turned. What the environment plays is the same, so that a network for rotations would be
-    misled; which shape is to be next hangs little on a pose that `aligned` gives up anyway.
+    A pose is drawn for each shape in each episode, from the environment's generator. Only the field
+    "shapes" changes, not the task: the policy `aligned` discards the original pose anyway, but a
+    network that chooses rotations would be misled.
     """
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        seen, info = self.env.reset(seed=seed, options=options)
-        drawn = self.env.unwrapped.np_random.integers(len(_POSES), size=len(seen["shapes"]))
-        own = zip(seen["shapes"], drawn.tolist(), strict=True)
-        self._shapes = np.stack([turned(cubes, pose) for cubes, pose in own])
-        return self._turned(seen), info
+        observation, info = self.env.reset(seed=seed, options=options)
+        drawn = self.env.unwrapped.np_random.integers(len(_POSES), size=len(observation["shapes"]))
+        poses = zip(observation["shapes"], drawn.tolist(), strict=True)
+        self._shapes = np.stack([transformed(cubes, pose) for cubes, pose in poses])
+        return self._transformed(observation), info
 
     def step(self, action: Any) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
-        seen, reward, terminated, truncated, info = self.env.step(action)
-        return self._turned(seen), reward, terminated, truncated, info
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._transformed(observation), reward, terminated, truncated, info
 
-    def _turned(self, seen: Observation) -> Observation:
-        return {**seen, "shapes": self._shapes.copy()}
+    def _transformed(self, observation: Observation) -> Observation:
+        return {**observation, "shapes": self._shapes.copy()}
 
 
-def turned(cubes: npt.NDArray[np.float32], pose: int) -> npt.NDArray[np.float32]:
-    """Features (c, c, c) of a shape in pose 0 to 47; 0 is its own."""
+def transformed(cubes: npt.NDArray[np.float32], pose: int) -> npt.NDArray[np.float32]:
+    """Transform the features of a shape to another pose.
+
+    Parameters
+    ----------
+    cubes : ndarray
+        float32 (c, c, c), the features.
+    pose : int
+        Number of the pose, 0 to 47; 0 is the original one.
+
+    Returns
+    -------
+    ndarray
+        float32 (c, c, c), a view of the features.
+    """
     order, (x, y, z) = _POSES[pose]
     return cubes.transpose(order)[::x, ::y, ::z]

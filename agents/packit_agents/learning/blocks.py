@@ -1,4 +1,4 @@
-"""What all networks are made of: fully connected residual blocks (paper, section 4.2)."""
+"""Fully connected residual blocks, which all networks consist of (paper, section 4.2)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 class ResidualBlock(nn.Module):
-    """Two fully connected layers around which the input goes by: (..., w) to (..., w)."""
+    """Two fully connected layers with a skip connection, from (..., w) to (..., w)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -19,6 +19,6 @@ class ResidualBlock(nn.Module):
 
 
 def blocks(inputs: int, width: int, count: int) -> nn.Sequential:
-    """(..., inputs) to (..., w): a layer that fits the width, and residual blocks."""
+    """Build an input layer and residual blocks, from (..., inputs) to (..., width)."""
     fit = nn.Sequential(nn.Linear(inputs, width), nn.ReLU())
     return nn.Sequential(fit, *(ResidualBlock(width) for _ in range(count)))

@@ -1,4 +1,4 @@
-"""What it takes to go on with a training exactly: tensors, and all else as JSON. No code."""
+"""Checkpoints, from which a training resumes exactly: tensors, and JSON; no code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replacing
 
-FORMAT = 1
+FORMAT = 2
 
 
 class CheckpointError(PackItError, ValueError):
@@ -22,7 +22,7 @@ class CheckpointError(PackItError, ValueError):
 
 
 class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
-    """An environment whose state is told as the way to it: generator, reset, actions."""
+    """An environment that stores its state as the seed and the actions that led to it."""
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
@@ -33,7 +33,7 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Raises ValueError for options: what they ask for could not be told again."""
+        """Reset the environment, without options, which could not be replayed."""
         if options:
             raise ArgumentError(f"options {options!r} can't be replayed")
         self._seed = seed
@@ -46,33 +46,40 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.step(action)
 
     def to_json(self) -> dict[str, Any]:
-        """Where it stands, for `restore`."""
+        """Return the state, for `restore`, in JSON's types."""
         return {"seed": self._seed, "random": self._random, "actions": self._actions}
 
     def restore(self, state: dict[str, Any]) -> Any:
-        """Goes to where another one stood; returns the observation there."""
+        """Replay a state of `to_json`, and return its observation."""
         if state["random"] is not None:
             self._generator().state = state["random"]
-        seen, _ = self.reset(seed=state["seed"])
+        observation, _ = self.reset(seed=state["seed"])
         for action in state["actions"]:
-            seen, *_ = self.step(action)
-        return seen
+            observation, *_ = self.step(action)
+        return observation
 
     def _generator(self) -> np.random.BitGenerator:
         return self.env.unwrapped.np_random.bit_generator
 
 
-def write_checkpoint(path: Path, tensors: dict[str, Any], told: dict[str, Any]) -> None:
-    """Writes a checkpoint, whole or not at all, with the state of torch's and numpy's generators.
+def write_checkpoint(path: Path, tensors: dict[str, Any], state: dict[str, Any]) -> None:
+    """Write a checkpoint atomically, with the state of torch's and numpy's generators.
 
-    tensors: state dicts. told: JSON's types.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    tensors : dict
+        State dicts of the networks and the optimizer.
+    state : dict
+        The rest of the training's state, in JSON's types.
     """
     random = np.random.get_state(legacy=False)  # noqa: NPY002 - sb3 draws from it
     random["state"]["key"] = random["state"]["key"].tolist()
     content = {
         "format": FORMAT,
         "tensors": tensors,
-        "told": json.dumps(told),
+        "state": json.dumps(state),
         "torch": torch.get_rng_state(),
         "numpy": json.dumps(random),
     }
@@ -83,9 +90,24 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], told: dict[str, Any]) 
 def read_checkpoint(
     path: Path, device: torch.device
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """The tensors and what was told, None where there is no checkpoint; restores the generators.
+    """Read a checkpoint, and restore the generators.
 
-    Raises CheckpointError where it is damaged, or of another version.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    device : torch.device
+        Where the tensors go.
+
+    Returns
+    -------
+    tuple of dict, optional
+        The tensors and the state of `write_checkpoint`; None if there is no file.
+
+    Raises
+    ------
+    CheckpointError
+        If the file is damaged, or of another version.
     """
     if not path.exists():
         return None
@@ -97,11 +119,11 @@ def read_checkpoint(
             )
         random = json.loads(content["numpy"])
         random["state"]["key"] = np.array(random["state"]["key"], dtype=np.uint32)
-        told = json.loads(content["told"])
+        state = json.loads(content["state"])
     except CheckpointError:
         raise
     except Exception as error:  # whatever a damaged file makes torch and pickle raise
-        raise CheckpointError(f"{path} is no checkpoint, or is damaged: {error}") from None
+        raise CheckpointError(f"{path} is not a checkpoint, or is damaged: {error}") from None
     torch.set_rng_state(content["torch"].cpu())
     np.random.set_state(random)  # noqa: NPY002
-    return content["tensors"], told
+    return content["tensors"], state

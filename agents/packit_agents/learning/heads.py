@@ -1,6 +1,6 @@
-"""Networks that choose rotations and locations too: what the paper leaves for the future.
+"""Networks that choose rotations and locations, which the paper leaves for future work.
 
-b is a batch of observations, w the width of features, n the grid's nodes an axis.
+Shapes of tensors: b observations in a batch, w features, n grid nodes along an axis.
 """
 
 from __future__ import annotations
@@ -14,42 +14,41 @@ from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
 from packit_sim.geometry import rotations
 
 _RANK = 8
-"""Products of a function of x, one of y and one of z that a `LocationHead` adds up."""
+"""Number of products of functions of x, y and z in a `LocationHead`."""
 
 
 class RotationHead(nn.Module):
-    """Looks at the chosen shape in each of the 24 rotations, beside the box.
+    """A network that scores the 24 rotations of the chosen shape, next to the box.
 
-    forward: the shape's cubes, upright (b, 8, 8, 8), and the box's (b, 10, 10, 10), to logits
-    (b, 24). Which rotation has which number is nothing it learns: it sees the shape turned, but
-    for the cubes' being of 12 cells or 13.
+    It maps the features of the shape (b, 8, 8, 8), upright, and of the box (b, 10, 10, 10) to
+    logits (b, 24). It sees the shape in each rotation, so it need not learn their numbering.
     """
 
-    turned: Tensor
+    rotated: Tensor
 
     def __init__(self, width: int, encoder_blocks: int, trunk_blocks: int) -> None:
         super().__init__()
         numbers = np.arange(SHAPE_CUBES**3).reshape([SHAPE_CUBES] * 3)
-        turned = [rotations.turn_array(numbers, r).ravel() for r in range(rotations.COUNT)]
-        self.register_buffer("turned", torch.from_numpy(np.stack(turned)), persistent=False)
+        rotated = [rotations.turn_array(numbers, r).ravel() for r in range(rotations.COUNT)]
+        self.register_buffer("rotated", torch.from_numpy(np.stack(rotated)), persistent=False)
         self.shape = blocks(SHAPE_CUBES**3, width, encoder_blocks)
         self.box = blocks(BOX_CUBES**3, width, encoder_blocks)
         self.trunk = blocks(2 * width, width, trunk_blocks)
         self.head = nn.Linear(width, 1)
 
     def forward(self, shape: Tensor, box: Tensor) -> Tensor:
-        shapes = self.shape(shape.flatten(1)[:, self.turned])  # (b, 24, w)
+        shapes = self.shape(shape.flatten(1)[:, self.rotated])  # (b, 24, w)
         boxes = self.box(box.flatten(1)).unsqueeze(1).expand_as(shapes)
         logits: Tensor = self.head(self.trunk(torch.cat([shapes, boxes], 2))).squeeze(2)
         return logits
 
 
 class LocationHead(nn.Module):
-    """Logits of the n^3 nodes as sums and products of functions of x, of y and of z.
+    """A network that scores the n^3 nodes by sums and products of functions of x, y and z.
 
-    Enough for orders such as bottom-left-back fill, and for what depends on the item and the box,
-    at a thousandth of a convolution's price. forward: the item's cubes in its rotation (b, 8, 8, 8)
-    and the box's (b, 10, 10, 10), to logits (b, n^3) in C order.
+    That can express orders such as bottom-left-back fill, and dependence on the item and the box,
+    at a thousandth of the cost of a convolution. It maps the features of the item in its rotation
+    (b, 8, 8, 8) and of the box (b, 10, 10, 10) to logits (b, n^3) in C order.
     """
 
     def __init__(self, nodes: int, width: int, encoder_blocks: int, trunk_blocks: int) -> None:

@@ -1,9 +1,9 @@
-"""Learning from a teacher before learning from rewards.
+"""Imitation of a teacher, before learning from rewards.
 
-The network plays, and at each state is told what the teacher would choose there (DAgger: Ross,
-Gordon and Bagnell, 2011): it sees the states that its own play leads to, not the teacher's alone.
-Or it is told what it would regret to choose (AggreVaTe: Ross and Bagnell, 2014): a network that
-can't tell whether a shape has room must learn that a smaller one is the lesser evil.
+The network plays, and each state is labelled with the choice of a teacher (DAgger: Ross, Gordon and
+Bagnell, 2011), so that the states are those that the network's own play leads to. Or it is labelled
+with the cost of each choice (AggreVaTe: Ross and Bagnell, 2014): a network that can't see whether a
+shape fits must learn that a smaller shape is the lesser risk.
 """
 
 from __future__ import annotations
@@ -25,69 +25,77 @@ from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
 
-LESSON = "lesson"
-"""The field of an observation that tells what the teacher would choose."""
+LABEL = "label"
+"""The observation field that holds the label of a state."""
 
 SMALLER = 0.15
-"""The regret of a shape of no volume that has room; of one that has none it is 1."""
+"""Cost of a shape of volume 0 that fits; the cost of one that does not fit is 1."""
 
 IMPOSSIBLE = 2.0
-"""Told for what may not be chosen."""
+"""Cost of an action that is not valid."""
 
 
 class LabellingEnv(gym.Wrapper[Observation, Any, Observation, Any]):
-    """An environment whose observations tell what a teacher would choose.
+    """An environment whose observations hold a teacher's label.
 
-    teacher: the name of an agent, whose policies are asked, not its search; what they do by chance
-    is always the same chance. lesson: int64 (1,), the action. With `regrets`, where shapes alone
-    are chosen, float32 (actions,) instead: 0 for the teacher's choice, 1 for what does not fit (see
-    `Episode.heuristic_placement`), between them what is smaller. All 0 when the episode is over,
-    and while `taught` is false: asking may take time.
+    The field "label" is int64 (1,), the action that the teacher chooses. With `costs`, if only
+    shapes are chosen, it is float32 (actions,): 0 for the teacher's choice, 1 for a shape that does
+    not fit (see `Episode.heuristic_placement`), and in between for smaller shapes. It is 0 once
+    the episode is over, and while the attribute `labelling` is false, since labels cost time.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        The environment to wrap.
+    teacher : str
+        Name of an agent; its policies are queried, not its search, always with the same seed.
+    costs : bool
+        Whether the label holds the cost of each shape.
     """
 
     def __init__(
-        self, env: gym.Env[Observation, Any], teacher: str, *, regrets: bool = False
+        self, env: gym.Env[Observation, Any], teacher: str, *, costs: bool = False
     ) -> None:
         super().__init__(env)
         self._teacher = Agent.from_name(teacher)
-        self._regrets = regrets
-        self.taught = True
+        self._costs = costs
+        self.labelling = True
         assert isinstance(env.observation_space, spaces.Dict)
         assert isinstance(env.action_space, spaces.Discrete)
         actions = int(env.action_space.n)
-        lesson = (
+        label = (
             spaces.Box(0, IMPOSSIBLE, (actions,), np.float32)
-            if regrets
+            if costs
             else spaces.Box(0, actions - 1, (1,), np.int64)
         )
-        self.observation_space = spaces.Dict({**env.observation_space.spaces, LESSON: lesson})
+        self.observation_space = spaces.Dict({**env.observation_space.spaces, LABEL: label})
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        seen, info = self.env.reset(seed=seed, options=options)
-        return self._with_lesson(seen), info
+        observation, info = self.env.reset(seed=seed, options=options)
+        return self._labelled(observation), info
 
     def step(self, action: Any) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
-        seen, reward, terminated, truncated, info = self.env.step(action)
-        return self._with_lesson(seen), reward, terminated, truncated, info
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._labelled(observation), reward, terminated, truncated, info
 
-    def _with_lesson(self, seen: Observation) -> Observation:
+    def _labelled(self, observation: Observation) -> Observation:
         env = self.env.unwrapped
         assert isinstance(env, PackItEnv)
-        episode, lesson = env.episode, 0
-        told = self.taught and episode.end is None
-        if told:
-            lesson = self._teacher.act(episode, np.random.default_rng(0))
-        if not self._regrets:
-            return {**seen, LESSON: np.array([lesson])}
-        shapes = len(seen["outside"])
-        costs = _regrets(episode, lesson, shapes) if told else np.zeros(shapes, np.float32)
-        return {**seen, LESSON: costs}
+        episode, choice = env.episode, 0
+        labelling = self.labelling and episode.end is None
+        if labelling:
+            choice = self._teacher.act(episode, np.random.default_rng(0))
+        if not self._costs:
+            return {**observation, LABEL: np.array([choice])}
+        shapes = len(observation["outside"])
+        costs = _costs(episode, choice, shapes) if labelling else np.zeros(shapes, np.float32)
+        return {**observation, LABEL: costs}
 
 
-def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32]:
-    """(shapes,), as `LabellingEnv` tells them. best: the teacher's choice."""
+def _costs(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32]:
+    """(shapes,) costs; `best` is the teacher's choice."""
     items = episode.task.items
     costs = np.full(shapes, IMPOSSIBLE, dtype=np.float32)
     for n in np.flatnonzero(episode.outside).tolist():
@@ -98,30 +106,37 @@ def _regrets(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32
 
 
 class ImitationPPO(MaskablePPO):
-    """MaskablePPO that for its first `imitation` steps imitates what its observations tell.
+    """MaskablePPO that imitates the labels of its observations during its first steps.
 
-    It goes over all that it was told so far, `lessons`, in minibatches that are drawn by chance,
-    after each rollout `imitation_epochs` times as many as the rollout has.
+    After each rollout the policy is trained on minibatches drawn from the DAgger dataset. With
+    costs as labels the loss is the cross entropy of the cheapest choice at first, and gradually
+    the expected cost. The value network learns the returns throughout.
 
-    Where they tell regrets, it is the choice of least regret at first, and less and less of it;
-    what is to be expected of regret takes its place. Meanwhile the value network learns the
-    returns, as always.
+    Attributes
+    ----------
+    dataset : DaggerDataset
+        All labelled states so far.
+    imitation : int
+        Number of first steps during which labels are imitated.
+    imitation_epochs : int
+        Minibatches drawn after each rollout, as a multiple of those that the rollout holds.
     """
 
-    lessons: DaggerDataset
+    dataset: DaggerDataset
     imitation = 0
     imitation_epochs = 4
 
     def train(self) -> None:
+        """Update the networks after a rollout."""
         if self.num_timesteps > self.imitation:
-            self.lessons.clear()
+            self.dataset.clear()
             super().train()
             return
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
         buffer = cast(MaskableDictRolloutBuffer, self.rollout_buffer)
         size = cast(int, self.batch_size)
-        self.lessons.add(self.num_timesteps, buffer)
+        self.dataset.add(self.num_timesteps, buffer)
         minibatches = self.imitation_epochs * -(-self.n_steps * self.n_envs // size)
         losses = [self._imitate(size) for _ in range(minibatches)]
         for _ in range(self.n_epochs):
@@ -132,27 +147,28 @@ class ImitationPPO(MaskablePPO):
         self.logger.record("train/imitation_loss", float(np.mean(losses)))
 
     def _imitate(self, size: int) -> float:
-        """A step of the actor on so many lessons; returns its loss."""
-        seen, masks = self.lessons.draw(size)
-        seen = {name: field.to(self.device) for name, field in seen.items()}
-        loss = self._loss(self.policy.get_distribution(seen, masks.numpy()), seen[LESSON])
+        """Train the policy on one minibatch, and return its loss."""
+        observations, masks = self.dataset.sample(size)
+        observations = {name: field.to(self.device) for name, field in observations.items()}
+        distribution = self.policy.get_distribution(observations, masks.numpy())
+        loss = self._loss(distribution, observations[LABEL])
         self._descend(loss)
         return float(loss.item())
 
     def _descend(self, loss: Tensor) -> None:
-        """A step of the optimizer, of what the loss hangs on alone."""
+        """Take one step of the optimizer."""
         self.policy.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         self.policy.optimizer.step()
 
-    def _loss(self, distribution: Any, lessons: Tensor) -> Tensor:
-        """Of the actor. lessons: (b, 1) choices, or (b, actions) regrets."""
-        regrets = lessons.shape[1] > 1
-        choices = lessons.argmin(1) if regrets else lessons.long().flatten()
+    def _loss(self, distribution: Any, labels: Tensor) -> Tensor:
+        """The policy's loss for labels (b, 1) of choices or (b, actions) of costs."""
+        are_costs = labels.shape[1] > 1
+        choices = labels.argmin(1) if are_costs else labels.long().flatten()
         cross_entropy: Tensor = -distribution.log_prob(choices).mean()
-        if not regrets:
+        if not are_costs:
             return cross_entropy
-        expected = (distribution.distribution.probs * lessons).sum(1).mean()
+        expected = (distribution.distribution.probs * labels).sum(1).mean()
         share = min(self.num_timesteps / self.imitation, 1.0)
         return (1 - share) * cross_entropy + share * expected

@@ -1,4 +1,4 @@
-"""Policies that were learned: networks that play episodes."""
+"""Learned policies: networks that play episodes."""
 
 from __future__ import annotations
 
@@ -19,36 +19,48 @@ from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry.lattice import BOX_CELLS
 
 SHAPE_FIELDS = ("shapes", "box", "outside", "placement_features")
-"""What networks look at that choose shapes, as far as it is observed."""
+"""Observation fields of networks that choose shapes, if they are observed."""
 
 FIELDS = (*SHAPE_FIELDS, "stage", "chosen", "item")
-"""What those look at that choose rotations and locations too."""
+"""Observation fields of networks that also choose rotations and locations."""
 
 
 class _Learned:
-    """The action to which a network gives the highest probability.
-
-    file: of weights. weights_digest: where its SHA-256 begins. Pickled as the name alone.
-    Raises WeightsError where it can't be loaded, or does not choose what is asked for.
-    """
+    """The most probable action of a network; pickled as the path of its weights."""
 
     stage: ClassVar[Stage]
 
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
-        self._network, self._placement_features, self.made = read_weights(self._file)
+        self._network, self._placement_features, self.provenance = read_weights(self._file)
         self.weights_digest = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
             raise WeightsError(
-                f"{self._file} chooses shapes, no {self.stage.name.lower()}s: it was trained with "
+                f"{self._file} chooses shapes, not {self.stage.name.lower()}s: it was trained with "
                 "network.policies=shape"
             )
         self._observer: FeatureObserver | None = None
-        self._room: tuple[Any, ...] = ()
+        self._sizes: tuple[Any, ...] = ()
 
     @classmethod
     def parse(cls, value: str) -> Self:
-        """Of the path of a file of weights, as `packit train` writes them."""
+        """Load the weights of a file that `packit train` wrote.
+
+        Parameters
+        ----------
+        value : str
+            Path of the file.
+
+        Returns
+        -------
+        Self
+            The policy.
+
+        Raises
+        ------
+        WeightsError
+            If the file can't be loaded, or its network does not make this choice.
+        """
         return cls(value)
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -58,13 +70,14 @@ class _Learned:
         cells = episode.box.cells
         if isinstance(self._network, AllPolicies) and cells != BOX_CELLS:
             raise WeightsError(f"{self._file} plays in boxes of {BOX_CELLS} cells, not {cells}")
-        room = (cells, len(episode.outside))
-        if self._observer is None or self._room != room:
+        sizes = (cells, len(episode.outside))
+        if self._observer is None or self._sizes != sizes:
             kind = PlacementFeatureObserver if self._placement_features else FeatureObserver
-            self._observer, self._room = kind(*room, room[1], ()), room
+            self._observer, self._sizes = kind(*sizes, sizes[1], ()), sizes
         valid = episode.action_mask()
-        seen = self._observer.observe(episode, valid)
-        batch = {name: np.asarray(seen[name])[None] for name in FIELDS if name in seen}
+        observation = self._observer.observe(episode, valid)
+        names = [name for name in FIELDS if name in observation]
+        batch = {name: np.asarray(observation[name])[None] for name in names}
         return log_probabilities(self._network, batch, valid[None])[0]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -72,33 +85,48 @@ class _Learned:
 
 
 class LearnedShape(_Learned):
-    """The shape outside to which a network gives the highest probability: see `_Learned`."""
+    """The shape outside the box to which a network assigns the highest probability."""
 
     stage = Stage.SHAPE
 
 
 class LearnedRotation(_Learned):
-    """The rotation, in the same way."""
+    """The rotation to which a network assigns the highest probability."""
 
     stage = Stage.ROTATION
 
 
 class LearnedLocation(_Learned):
-    """The feasible location, in the same way."""
+    """The feasible location to which a network assigns the highest probability."""
 
     stage = Stage.LOCATION
 
 
 def log_probabilities(
-    network: nn.Module, seen: Observation, valid: npt.NDArray[np.bool_]
+    network: nn.Module, observations: Observation, valid: npt.NDArray[np.bool_]
 ) -> ActionScores:
-    """(b, n) of n actions, -inf for those that are not valid (b, n); seen: arrays, each b first."""
+    """Compute log-probabilities of the actions.
+
+    Parameters
+    ----------
+    network : torch.nn.Module
+        The network.
+    observations : dict of ndarray
+        Observation fields (b, ...).
+    valid : ndarray
+        bool (b, n), the valid actions.
+
+    Returns
+    -------
+    ActionScores
+        float64 (b, n), -inf for actions that are not valid.
+    """
     with torch.inference_mode():
-        tensors = {name: torch.as_tensor(array) for name, array in seen.items()}
+        tensors = {name: torch.as_tensor(array) for name, array in observations.items()}
         logits = network(tensors)[:, : valid.shape[1]]
         return masked(logits, torch.as_tensor(valid)).numpy().astype(np.float64)
 
 
 def masked(logits: Tensor, valid: Tensor) -> Tensor:
-    """Log-softmax over the valid actions, -inf elsewhere."""
+    """Return the log-softmax over the valid actions, -inf elsewhere."""
     return logits.masked_fill(~valid.bool(), -torch.inf).log_softmax(1)

@@ -1,4 +1,4 @@
-"""Tasks mixed of others, so that a network does not learn a dataset's tasks by heart."""
+"""Tasks mixed from others, so that a network does not memorise the tasks of a dataset."""
 
 from __future__ import annotations
 
@@ -13,10 +13,19 @@ from packit_sim.libraries.library import ShapeLibrary
 
 @dataclass(frozen=True)
 class Mixture:
-    """Makes tasks of the items of two others, each taken or left by chance: half of them in all.
+    """A source of tasks that hold a random half of the items of two tasks.
 
-    Items come as often as in the tasks, and are as large; whether all go into the box together is
-    not known. tasks: of one box. share: of the tasks that are mixed; the rest are the tasks' own.
+    Items are as frequent and as large as in the original tasks. Whether all of them fit into the
+    box together is not known.
+
+    Attributes
+    ----------
+    tasks : sequence of Task
+        The original tasks, all with the same box.
+    library : ShapeLibrary
+        The library of their shapes.
+    share : float
+        Share of the drawn tasks that are mixed; the rest are original.
     """
 
     tasks: Sequence[Task]
@@ -29,6 +38,6 @@ class Mixture:
             return first
         both = first.items + second.items
         taken = rng.random(len(both)) < 0.5
-        items = [item for item, is_taken in zip(both, taken, strict=True) if is_taken]
+        items = [item for item, keep in zip(both, taken, strict=True) if keep]
         outside = tuple(ItemRecord(item.shape.id, item.scale) for item in items or both[:1])
         return Pack(first.pack.library, first.cells, (), 0.0, outside=outside).task(self.library)

@@ -1,7 +1,7 @@
-"""PackNN, which scores the shapes outside a box (paper, section 4.2), and all policies at once.
+"""PackNN, which scores the shapes outside a box (paper, section 4.2), and networks for all choices.
 
-b is a batch of observations, n the room for shapes in each, w the width of features. A network
-works on the shapes that are outside alone: what fills the room for others changes nothing.
+Shapes of tensors: b observations in a batch, n slots for shapes in each, w features. Networks work
+on the shapes outside only, whatever the other slots hold.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
 from packit_sim.game.episode import Stage
 from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
 
-Seen = Mapping[str, Tensor]
-"""An observation's fields as tensors, each with b for its first axis."""
+Fields = Mapping[str, Tensor]
+"""Observation fields as tensors (b, ...)."""
 
 NetworkName = Literal["packnn"]
 
@@ -32,12 +32,24 @@ Policies = Literal["shape", "all"]
 
 @dataclass(frozen=True)
 class NetworkSettings:
-    """The paper's numbers are the defaults.
+    """Settings of a network; the defaults are the paper's.
 
-    network: which of `NETWORKS`. width: of features. encoder_blocks, trunk_blocks: residual blocks
-    before and after the shapes are seen together.
-    policies: "shape", the paper's, or "all": heads for rotations and locations beside it, in boxes
-    of the benchmark's size.
+    Attributes
+    ----------
+    network : {"packnn"}
+        The architecture.
+    width : int
+        Number of features of each layer.
+    encoder_blocks, trunk_blocks : int
+        Residual blocks before and after the features of all shapes are combined.
+    policies : {"shape", "all"}
+        What the network chooses: shapes, as in the paper, or also rotations and locations, in
+        boxes of the benchmark's size.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range; the message names it.
     """
 
     network: NetworkName = "packnn"
@@ -47,7 +59,6 @@ class NetworkSettings:
     policies: Policies = "shape"
 
     def __post_init__(self) -> None:
-        """Raises ValueError that names the setting that is out of range."""
         checks = {
             "network": self.network in NETWORKS,
             "policies": self.policies in get_args(Policies),
@@ -68,9 +79,16 @@ class NetworkSettings:
 
 
 class Encoder(nn.Module):
-    """Each shape outside by itself, and the box: (b, n, w) and (b, w).
+    """The encoders of the shapes outside (b, n, w) and of the box (b, w).
 
-    What is inside gets features of 0. `placement_features` are used if the observations have them.
+    The features of shapes that are in the box are 0.
+
+    Parameters
+    ----------
+    settings : NetworkSettings
+        Settings of the network.
+    placement_features : int
+        Number of placement features of each shape, 0 for none.
     """
 
     def __init__(self, settings: NetworkSettings, placement_features: int) -> None:
@@ -80,22 +98,32 @@ class Encoder(nn.Module):
         self.shapes = blocks(SHAPE_CUBES**3 + placement_features, width, count)
         self.box = blocks(BOX_CUBES**3, width, count)
 
-    def forward(self, seen: Seen) -> tuple[Tensor, Tensor]:
-        outside = seen["outside"].bool()
-        inputs = seen["shapes"][outside].flatten(1)  # (all shapes outside, cubes)
+    def forward(self, fields: Fields) -> tuple[Tensor, Tensor]:
+        outside = fields["outside"].bool()
+        inputs = fields["shapes"][outside].flatten(1)  # (all shapes outside, cubes)
         if self._placement_features:
-            inputs = torch.cat([inputs, seen["placement_features"][outside]], 1)
+            inputs = torch.cat([inputs, fields["placement_features"][outside]], 1)
         encoded = self.shapes(inputs)
         shapes = encoded.new_zeros(*outside.shape, encoded.shape[-1])
         shapes[outside] = encoded
-        return shapes, self.box(seen["box"].flatten(1))
+        return shapes, self.box(fields["box"].flatten(1))
 
 
 class PackNN(nn.Module):
     """The paper's network for Shape-Selection (section 4.2 and its appendix), or for the value.
 
-    A shape's features stand beside the maximum over all that are outside, and the box's. forward:
-    (b, n) logits, of no meaning for shapes that are not outside; as a value network, (b, 1).
+    The features of a shape are concatenated with their maximum over all shapes outside and the
+    features of the box. The output is logits (b, n), meaningless for shapes that are not outside;
+    as a value network (b, 1).
+
+    Parameters
+    ----------
+    settings : NetworkSettings
+        Settings of the network.
+    placement_features : int
+        Number of placement features of each shape, 0 for none.
+    value : bool
+        Whether it is a value network.
     """
 
     def __init__(
@@ -108,24 +136,31 @@ class PackNN(nn.Module):
         self.trunk = blocks((2 if value else 3) * width, width, settings.trunk_blocks)
         self.head = nn.Linear(width, 1)
 
-    def forward(self, seen: Seen) -> Tensor:
-        outside = seen["outside"].bool()
-        shapes, box = self.encoder(seen)
-        pooled = shapes.amax(1)  # features are not negative, those of what is inside 0
+    def forward(self, fields: Fields) -> Tensor:
+        outside = fields["outside"].bool()
+        shapes, box = self.encoder(fields)
+        pooled = shapes.amax(1)  # features are at least 0, and 0 for shapes in the box
         if self._value:
             return self.head(self.trunk(torch.cat([pooled, box], 1)))
         rows, _ = outside.nonzero(as_tuple=True)
-        seen_together = torch.cat([shapes[outside], pooled[rows], box[rows]], 1)
+        combined = torch.cat([shapes[outside], pooled[rows], box[rows]], 1)
         logits = shapes.new_zeros(outside.shape)
-        logits[outside] = self.head(self.trunk(seen_together)).squeeze(1)
+        logits[outside] = self.head(self.trunk(combined)).squeeze(1)
         return logits
 
 
 class AllPolicies(nn.Module):
-    """A network for shapes, and heads for rotations and for locations, which share nothing.
+    """A network for shapes, and heads for rotations and locations, which share no parameters.
 
-    forward: (b, actions) logits of the stages at which the observations are; those that are not
-    among a stage's actions are 0. Sees "stage" and "chosen" (b,) and "item" (b, 8, 8, 8) besides.
+    The output is logits (b, actions) for the stage of each observation, 0 beyond the actions of
+    that stage. It also needs the fields "stage" (b,), "chosen" (b,) and "item" (b, 8, 8, 8).
+
+    Parameters
+    ----------
+    shape : torch.nn.Module
+        The network for shapes.
+    settings : NetworkSettings
+        Settings of the heads.
     """
 
     def __init__(self, shape: nn.Module, settings: NetworkSettings) -> None:
@@ -137,32 +172,49 @@ class AllPolicies(nn.Module):
         self.rotation = RotationHead(*size)
         self.location = LocationHead(nodes, *size)
 
-    def forward(self, seen: Seen) -> Tensor:
-        stages = seen["stage"]
-        logits = seen["box"].new_zeros(len(stages), self.actions)
+    def forward(self, fields: Fields) -> Tensor:
+        stages = fields["stage"]
+        logits = fields["box"].new_zeros(len(stages), self.actions)
         for stage in sorted(set(stages.tolist())):
             rows = stages == stage
-            found = self._logits(Stage(stage), {name: field[rows] for name, field in seen.items()})
+            found = self._logits(
+                Stage(stage), {name: field[rows] for name, field in fields.items()}
+            )
             logits[rows, : found.shape[1]] = found
         return logits
 
-    def _logits(self, stage: Stage, seen: Seen) -> Tensor:
+    def _logits(self, stage: Stage, fields: Fields) -> Tensor:
         if stage is Stage.SHAPE:
-            logits: Tensor = self.shape(seen)
+            logits: Tensor = self.shape(fields)
             return logits
-        item, box = seen["item"], seen["box"]
-        upright = seen["shapes"][torch.arange(len(box)), seen["chosen"]]
+        item, box = fields["item"], fields["box"]
+        upright = fields["shapes"][torch.arange(len(box)), fields["chosen"]]
         if stage is Stage.ROTATION:
             logits = self.rotation(upright, box)
         else:
-            is_turned = item.flatten(1).any(1)[:, None, None, None]
-            logits = self.location(torch.where(is_turned, item, upright), box)
+            is_rotated = item.flatten(1).any(1)[:, None, None, None]
+            logits = self.location(torch.where(is_rotated, item, upright), box)
         return logits
 
 
 def network(
     settings: NetworkSettings, placement_features: int, *, value: bool = False
 ) -> nn.Module:
-    """A new network. placement_features: how many there are of each shape, 0 for none."""
+    """Build a network.
+
+    Parameters
+    ----------
+    settings : NetworkSettings
+        Settings of the network.
+    placement_features : int
+        Number of placement features of each shape, 0 for none.
+    value : bool
+        Whether it is a value network.
+
+    Returns
+    -------
+    torch.nn.Module
+        A `PackNN` or an `AllPolicies` with random parameters.
+    """
     shape = PackNN(settings, placement_features, value=value)
     return AllPolicies(shape, settings) if settings.policies == "all" and not value else shape

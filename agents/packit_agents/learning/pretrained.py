@@ -1,6 +1,6 @@
-"""The networks that come with PackIt-Sim, as policies with names of their own.
+"""The pretrained networks, as policies with names.
 
-Their files, and what they are worth, are told in `assets/weights/README.md`.
+`assets/weights/README.md` describes their files and their results.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from packit_sim.libraries.library import assets_folder
 _FOLDER = assets_folder() / "weights"
 
 PackNN = partial(LearnedShape, _FOLDER / "packnn.safetensors")
-"""The paper's network, which saw what the paper's sees."""
+"""The paper's network with the paper's observation."""
 
-PackNNProspects = partial(LearnedShape, _FOLDER / "packnn-prospects.safetensors")
-"""The paper's network, which also sees how each shape would sit, were it the next."""
+PackNNPlacement = partial(LearnedShape, _FOLDER / "packnn-placement.safetensors")
+"""The paper's network, which also observes placement features."""
 
 PackNNEasy = partial(LearnedShape, _FOLDER / "packnn-easy.safetensors")
-"""As `PackNN`, trained by the rules of PackIt-Easy."""
+"""`PackNN` trained with the rules of PackIt-Easy."""

@@ -1,4 +1,4 @@
-"""Environments in processes of a Ray cluster, as one of stable-baselines3's vector environments."""
+"""Environments in processes of a Ray cluster, as a vector environment of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -18,15 +18,25 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 from packit_sim.core.parallel import Actors
 
 EnvMaker = Callable[[], gym.Env[Any, Any]]
-"""Makes an environment, in the process that it then lives in."""
+"""A function that makes an environment, called in the process that holds it."""
 
 
 class RemoteEnvs(VecEnv):
-    """As many environments as `makers`, dealt out to a number of workers.
+    """Environments distributed over workers, which behave as they would in this process.
 
-    They tell the same as if all of them were here, however many workers there are. address: of the
-    cluster's head, see `parallel.Workers`. Raises WorkersError where workers can't be had, or are
-    lost.
+    Parameters
+    ----------
+    makers : sequence of callable
+        A function for each environment.
+    workers : int
+        Number of processes.
+    address : str, optional
+        Address of the cluster's head, see `parallel.Workers`.
+
+    Raises
+    ------
+    WorkersError
+        If workers can't be started, or are lost.
     """
 
     def __init__(
@@ -55,9 +65,9 @@ class RemoteEnvs(VecEnv):
         self._actors.begin("step", [(actions[group],) for group in self._groups])
 
     def step_wait(self) -> VecEnvStepReturn:
-        seen, rewards, over, infos = zip(*self._actors.end(), strict=True)
-        told = [info for group in infos for info in group]
-        return _joined(seen), np.concatenate(rewards), np.concatenate(over), told
+        observations, rewards, over, infos = zip(*self._actors.end(), strict=True)
+        merged = [info for group in infos for info in group]
+        return _joined(observations), np.concatenate(rewards), np.concatenate(over), merged
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         return self._each("get_attr", indices, attr_name)
@@ -79,13 +89,13 @@ class RemoteEnvs(VecEnv):
         self._actors.close()
 
     def _each(self, method: str, indices: VecEnvIndices, *args: Any, **others: Any) -> list[Any]:
-        """What the environments answer that are asked, in their order."""
+        """Call a method of some environments, and return their answers in order."""
         asked = list(self._get_indices(indices))
         within = [[group.index(n) for n in asked if n in group] for group in self._groups]
         answers = self._actors.call(
             method, [args] * len(within), [{**others, "indices": numbers} for numbers in within]
         )
-        if answers[0] is None:  # of `set_attr`
+        if answers[0] is None:  # `set_attr` returns nothing
             return []
         found = {
             group[k]: answer
@@ -95,5 +105,5 @@ class RemoteEnvs(VecEnv):
         return [found[n] for n in asked]
 
 
-def _joined(seen: Sequence[Any]) -> dict[str, npt.NDArray[Any]]:
-    return {name: np.concatenate([each[name] for each in seen]) for name in seen[0]}
+def _joined(groups: Sequence[Any]) -> dict[str, npt.NDArray[Any]]:
+    return {name: np.concatenate([group[name] for group in groups]) for name in groups[0]}

@@ -1,4 +1,4 @@
-"""`packit train`: PackNN from packs, by PPO."""
+"""`packit train`: train PackNN on packs with PPO."""
 
 from __future__ import annotations
 
@@ -73,7 +73,15 @@ def train_command(
 
 
 def draw(curve: list[Point], path: Path) -> None:
-    """Draw the learning curve: validation with its interval, and training."""
+    """Draw a learning curve: validation with its interval, and training.
+
+    Parameters
+    ----------
+    curve : list of Point
+        The curve.
+    path : Path
+        The picture to write.
+    """
     with plots.drawn(path, [["reward"]], 8, 5) as (_, axes):
         ax = axes["reward"]
         steps = [point.steps for point in curve]
@@ -81,6 +89,6 @@ def draw(curve: list[Point], path: Path) -> None:
         plots.line(ax, steps, validation, color=plots.COLORS[0], marker="o", label="validation")
         known = [(point.steps, point.reward) for point in curve if point.reward is not None]
         if known:
-            ax.plot(*zip(*known, strict=True), color=plots.COLORS[1], label="training, by chance")
+            ax.plot(*zip(*known, strict=True), color=plots.COLORS[1], label="training, sampled")
         ax.set(xlabel="Shape-Selection steps", ylabel="Average Reward", title="Learning curve")
         ax.legend()

@@ -1,4 +1,4 @@
-"""PackNN trained with PPO (paper, section 5): repeatable, and to be gone on with after any kill."""
+"""Training of PackNN with PPO (paper, section 5), reproducible and resumable after any kill."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from packit_agents.learning.actor_critic import ActorCritic, on_device
 from packit_agents.learning.augmentation import AugmentedEnv
 from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
 from packit_agents.learning.dagger_dataset import DaggerDataset
-from packit_agents.learning.imitation import LESSON, ImitationPPO, LabellingEnv
+from packit_agents.learning.imitation import LABEL, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
@@ -47,28 +47,38 @@ from packit_sim.libraries.library import ShapeLibrary
 _log = logging.getLogger(__name__)
 
 RECENT = 200
-"""Episodes whose mean return is told."""
+"""Number of episodes whose mean return is reported."""
 
 VALIDATION_ENVS = 16
-"""Tasks that are played side by side in validation."""
+"""Number of environments in validation."""
 
 CHECKPOINT = "checkpoint.pt"
 
 CHECKPOINT_SECONDS = 30.0
-"""Work that a kill can lose, and the time of an update."""
+"""Seconds between two checkpoints: what a kill can lose, in addition to an update."""
 
 
 _ADAM = {"eps": 1e-5, "fused": True}
-"""stable-baselines3's own, and as one kernel."""
+"""The settings of stable-baselines3, fused into one kernel."""
 
 
 class TrainingError(PackItError, ValueError):
-    """A training that can't be done, or gone on with, as it was asked for."""
+    """A training that can't be started or resumed as requested."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a training stands. reward: as of `Point`. best: of the points so far."""
+    """The progress of a training.
+
+    Attributes
+    ----------
+    steps : int
+        Steps so far.
+    reward : float, optional
+        Mean return of the latest training episodes, None before one has ended.
+    best : Point, optional
+        The best point of the learning curve so far.
+    """
 
     steps: int
     reward: float | None
@@ -76,17 +86,33 @@ class Progress:
 
 
 class Training:
-    """A training in a folder of its own, of which the same settings make the same weights.
+    """A training in its own folder; the same settings give the same weights.
 
-    settings.json: what was asked for, and of which tasks. checkpoint.pt: all it takes to go on.
-    lessons: what a teacher told, until it is learned. curve.json: the learning curve.
-    best.safetensors: the weights that did best in validation, the first of equal ones;
-    last.safetensors: those at the end. tensorboard/: PPO's own numbers.
+    Parameters
+    ----------
+    settings : TrainingSettings
+        What is trained, and how.
+    folder : Path
+        A new folder, or that of a training with the same settings, which resumes.
+    device : str
+        "cpu", "cuda" or "auto".
+    workers : int
+        Processes of a Ray cluster that hold the environments; 0 keeps them in this process. The
+        weights do not depend on it.
+    address : str, optional
+        Address of the cluster's head.
 
-    folder: new, or of a training with the same settings, which goes on. device: "cpu", "cuda" or
-    "auto". workers: processes of a Ray cluster that hold the environments, none for this one;
-    address: of its head. They change nothing of what is learned. Raises TrainingError where the
-    folder is of another training, and as loading tasks does.
+    Raises
+    ------
+    TrainingError
+        If the folder holds a training with other settings.
+
+    Notes
+    -----
+    The folder holds `settings.json` (settings and digests of the tasks), `checkpoint.pt`,
+    `dagger_dataset` (labelled states while a teacher is imitated), `curve.json` (the learning
+    curve), `best.safetensors` (the weights with the highest validation reward, the first of equal
+    ones), `last.safetensors` and `tensorboard`.
     """
 
     def __init__(
@@ -111,10 +137,10 @@ class Training:
         self._validation = tasks[: settings.validation_tasks]
         self._check_folder()
         self._device = on_device(device)
-        made = partial(
+        maker = partial(
             _env, self._tasks, self._library, self._env_settings(), settings, self._fields
         )
-        makers = [made] * settings.envs
+        makers = [maker] * settings.envs
         self._envs: VecEnv = (
             RemoteEnvs(makers, workers, address) if workers else DummyVecEnv(list(makers))
         )
@@ -126,7 +152,7 @@ class Training:
 
     @property
     def steps(self) -> int:
-        """Made so far."""
+        """Number of steps so far."""
         return int(self._model.num_timesteps)
 
     @property
@@ -141,14 +167,22 @@ class Training:
 
     @property
     def policy(self) -> ActorCritic:
-        """The networks as they are."""
+        """The current networks."""
         assert isinstance(self._model.policy, ActorCritic)
         return self._model.policy
 
     def run(self, on_progress: Callable[[Progress], None] = lambda progress: None) -> None:
-        """Trains to the end; on_progress is called before each update, and at the end.
+        """Train to the end.
 
-        Raises BusyError where another process is at work in the folder.
+        Parameters
+        ----------
+        on_progress : callable
+            Called before each update and at the end.
+
+        Raises
+        ------
+        BusyError
+            If another process works in the folder.
         """
         with claimed(self.folder / ".lock", self.folder):
             if not self.is_over:
@@ -158,25 +192,25 @@ class Training:
                     "%s: %s at step %d of %d", self.folder, begins, self.steps, self.settings.steps
                 )
                 started = time.monotonic()
-                watch = _Watch(self, on_progress)
-                self._model.learn(left, watch, reset_num_timesteps=self.steps == 0)
-                self._model.lessons.clear()
-                self.look()
+                callback = _Callback(self, on_progress)
+                self._model.learn(left, callback, reset_num_timesteps=self.steps == 0)
+                self._model.dataset.clear()
+                self.checkpoint()
                 _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
         on_progress(Progress(self.steps, self.reward, self.best))
 
     def close(self) -> None:
-        """Lets go of the environments, and of the cluster."""
+        """Close the environments, and disconnect from the cluster."""
         self._envs.close()
 
     @property
     def is_over(self) -> bool:
         return self.steps >= self.settings.steps and bool(self.curve)
 
-    def look(self) -> None:
-        """Validates if that is due, and writes a checkpoint if there was one, or it is time."""
+    def checkpoint(self) -> None:
+        """Validate if it is due, and write a checkpoint after that or if it is time."""
         if self.settings.teacher is not None and self.steps >= self.settings.imitation:
-            self._envs.env_method("set_wrapper_attr", "taught", False)
+            self._envs.env_method("set_wrapper_attr", "labelling", False)
         due = self.steps // self.settings.validate_every + 1
         over = self.steps >= self.settings.steps
         if len(self.curve) < due or (over and self.curve[-1].steps < self.steps):
@@ -186,14 +220,22 @@ class Training:
             self._write()
 
     def count(self, rewards: npt.NDArray[np.float32], over: npt.NDArray[np.bool_]) -> None:
-        """Counts the rewards of a step in all environments."""
+        """Add the rewards of a step to the returns.
+
+        Parameters
+        ----------
+        rewards : ndarray
+            float32 (envs,).
+        over : ndarray
+            bool (envs,), whether the episode has ended.
+        """
         self._running += rewards
         self._returns.extend(self._running[over].tolist())
         self._running[over] = 0
 
     @property
     def _fields(self) -> tuple[str, ...]:
-        """What the network looks at."""
+        """The observation fields of the network."""
         fields = FIELDS if self.settings.network.policies == "all" else SHAPE_FIELDS
         observed = self.settings.observation == "placement-features"
         return tuple(name for name in fields if observed or name != "placement_features")
@@ -233,7 +275,7 @@ class Training:
         return model
 
     def _validate(self) -> None:
-        """Plays the validation tasks; keeps the weights where they are the best so far."""
+        """Play the validation tasks, and store the weights if they are the best so far."""
         envs = PackItVectorEnv(VALIDATION_ENVS, tasks=self._validation, **self._env_settings())
         rollouts = evaluate_batched("validation", self._act, envs, seed=0)
         before = self.best
@@ -243,45 +285,48 @@ class Training:
         if before is None or point.validation.mean > before.validation.mean:
             self._write_weights("best", point)
         self._write_weights("last", point)
-        told = [each.to_json() for each in self.curve]
-        replace_text(self.folder / CURVE_FILE, json.dumps(told, indent=1) + "\n")
+        curve = [each.to_json() for each in self.curve]
+        replace_text(self.folder / CURVE_FILE, json.dumps(curve, indent=1) + "\n")
 
-    def _act(self, seen: Observation) -> npt.NDArray[np.int64]:
-        fields = {name: seen[name] for name in self._fields}
-        valid = seen["action_mask"].astype(bool)
+    def _act(self, observations: Observation) -> npt.NDArray[np.int64]:
+        fields = {name: observations[name] for name in self._fields}
+        valid = observations["action_mask"].astype(bool)
         return log_probabilities(self.policy.actor, fields, valid).argmax(1)
 
     def _write_weights(self, name: str, point: Point) -> None:
-        made = {"version": __version__, **self._told(), "point": point.to_json()}
-        file = self.folder / f"{name}.safetensors"
-        policy = self.policy
-        write_weights(file, policy.actor, self.settings.network, policy.placement_features, made)
+        write_weights(
+            self.folder / f"{name}.safetensors",
+            self.policy.actor,
+            self.settings.network,
+            self.policy.placement_features,
+            {"version": __version__, **self._provenance(), "point": point.to_json()},
+        )
 
-    def _told(self) -> dict[str, Any]:
-        """What was asked for, and the digests of the tasks."""
-        told: dict[str, Any] = {"settings": asdict(self.settings)}
+    def _provenance(self) -> dict[str, Any]:
+        """The settings, and the digests of the tasks and the library."""
+        record: dict[str, Any] = {"settings": asdict(self.settings)}
         for name, tasks in (("tasks", self._tasks), ("validation", self._validation)):
-            told[name] = tasks if isinstance(tasks, str) else _digest(tasks)
-        told["library"] = asdict(LibraryRef.of(self._library))
-        return json.loads(json.dumps(told))
+            record[name] = tasks if isinstance(tasks, str) else _digest(tasks)
+        record["library"] = asdict(LibraryRef.of(self._library))
+        return json.loads(json.dumps(record))
 
     def _check_folder(self) -> None:
         file = self.folder / SETTINGS_FILE
-        told = self._told()
+        wanted = self._provenance()
         if not file.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            replace_text(file, json.dumps(told, indent=1) + "\n")
+            replace_text(file, json.dumps(wanted, indent=1) + "\n")
             return
         try:
-            before = json.loads(file.read_text())
+            found = json.loads(file.read_text())
         except ValueError as error:
             raise TrainingError(f"{file} can't be read: {error}") from None
-        if before != told:
+        if found != wanted:
             names = [
-                f"{part}.{name}" if isinstance(told[part], dict) else part
-                for part in told
-                for name in (told[part] if isinstance(told[part], dict) else [part])
-                if _at(before, part, name) != _at(told, part, name)
+                f"{part}.{name}" if isinstance(wanted[part], dict) else part
+                for part in wanted
+                for name in (wanted[part] if isinstance(wanted[part], dict) else [part])
+                if _at(found, part, name) != _at(wanted, part, name)
             ]
             raise TrainingError(
                 f"{self.folder} holds a training with another {', '.join(names)}: "
@@ -289,7 +334,7 @@ class Training:
             )
 
     def _write(self) -> None:
-        """Writes the checkpoint, whole or not at all."""
+        """Write the checkpoint atomically."""
         policy, model = self.policy, self._model
         write_checkpoint(
             self.folder / CHECKPOINT,
@@ -308,36 +353,36 @@ class Training:
         self._written = time.monotonic()
 
     def _restore(self) -> None:
-        """Goes on from the checkpoint, if there is one."""
+        """Resume from the checkpoint, if there is one."""
         self._written = time.monotonic()
         found = read_checkpoint(self.folder / CHECKPOINT, self._device)
         assert isinstance(self._envs.action_space, spaces.Discrete)
-        self._model.lessons = DaggerDataset(
-            self.folder / "lessons",
+        self._model.dataset = DaggerDataset(
+            self.folder / "dagger_dataset",
             int(self._envs.action_space.n),
             0 if found is None else found[1]["steps"],
         )
         if found is None:
             return
-        tensors, told = found
+        tensors, state = found
         model = self._model
         self.policy.load_state_dict(tensors["policy"])
         self.policy.optimizer.load_state_dict(tensors["optimizer"])
-        model.num_timesteps, model._n_updates = told["steps"], told["updates"]
-        model._current_progress_remaining = told["progress"]
-        seen = [
-            self._envs.env_method("restore", state, indices=[n])[0]
-            for n, state in enumerate(told["envs"])
+        model.num_timesteps, model._n_updates = state["steps"], state["updates"]
+        model._current_progress_remaining = state["progress"]
+        last = [
+            self._envs.env_method("restore", env, indices=[n])[0]
+            for n, env in enumerate(state["envs"])
         ]
-        model._last_obs = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
-        model._last_episode_starts = np.array(told["starts"], dtype=bool)
-        self._returns.extend(told["returns"])
-        self._running[:] = told["running"]
-        self.curve = [Point.from_json(point) for point in told["curve"]]
+        model._last_obs = {name: np.stack([each[name] for each in last]) for name in last[0]}
+        model._last_episode_starts = np.array(state["starts"], dtype=bool)
+        self._returns.extend(state["returns"])
+        self._running[:] = state["running"]
+        self.curve = [Point.from_json(point) for point in state["curve"]]
 
 
-class _Watch(BaseCallback):
-    """Looks after a training between PPO's updates."""
+class _Callback(BaseCallback):
+    """Validates, writes checkpoints and reports progress between the updates of PPO."""
 
     def __init__(self, training: Training, on_progress: Callable[[Progress], None]) -> None:
         super().__init__()
@@ -345,7 +390,7 @@ class _Watch(BaseCallback):
         self._on_progress = on_progress
 
     def _on_rollout_start(self) -> None:
-        self._training.look()
+        self._training.checkpoint()
         training = self._training
         self._on_progress(Progress(training.steps, training.reward, training.best))
 
@@ -365,25 +410,25 @@ def _env(
     settings: TrainingSettings,
     fields: tuple[str, ...],
 ) -> ReplayableEnv:
-    """An environment of a training, which tells what is among the fields."""
+    """Make an environment whose observations hold the given fields and the label."""
     source: str | Sequence[Task] | TaskMaker = tasks
     if settings.mixed and not isinstance(tasks, str):
         source = Mixture(tasks, library, settings.mixed)
     env: gym.Env[Any, Any] = PackItEnv(source, library, **env_settings)
     if settings.teacher is not None:
-        env = LabellingEnv(env, settings.teacher, regrets=settings.regrets)
+        env = LabellingEnv(env, settings.teacher, costs=settings.costs)
     if settings.augmented:
         env = AugmentedEnv(env)
     assert isinstance(env.observation_space, spaces.Dict)
-    seen = env.observation_space.spaces
-    return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LESSON) if n in seen]))
+    known = env.observation_space.spaces
+    return ReplayableEnv(FilterObservation(env, [n for n in (*fields, LABEL) if n in known]))
 
 
 def _digest(tasks: Sequence[Task]) -> str:
-    """Of all tasks, in their order."""
+    """The digest of all tasks, in their order."""
     return hashlib.sha256("".join(task.digest for task in tasks).encode()).hexdigest()
 
 
-def _at(told: dict[str, Any], part: str, name: str) -> Any:
-    found = told.get(part)
+def _at(record: dict[str, Any], part: str, name: str) -> Any:
+    found = record.get(part)
     return found.get(name) if isinstance(found, dict) else found

@@ -1,4 +1,4 @@
-"""What a training of PackNN is: settings, from a file and from the command line."""
+"""Settings of a training, from a TOML file and the command line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+import msgspec
+
 from packit_agents.learning.networks import NetworkSettings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.rules import PACKIT, Rules
@@ -16,28 +18,68 @@ from packit_sim.rules import PACKIT, Rules
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What a training is; the defaults are the paper's where it tells them, but for the rate.
+    """Everything that determines the result of a training.
 
-    network: of the policy, and of the value.
-    observation: "features", or "placement-features".
-    augmented: shapes are seen turned and mirrored by chance, another way in each episode.
-    mixed: share of the tasks that are mixed of two (see `Mixture`).
-    packs, split, library: the tasks; packs may be "fresh", the split is then the library's.
-    validation_packs, validation: those that say which weights are the best, a dataset and its
-        split; without the first a split of the same packs. validation_tasks: the first so many.
-    validate_every: steps.
-    rules: those that are played.
-    steps: choices in all: of shapes, or where `network.policies` is "all" of any kind.
-    teacher: name of the agent that is imitated for the first so many steps, `imitation`.
-    imitation_epochs: how many minibatches of all lessons so far are gone over after each rollout,
-        as a multiple of those that the rollout has.
-    regrets: whether regrets are told, not the teacher's choices alone (see `LabellingEnv`).
-    imitation_rate: the learning rate at first, where there is a teacher; it falls linearly to
-        `learning_rate` meanwhile.
-    learning_rate: of PPO at first; it falls linearly to 0 where `annealed`.
-    envs, rollout_steps: environments, and steps of each between two updates.
-    minibatch, epochs, gamma, gae_lambda, clip, entropy, value: of PPO.
-    seed: says all, on one machine.
+    The defaults are the paper's where the paper states them, except for the learning rate.
+
+    Attributes
+    ----------
+    network : NetworkSettings
+        The policy and value networks.
+    observation : {"features", "placement-features"}
+        What the network observes.
+    augmented : bool
+        Whether shapes are rotated and mirrored at random, anew in each episode.
+    mixed : float
+        Share of the tasks that are mixed from the items of two tasks (see `Mixture`).
+    packs : str
+        Name or path of the training packs, or "fresh" for tasks generated on the fly.
+    split : str, optional
+        Split of the packs; for fresh tasks, of the library.
+    validation_packs : str, optional
+        Packs by which the best weights are chosen; None takes another split of `packs`.
+    validation : str, optional
+        Split of the validation packs.
+    library : str
+        Name or path of the shape library.
+    rules : Rules
+        How episodes are played.
+    steps : int
+        Number of decisions: of shapes, or with `network.policies = "all"` of any kind.
+    teacher : str, optional
+        Name of the agent that is imitated at first.
+    imitation : int
+        Number of first steps during which the teacher is imitated.
+    imitation_epochs : int
+        Minibatches drawn from the DAgger dataset after each rollout, as a multiple of those that
+        the rollout holds.
+    costs : bool
+        Whether the labels are the costs of all shapes, instead of the teacher's choice alone (see
+        `LabellingEnv`).
+    imitation_rate : float
+        Initial learning rate if there is a teacher; it decreases linearly to `learning_rate`
+        while the teacher is imitated.
+    learning_rate : float
+        Initial learning rate of PPO.
+    annealed : bool
+        Whether the learning rate of PPO decreases linearly to 0.
+    envs : int
+        Number of environments.
+    rollout_steps : int
+        Steps of each environment between two updates.
+    minibatch, epochs, gamma, gae_lambda, clip, entropy, value
+        Hyperparameters of PPO.
+    validate_every : int
+        Steps between two validations.
+    validation_tasks : int
+        Number of validation tasks, the first of their packs.
+    seed : int
+        Seed of all random numbers; it makes runs reproducible on one machine.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range; the message names it.
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -54,7 +96,7 @@ class TrainingSettings:
     teacher: str | None = None
     imitation: int = 0
     imitation_epochs: int = 4
-    regrets: bool = False
+    costs: bool = False
     imitation_rate: float = 1e-3
     learning_rate: float = 3e-4
     annealed: bool = True
@@ -72,18 +114,17 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raises ValueError that names the setting that is out of range."""
-        shapes_alone = self.network.policies == "shape"
+        only_shapes = self.network.policies == "shape"
         checks = {
             "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
             "mixed": 0 <= self.mixed <= 1 and (self.packs != "fresh" or not self.mixed),
             "observation": self.observation in ("features", "placement-features"),
-            "augmented": not self.augmented or shapes_alone,
+            "augmented": not self.augmented or only_shapes,
             "steps": self.steps >= 1,
             "teacher": (self.teacher is None) == (self.imitation == 0),
             "imitation": 0 <= self.imitation <= self.steps,
             "imitation_epochs": self.imitation_epochs >= 1,
-            "regrets": not self.regrets or (self.teacher is not None and shapes_alone),
+            "costs": not self.costs or (self.teacher is not None and only_shapes),
             "imitation_rate": 0 < self.imitation_rate < math.inf,
             "learning_rate": 0 < self.learning_rate < math.inf,
             "envs": self.envs >= 1,
@@ -105,89 +146,104 @@ class TrainingSettings:
                 )
 
     def rate(self, left: float) -> float:
-        """The learning rate where this share of the steps, 1 to 0, is left."""
-        made, taught = self.steps * (1 - left), self.imitation
-        if made < taught:
-            share = made / taught
+        """Compute the learning rate.
+
+        Parameters
+        ----------
+        left : float
+            Share of the steps that are left, from 1 to 0.
+
+        Returns
+        -------
+        float
+            The learning rate at that step.
+        """
+        done, imitated = self.steps * (1 - left), self.imitation
+        if done < imitated:
+            share = done / imitated
             return (1 - share) * self.imitation_rate + share * self.learning_rate
-        if not self.annealed or taught == self.steps:
+        if not self.annealed or imitated == self.steps:
             return self.learning_rate
-        return self.learning_rate * self.steps * left / (self.steps - taught)
-
-
-_TABLES: Mapping[str, type] = {"network": NetworkSettings, "rules": Rules}
-"""The settings that have settings of their own."""
+        return self.learning_rate * self.steps * left / (self.steps - imitated)
 
 
 def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettings:
-    """Settings from a TOML file, and from NAME=VALUE, which win; names as of the fields.
+    """Read settings from a file and from the command line.
 
-    Those of the network are `network.width` and so on, and rules are `rules.easy` and so on; in
-    TOML these are tables. Raises ArgumentError that names the setting and the valid choices.
+    Parameters
+    ----------
+    config : Path, optional
+        A TOML file with the names of the fields; `network` and `rules` are tables.
+    changes : sequence of str
+        Settings as NAME=VALUE, which take precedence over the file; settings of a table are
+        TABLE.NAME, such as `network.width`.
+
+    Returns
+    -------
+    TrainingSettings
+        The settings; those that are not given keep their defaults.
+
+    Raises
+    ------
+    ArgumentError
+        If the file can't be read, or a setting does not exist or is not valid; the message names
+        the setting and the valid choices.
     """
-    told: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     if config is not None:
         try:
-            told = _flat(tomllib.loads(config.read_text()))
+            values = tomllib.loads(config.read_text())
         except (OSError, ValueError) as error:
             raise ArgumentError(f"settings can't be read from {config}: {error}") from None
     for change in changes:
-        name, equals, value = change.partition("=")
+        name, equals, text = change.partition("=")
         if not equals:
-            raise ArgumentError(f"{change!r} is no setting: give NAME=VALUE, such as steps=100000")
-        told[name] = _value(value)
-    defaults = _flat(asdict(TrainingSettings()))
-    for name in told:
-        if name not in defaults:
-            raise ArgumentError(f"there is no setting {name!r}: choose from {', '.join(defaults)}")
-    parts: dict[str, dict[str, Any]] = {"": {}, **{table: {} for table in _TABLES}}
-    for name, value in told.items():
-        table, _, short = name.rpartition(".")
-        kind = get_type_hints(_TABLES[table] if table else TrainingSettings)[short]
-        parts[table][short] = value if table == "rules" else _checked(name, value, kind)
-    return TrainingSettings(
-        **parts[""],
-        network=NetworkSettings(**parts["network"]),
-        rules=Rules.from_json(parts["rules"]),
-    )
+            raise ArgumentError(
+                f"{change!r} is not a setting: give NAME=VALUE, such as steps=100000"
+            )
+        table, _, key = name.rpartition(".")
+        target = values.setdefault(table, {}) if table else values
+        if not isinstance(target, dict):
+            raise ArgumentError(f"{table} = {target!r} must be a table of settings")
+        target[key] = _value(text)
+    _check_names(values)
+    if isinstance(values.get("rules"), dict):
+        values["rules"] = Rules.from_json(values["rules"])
+    try:
+        return msgspec.convert(values, TrainingSettings)
+    except msgspec.ValidationError as error:
+        raise ArgumentError(_message(error)) from None
 
 
-def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a table as TABLE.NAME, after all others."""
-    flat = {name: value for name, value in told.items() if name not in _TABLES}
-    for table in _TABLES:
-        values = told.get(table, {})
-        if not isinstance(values, Mapping):
-            raise ArgumentError(f"{table} = {values!r} must be a table of settings")
-        flat |= {f"{table}.{name}": value for name, value in values.items()}
-    return flat
+def _check_names(values: Mapping[str, Any]) -> None:
+    defaults = asdict(TrainingSettings())
+    for table, own in (("", defaults), ("network", defaults["network"])):
+        given = values.get(table, {}) if table else values
+        if not isinstance(given, dict):
+            raise ArgumentError(f"{table} = {given!r} must be a table of settings")
+        for name in given:
+            if name not in own:
+                full = f"{table}.{name}" if table else name
+                raise ArgumentError(f"there is no setting {full!r}: choose from {', '.join(own)}")
 
 
 def _value(text: str) -> Any:
-    """A number, true, false, or none, else the text itself."""
-    words = {"true": True, "false": False, "none": None}
-    if text.lower() in words:
-        return words[text.lower()]
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+    """The value of TOML that a text stands for, None for "none", else the text itself."""
+    if text.lower() == "none":
+        return None
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return {"true": True, "false": False}.get(text.lower(), text)
 
 
-def _checked(name: str, value: Any, kind: Any) -> Any:
-    """A value as what the setting is. Raises ArgumentError where it is something else."""
-    choices = get_args(kind) or (kind,)
-    if get_origin(kind) is Literal:
-        if value not in choices:
-            raise ArgumentError(
-                f"setting {name} = {value!r} is not known: choose from {', '.join(choices)}"
-            )
-        return value
-    if float in choices and type(value) is int:
-        return float(value)
-    if type(value) not in choices:
-        names = " or ".join("none" if c is type(None) else c.__name__ for c in choices)
-        raise ArgumentError(f"setting {name} = {value!r} must be of type {names}")
-    return value
+def _message(error: msgspec.ValidationError) -> str:
+    """One line that names the setting: msgspec appends its path, as in " - at `$.steps`"."""
+    text, found, path = str(error).partition(" - at `$")
+    if not found:
+        return text
+    table, _, name = path.rstrip("`").lstrip(".").rpartition(".")
+    hints = get_type_hints(NetworkSettings if table == "network" else TrainingSettings)
+    is_choice = get_origin(hints.get(name)) is Literal
+    choices = f": choose from {', '.join(get_args(hints[name]))}" if is_choice else ""
+    return f"setting {table}{'.' if table else ''}{name}: {text}{choices}"

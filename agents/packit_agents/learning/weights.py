@@ -1,4 +1,4 @@
-"""Weights of networks as safetensors, with what it takes to build the network: data, never code."""
+"""Weights of networks as safetensors, with the settings that rebuild the network; no code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from packit_sim.core.files import replacing
 from packit_sim.rules import Rules
 
 FORMAT = "packit-network"
-VERSION = 1
+VERSION = 2
 
 
 class WeightsError(PackItError, ValueError):
@@ -31,62 +31,101 @@ def write_weights(
     net: nn.Module,
     settings: NetworkSettings,
     placement_features: int,
-    made: Mapping[str, Any],
+    provenance: Mapping[str, Any],
 ) -> None:
-    """Writes a network, whole or not at all. made: how it came to be, in JSON's types."""
-    told = {
+    """Write a network atomically.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    net : torch.nn.Module
+        The network.
+    settings : NetworkSettings
+        Its settings.
+    placement_features : int
+        Number of placement features that it observes.
+    provenance : mapping
+        How it was trained, in JSON's types.
+    """
+    metadata = {
         "format": FORMAT,
         "version": str(VERSION),
         "network": json.dumps(asdict(settings)),
         "placement_features": str(placement_features),
-        "made": json.dumps(made),
+        "provenance": json.dumps(provenance),
     }
     tensors = {name: tensor.cpu().contiguous() for name, tensor in net.state_dict().items()}
     with replacing(path) as file:
-        file.write(save(tensors, told))
+        file.write(save(tensors, metadata))
 
 
 def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
-    """A network, ready to be asked, its number of placement features, and how it was made.
+    """Read a network.
 
-    Raises WeightsError that names the file and what is wrong with it.
+    Parameters
+    ----------
+    path : Path
+        The file, of this version or of version 1.
+
+    Returns
+    -------
+    net : torch.nn.Module
+        The network, in evaluation mode, without gradients.
+    placement_features : int
+        Number of placement features that it observes.
+    provenance : dict
+        How it was trained.
+
+    Raises
+    ------
+    WeightsError
+        If the file holds no weights of these versions, or is damaged.
     """
     try:
         with safe_open(path, framework="pt") as file:
-            told = file.metadata() or {}
+            metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except FileNotFoundError:
         raise WeightsError(f"there are no weights at {path}") from None
     except (SafetensorError, OSError) as error:
         raise WeightsError(f"{path} holds no weights, or is damaged: {error}") from None
-    if told.get("format") != FORMAT or told.get("version") != str(VERSION):
+    if metadata.get("format") != FORMAT or metadata.get("version") not in ("1", str(VERSION)):
         raise WeightsError(
-            f"{path} is of format {told.get('format')!r}, version {told.get('version')!r}: "
-            f"this one reads {FORMAT!r}, version '{VERSION}'"
+            f"{path} is of format {metadata.get('format')!r}, version {metadata.get('version')!r}: "
+            f"this one reads {FORMAT!r}, versions '1' and '{VERSION}'"
         )
     try:
-        fields, made = json.loads(told["network"]), _upgraded(json.loads(told["made"]))
-        for stored in (fields, made.get("settings", {}).get("network", {})):
-            stored.pop("heads", None)  # of the attention network, which was removed
-        settings = NetworkSettings(**fields)
-        placement_features = int(told.get("placement_features", told.get("prospects", "none")))
+        if metadata["version"] == "1":
+            metadata = _from_version_1(metadata)
+        provenance = json.loads(metadata["provenance"])
+        placement_features = int(metadata["placement_features"])
+        settings = NetworkSettings(**json.loads(metadata["network"]))
         net = network(settings, placement_features)
         net.load_state_dict(tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise WeightsError(f"{path} does not hold what it says: {error}") from None
+    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise WeightsError(f"{path} contradicts its own metadata: {error}") from None
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise WeightsError(f"{path}: tensor {name!r} holds numbers that are not finite")
-    return net.eval().requires_grad_(False), placement_features, made
+    return net.eval().requires_grad_(False), placement_features, provenance
 
 
-def _upgraded(made: dict[str, Any]) -> dict[str, Any]:
-    """Provenance as it is now, from what an earlier version wrote."""
-    settings = made.get("settings")
-    if settings and "easy" in settings:
-        settings = {**settings, "rules": asdict(Rules(easy=settings["easy"]))}
-        del settings["easy"]
-        if settings["observation"] == "prospects":
+def _from_version_1(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Metadata of version 2 from that of version 1."""
+    fields, provenance = json.loads(metadata["network"]), json.loads(metadata["made"])
+    settings = provenance.get("settings")
+    if settings:
+        if "easy" in settings:
+            settings["rules"] = asdict(Rules(easy=settings.pop("easy")))
+        if "regrets" in settings:
+            settings["costs"] = settings.pop("regrets")
+        if settings.get("observation") == "prospects":
             settings["observation"] = "placement-features"
-        made = {**made, "settings": settings}
-    return made
+    for stored in (fields, (settings or {}).get("network", {})):
+        stored.pop("heads", None)  # of a network that was removed
+    return {
+        "network": json.dumps(fields),
+        "placement_features": metadata.get("placement_features", metadata.get("prospects", "none")),
+        "provenance": json.dumps(provenance),
+    }

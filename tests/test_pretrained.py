@@ -1,4 +1,4 @@
-"""The networks that come along play by their names, and their card tells what is in them."""
+"""The pretrained networks play by their names, and their card describes them."""
 
 import hashlib
 import json
@@ -45,16 +45,16 @@ def test_the_card_names_each_file_and_no_other() -> None:
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
-    _, placement_features, made = read_weights(file)
+    _, placement_features, provenance = read_weights(file)
     config = ROOT / "benchmarks" / "trainings" / f"{file.stem}.toml"
-    settings = read_settings(config, [f"seed={made['settings']['seed']}"])
-    assert made["settings"] == asdict(settings)
+    settings = read_settings(config, [f"seed={provenance['settings']['seed']}"])
+    assert provenance["settings"] == asdict(settings)
     assert (placement_features > 0) == (settings.observation == "placement-features")
     assert (settings.packs, settings.split) == ("everyday-v1", "train")
     assert settings.validation == "validation"
 
 
-@pytest.mark.parametrize("name", ["packnn", "packnn-easy", "packnn-prospects"])
+@pytest.mark.parametrize("name", ["packnn", "packnn-easy", "packnn-placement"])
 def test_a_network_plays_by_its_name(name) -> None:
     agent = Agent.from_name(f"{name}/aligned/blbf")
     task = load_tasks("starter", ShapeLibrary.open("everyday"))[0]
@@ -67,10 +67,10 @@ def test_a_network_plays_by_its_name(name) -> None:
 
 
 def test_the_papers_network_sees_what_the_papers_does() -> None:
-    network, placement_features, made = read_weights(FOLDER / "packnn.safetensors")
-    assert placement_features == 0 and made["settings"]["network"]["network"] == "packnn"
+    network, placement_features, provenance = read_weights(FOLDER / "packnn.safetensors")
+    assert placement_features == 0 and provenance["settings"]["network"]["network"] == "packnn"
     assert isinstance(network, PackNN)
-    assert pretrained.PackNN().made == made
+    assert pretrained.PackNN().provenance == provenance
 
 
 def test_the_card_quotes_the_last_measurement() -> None:
