@@ -651,7 +651,8 @@ def test_augmented_shapes_are_turned_once_an_episode_and_nothing_else_is(library
         seen, _ = env.reset(seed=seed, options={"task": 0})
         own, _ = plain.reset(options={"task": 0})
         shape = own["shapes"][0]
-        kept.append(next(k for k in range(48) if (transformed(shape, k) == seen["shapes"][0]).all()))
+        shown = seen["shapes"][0]
+        kept.append(next(k for k in range(48) if (transformed(shape, k) == shown).all()))
         later, *_ = env.step(int(np.flatnonzero(seen["outside"])[0]))
         np.testing.assert_array_equal(later["shapes"], seen["shapes"])
         assert all(np.array_equal(seen[name], own[name]) for name in seen if name != "shapes")
