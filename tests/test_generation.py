@@ -335,7 +335,7 @@ def test_without_ray_it_says_what_to_install(monkeypatch) -> None:
     [
         ({"backend": "threads"}, "choose from loky, ray"),
         ({"count": -1}, "choose 1 or more"),
-        ({"address": "10.0.0.1:6379"}, "choose backend ray"),
+        ({"address": "10.0.0.1:6379"}, "needs the backend ray"),
     ],
 )
 def test_workers_that_cannot_be_are_refused(settings, message) -> None:
