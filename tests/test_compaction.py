@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -20,6 +20,7 @@ from packit_sim.engine.compaction import GAP, Compacted, compact, drops
 from packit_sim.engine.sweeping import surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
 
 NEAR = 2 * CONTACT_TOLERANCE
@@ -79,7 +80,7 @@ def test_what_is_together_stays() -> None:
     assert (empty.filled, empty.rounds, empty.settled) == ((0.0, 0.0), 0, True)
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(st.integers(0, 2**32 - 1))
 def test_nothing_crosses_and_nothing_rises(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
@@ -18,6 +18,7 @@ from packit_sim.engine.sweeping import Axis, cyclic, plainly_rises, room, surfac
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import PlacedItem
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -84,7 +85,7 @@ def test_the_room_of_a_ball_in_a_bowl() -> None:
     assert found == pytest.approx(-high - (low - 0.2), abs=0.002)
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(SEEDS)
 def test_the_tree_says_what_all_pairs_say(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -95,7 +96,7 @@ def test_the_tree_says_what_all_pairs_say(seed: int) -> None:
     assert room(one, other, offset, axis, forward=True) == pytest.approx(plain, abs=1e-12)
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(SEEDS)
 def test_the_room_is_free_and_no_more_of_it(seed: int) -> None:
     """FCL's witness: no crossing on the way, and one just behind its end."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
@@ -23,6 +23,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.rules import Rules
+from tests.examples import examples
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 
 DOCS = Path(__file__).parents[1] / "docs" / "agents.md"
@@ -159,7 +160,7 @@ def test_of_shapes_that_tie_the_first_outside_comes_first(name) -> None:
 
 
 @pytest.mark.parametrize("name", MEASURES)
-@settings(max_examples=20)
+@examples(20)
 @given(seed=SEEDS, count=st.integers(1, 8))
 def test_the_order_of_items_does_not_change_what_is_chosen(name, seed, count) -> None:
     """The chosen shape measures the same, and no other measures better."""
@@ -233,7 +234,7 @@ def slow_lowest(episode: Episode) -> int:
     return min(tops, key=tops.__getitem__) if tops else rotations.aligned(item.extents)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=SEEDS, cells=BOXES, kinematic=st.booleans())
 def test_lowest_is_what_trying_all_rotations_says(seed, cells, kinematic) -> None:
     episode = crowded(seed, cells, easy=False, kinematic=kinematic)
@@ -444,7 +445,7 @@ def standings(episode: Episode) -> Iterator[tuple[Item, Triple]]:
 
 @pytest.mark.parametrize("easy", [False, True])
 @pytest.mark.parametrize("name", SLOW)
-@settings(max_examples=8)
+@examples(8)
 @given(seed=SEEDS, cells=BOXES, kinematic=st.booleans())
 def test_locations_are_what_slow_loops_say(name, easy, seed, cells, kinematic) -> None:
     episode = crowded(seed, cells, easy, kinematic)
@@ -462,7 +463,7 @@ def test_locations_are_what_slow_loops_say(name, easy, seed, cells, kinematic) -
     assert np.unravel_index(at, episode.box.nodes) == expected
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=SEEDS, cells=BOXES)
 def test_scores_are_those_of_slow_loops(seed, cells) -> None:
     episode = crowded(seed, cells, easy=False, kinematic=False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
@@ -12,6 +12,7 @@ from packit_sim.engine import insertion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PlacedItem
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -104,7 +105,7 @@ def test_hooks_hold_each_other() -> None:
         assert not insertion.oracle(box.placed, PlacedItem(other, tuple(at)))
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(st.integers(0, 2**32 - 1))
 def test_every_location_is_as_the_oracle_says(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 from trimesh.transformations import rotation_matrix
@@ -26,6 +26,7 @@ from packit_sim import Box, Item, Shape
 from packit_sim.datasets import packings
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.geometry import rotations
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED, cube_of, random_item
 
 LIBRARY = LibraryRef("zoo", "1", "0")
@@ -132,7 +133,7 @@ def test_sampled_voxels_miss_thin_walls_and_what_crosses_them() -> None:
     assert len(Spectral(2).pack(task)) == 1, "the cube in a corner leaves the crate no room"
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(st.integers(0, 2**32 - 1))
 def test_conservative_peers_are_always_valid(seed) -> None:
     rng = np.random.default_rng(seed)

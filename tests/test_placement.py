@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim import placement
@@ -15,6 +15,7 @@ from packit_sim.engine.collision import collides
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PlacedItem
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, SOUP, ZOO, cube_of, fill, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")
@@ -51,7 +52,7 @@ def test_mask_equals_oracle_on_library_meshes(seed, cells) -> None:
 
 
 @given(seeds, st.permutations((512, 12, 16)))
-@settings(max_examples=6)
+@examples(6)
 def test_mask_equals_oracle_in_the_longest_boxes(seed, cells) -> None:
     rng = np.random.default_rng(seed)
     box = Box(cells)
@@ -61,7 +62,7 @@ def test_mask_equals_oracle_in_the_longest_boxes(seed, cells) -> None:
 
 
 @given(seeds)
-@settings(max_examples=10)
+@examples(10)
 def test_all_rotations_at_once_are_the_masks_one_by_one(seed) -> None:
     rng = np.random.default_rng(seed)
     box = Box((40, 32, 36))
@@ -82,7 +83,7 @@ def test_all_rotations_at_once_are_the_masks_one_by_one(seed) -> None:
 
 
 @given(seeds)
-@settings(max_examples=20)
+@examples(20)
 def test_why_not_names_each_wall_and_each_item_that_is_in_the_way(seed) -> None:
     rng = np.random.default_rng(seed)
     box = Box((40, 48, 32))

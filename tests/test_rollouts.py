@@ -11,7 +11,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim import placement
@@ -20,6 +20,7 @@ from packit_sim.core import caches
 from packit_sim.datasets.packs import Task, load_tasks
 from packit_sim.envs.env import PackItEnv
 from packit_sim.libraries.library import ShapeLibrary
+from tests.examples import examples
 
 RESETS = 10_000
 STEPS = 100_000
@@ -40,7 +41,7 @@ ANY = st.integers(0, 15624) | st.sampled_from([-1, 15625, 2**40, -(2**40)])
 
 
 @pytest.mark.parametrize("easy", [False, True])
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(task=st.integers(0, 9), seed=st.integers(0, 2**32), valid=st.integers(0, 60), last=ANY)
 def test_no_sequence_of_actions_corrupts_the_box(tasks, easy, task, seed, valid, last) -> None:
     """Some valid actions by chance, then any number at all."""
