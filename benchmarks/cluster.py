@@ -32,7 +32,8 @@ from rich.table import Table
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import STARTER_PACKS, Pack, dataset_file, read_packs
+from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.generation import jobs
 from packit_sim.generation.evolution import Evolution
 from packit_sim.generation.jobs import GenerationJob

@@ -33,7 +33,7 @@ from benchmarks.placement import RESULTS, summary
 from packit_sim import Pack, Shape, ShapeLibrary, read_packs
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import dataset_file
+from packit_sim.datasets.pack_files import dataset_file
 from packit_sim.engine.compaction import compact, drops
 from packit_sim.engine.disassembly import disassemble
 from packit_sim.physics.convex.decomposition import decompose, decompose_all, decompose_anew

@@ -33,7 +33,7 @@ from benchmarks.placement import RESULTS, summary
 from packit_sim import Agent, ShapeLibrary, Task
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import load_tasks
+from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.envs.env import PackItEnv
 from packit_sim.game.episode import Episode
 from packit_sim.physics.convex.decomposition import decompose_all

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from packit_sim.core.errors import PackItError as PackItError
     from packit_sim.datasets.evolution_settings import EvolutionSettings as EvolutionSettings
     from packit_sim.datasets.original import read_original as read_original
+    from packit_sim.datasets.pack_checks import verify as verify
+    from packit_sim.datasets.pack_files import dataset_file as dataset_file
+    from packit_sim.datasets.pack_files import load_tasks as load_tasks
+    from packit_sim.datasets.pack_files import read_packs as read_packs
+    from packit_sim.datasets.pack_files import write_packs as write_packs
     from packit_sim.datasets.packs import Pack as Pack
     from packit_sim.datasets.packs import Task as Task
-    from packit_sim.datasets.packs import dataset_file as dataset_file
-    from packit_sim.datasets.packs import load_tasks as load_tasks
-    from packit_sim.datasets.packs import read_packs as read_packs
-    from packit_sim.datasets.packs import verify as verify
-    from packit_sim.datasets.packs import write_packs as write_packs
     from packit_sim.envs.env import PackItEnv as PackItEnv
     from packit_sim.envs.vector import PackItVectorEnv as PackItVectorEnv
     from packit_sim.evaluation.evaluation import Score as Score
@@ -60,15 +60,9 @@ _HOMES = {
     "core.errors": ("PackItError",),
     "datasets.evolution_settings": ("EvolutionSettings",),
     "datasets.original": ("read_original",),
-    "datasets.packs": (
-        "Pack",
-        "Task",
-        "dataset_file",
-        "load_tasks",
-        "read_packs",
-        "verify",
-        "write_packs",
-    ),
+    "datasets.pack_checks": ("verify",),
+    "datasets.pack_files": ("dataset_file", "load_tasks", "read_packs", "write_packs"),
+    "datasets.packs": ("Pack", "Task"),
     "envs.env": ("PackItEnv",),
     "envs.vector": ("PackItVectorEnv",),
     "evaluation.evaluation": ("Score", "compare", "evaluate", "evaluate_batched", "play"),

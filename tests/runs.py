@@ -17,7 +17,8 @@ from unittest import mock
 from typer.testing import CliRunner
 
 from packit_sim.cli.app import app, main
-from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import Played
 from packit_sim.evaluation.results import Rollout, write_results
 from packit_sim.game.episode import End

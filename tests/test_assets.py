@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.datasets.packs import (
+from packit_sim.datasets.pack_files import (
     builtin_datasets,
     dataset_path,
     load_tasks,

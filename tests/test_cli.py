@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 from trimesh import creation
 
-from packit_sim.datasets.packs import read_packs
+from packit_sim.datasets.pack_files import read_packs
 from packit_sim.evaluation.results import read_results
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
 from packit_sim.libraries.library import ShapeLibrary

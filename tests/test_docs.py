@@ -10,7 +10,7 @@ import pytest
 
 import packit_sim
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.packs import write_packs
+from packit_sim.datasets.pack_files import write_packs
 from packit_sim.paper.reproduction import HEURISTIC, TABLES
 from packit_sim.physics.convex import decomposition, disk_cache
 from tests.runs import rollout

@@ -13,7 +13,8 @@ from gymnasium.utils.env_checker import check_env
 
 from packit_sim.core import caches
 from packit_sim.core.counters import counted_by
-from packit_sim.datasets.packs import Pack, Task, load_tasks, write_packs
+from packit_sim.datasets.pack_files import load_tasks, write_packs
+from packit_sim.datasets.packs import Pack, Task
 from packit_sim.engine import insertion
 from packit_sim.engine.base_box import BaseBox
 from packit_sim.envs.env import PackItEnv

@@ -14,7 +14,9 @@ import pytest
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import BusyError, PackItError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import Task, load_tasks, read_packs, verify
+from packit_sim.datasets.pack_checks import verify
+from packit_sim.datasets.pack_files import load_tasks, read_packs
+from packit_sim.datasets.packs import Task
 from packit_sim.evaluation import evaluation
 from packit_sim.evaluation.evaluation import Score, compare, evaluate
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results

@@ -10,7 +10,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import SEARCHES, EvolutionSettings
-from packit_sim.datasets.packs import verify
+from packit_sim.datasets.pack_checks import verify
 from packit_sim.generation.chromosomes import Chromosome, crossover, mutate, order_crossover
 from packit_sim.generation.evolution import Evolution, EvolutionState, Generation, evolve
 from packit_sim.generation.pack_creator import PackCreator, Recipe, draw_pool

@@ -20,7 +20,8 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.packs import ItemRecord, Pack, dataset_file, read_packs, write_packs
+from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
+from packit_sim.datasets.packs import ItemRecord, Pack
 from packit_sim.datasets.provenance import Other, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.explorer import panels

@@ -20,7 +20,9 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import BusyError, LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import Pack, load_tasks, read_packs, verify
+from packit_sim.datasets.pack_checks import verify
+from packit_sim.datasets.pack_files import load_tasks, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.generation import jobs
 from packit_sim.generation.jobs import (
     GenerationError,

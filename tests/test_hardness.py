@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem, read_packs
+from packit_sim.datasets.pack_files import read_packs
+from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary

@@ -12,7 +12,7 @@ from packit_sim.box import Box
 from packit_sim.core.errors import BusyError, PackFormatError, PhysicsError
 from packit_sim.core.files import claimed
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import write_packs
+from packit_sim.datasets.pack_files import write_packs
 from packit_sim.evaluation import judging, results
 from packit_sim.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
@@ -138,7 +138,7 @@ def test_what_can_not_be_judged(played, tmp_path) -> None:
     assert file.read_bytes() == before
     pack = played[0].pack
     foreign = replace(pack, library=replace(pack.library, digest="0" * 64))
-    with pytest.raises(PackFormatError, match="made with library"):
+    with pytest.raises(PackFormatError, match="the pack is of library"):
         judge([replace(played[0], pack=foreign)], everyday(), "bisection")
 
 

@@ -31,7 +31,8 @@ from packit_agents.learning.weights import WeightsError, read_weights, write_wei
 from packit_sim import placement
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, load_tasks, write_packs
+from packit_sim.datasets.pack_files import load_tasks, write_packs
+from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PLACEMENT_FEATURES

@@ -6,15 +6,9 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
-from packit_sim.datasets.packs import (
-    LibraryRef,
-    Pack,
-    load_tasks,
-    manifest_path,
-    read_packs,
-    verify,
-    write_packs,
-)
+from packit_sim.datasets.pack_checks import verify
+from packit_sim.datasets.pack_files import load_tasks, manifest_path, read_packs, write_packs
+from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
@@ -95,7 +89,7 @@ def test_verify_finds_what_was_tampered_with(pack, library) -> None:
     lying = _tampered(pack, density=0.9)
     assert len(verify(lying, library)) == 1
     foreign = _tampered(pack, library__digest="0" * 64)
-    assert "made with library 'zoo' 1 (000000000000)" in verify(foreign, library)[0]
+    assert "the pack is of library 'zoo' 1 (000000000000)" in verify(foreign, library)[0]
     unknown = _tampered(pack, items__0__shape="zebra")
     assert "zebra" in verify(unknown, library)[0]
 

@@ -20,14 +20,8 @@ from packit_sim.core.errors import PackFormatError, PackItError
 from packit_sim.datasets import datasheet
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.original import read_original
-from packit_sim.datasets.packs import (
-    LibraryRef,
-    Pack,
-    PackedItem,
-    load_tasks,
-    read_packs,
-    write_packs,
-)
+from packit_sim.datasets.pack_files import load_tasks, read_packs, write_packs
+from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
 from packit_sim.datasets.provenance import UNKNOWN, Evolved, Other, Provenance
 from packit_sim.datasets.statistics import DatasetStatistics, dataset_files, take
 from packit_sim.generation.jobs import GenerationJob, generate
@@ -295,7 +289,7 @@ def test_what_has_no_command_says_so(evolved: Path) -> None:
         (["stats", "nowhere"], "packs can't be read from nowhere: No such file"),
         (["stats", "{empty}"], "is a folder without packs: it has no .jsonl file"),
         (["stats", "starter", "--split", "test"], "there is no 'test'"),
-        (["stats", "starter", "--library", "{library}"], "the pack was made with library"),
+        (["stats", "starter", "--library", "{library}"], "the pack is of library"),
         (["stats", "starter", "--library", "none"], "no shape library 'none'"),
         (["stats", "{bare}"], "the packs of 'bare' hold no items"),
         (["stats", "starter", "--out", "{file}/x.png"], "file"),

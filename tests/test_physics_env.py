@@ -19,7 +19,9 @@ from trimesh import creation, transformations
 
 from packit_sim import Agent
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task, verify, write_packs
+from packit_sim.datasets.pack_checks import verify
+from packit_sim.datasets.pack_files import write_packs
+from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results

@@ -17,7 +17,7 @@ from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.packs import load_tasks
+from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary

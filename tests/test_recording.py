@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.packs import Task, load_tasks, write_packs
+from packit_sim.datasets.pack_files import load_tasks, write_packs
+from packit_sim.datasets.packs import Task
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.recording import (
     CUT_SHORT,

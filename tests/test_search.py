@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_agents.planning.budgets import Budget
-from packit_sim.datasets.packs import Task, load_tasks
+from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.packs import Task
 from packit_sim.evaluation.evaluation import evaluate, play
 from packit_sim.game.agents import Agent, UnknownPolicyError, load_search, search_names
 from packit_sim.game.episode import End, Episode

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import Pack, load_tasks, read_packs
+from packit_sim.datasets.pack_files import load_tasks, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.judging import is_judged
 from packit_sim.evaluation.results import Rollout, read_results

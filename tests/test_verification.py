@@ -15,15 +15,9 @@ from packit_sim import EvolutionSettings, evolve, placement
 from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
+from packit_sim.datasets.pack_files import dataset_file, manifest_path, read_packs, write_packs
 from packit_sim.datasets.packings import verify_packing, winding_number
-from packit_sim.datasets.packs import (
-    LibraryRef,
-    Pack,
-    dataset_file,
-    manifest_path,
-    read_packs,
-    write_packs,
-)
+from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.geometry.shapes import Item

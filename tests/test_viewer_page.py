@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from packit_sim.datasets.packs import dataset_file, read_packs
+from packit_sim.datasets.pack_files import dataset_file, read_packs
 from packit_sim.explorer.collection import PackCollection
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.viewer.box_view import corners, reach

@@ -15,7 +15,9 @@ from packit_sim.cli.evaluation_commands import HEURISTICS, evaluate_shown
 from packit_sim.cli.generation_commands import evolve_shown
 from packit_sim.cli.output import print_written, simple_table
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import Pack, verify, write_packs
+from packit_sim.datasets.pack_checks import verify
+from packit_sim.datasets.pack_files import write_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary

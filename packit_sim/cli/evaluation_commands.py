@@ -28,7 +28,8 @@ from packit_sim.cli.output import RESUMABLE, print_written, simple_table, stoppa
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
+from packit_sim.datasets.pack_files import STARTER_PACKS, load_tasks
+from packit_sim.datasets.packs import Task
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
 from packit_sim.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.evaluation.results import Rollout, read_results

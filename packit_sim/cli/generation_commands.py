@@ -23,7 +23,8 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
-from packit_sim.datasets.packs import WHOLE, Pack, read_packs
+from packit_sim.datasets.pack_files import WHOLE, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation import time_estimates
 from packit_sim.generation.evolution import Evolution, Generation, evolve

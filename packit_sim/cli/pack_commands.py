@@ -24,7 +24,7 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
 from packit_sim.datasets.original import Original, read_original
-from packit_sim.datasets.packs import write_packs
+from packit_sim.datasets.pack_files import write_packs
 from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots

@@ -20,7 +20,8 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import simple_table, write_json
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
 from packit_sim.engine.compaction import compact
 from packit_sim.engine.disassembly import MOVES

@@ -21,7 +21,8 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.shape_commands import CategoryOption, selection
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.packs import Pack, dataset_file, read_packs
+from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item

@@ -12,7 +12,7 @@ import typer
 from packit_sim.cli.console import LibraryOption, SplitOption, prepare_folder
 from packit_sim.cli.output import print_written
 from packit_sim.core.files import replace_text
-from packit_sim.datasets.packs import load_tasks
+from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.reports import page
 from packit_sim.reports.examples import chosen, gallery

@@ -27,7 +27,8 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets import statistics
-from packit_sim.datasets.packs import Task, load_tasks, read_packs
+from packit_sim.datasets.pack_files import load_tasks, read_packs
+from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent

@@ -11,8 +11,8 @@ from packit_sim.cli.console import (
     console,
     progress_bars,
 )
+from packit_sim.datasets.pack_files import dataset_file, dataset_path
 from packit_sim.datasets.packings import verify_packing
-from packit_sim.datasets.packs import dataset_file, dataset_path
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.libraries.library import ShapeLibrary
 

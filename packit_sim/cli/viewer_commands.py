@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from packit_sim.cli.console import LibraryOption, SplitOption, console
-from packit_sim.datasets.packs import dataset_path
+from packit_sim.datasets.pack_files import dataset_path
 from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.explorer import Explorer
 from packit_sim.libraries.library import ShapeLibrary

@@ -15,15 +15,8 @@ from typing import Any
 from packit_sim.core import templates
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import (
-    WHOLE,
-    LibraryRef,
-    Manifest,
-    Pack,
-    dataset_path,
-    manifest_path,
-    read_packs,
-)
+from packit_sim.datasets.pack_files import WHOLE, Manifest, dataset_path, manifest_path, read_packs
+from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.datasets.statistics import DatasetStatistics, dataset_files
 from packit_sim.libraries.library import ShapeLibrary

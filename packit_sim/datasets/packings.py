@@ -19,7 +19,8 @@ from scipy.sparse.csgraph import connected_components
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import MeshError, PackFormatError
-from packit_sim.datasets.verification import Problem, Report, named
+from packit_sim.datasets.pack_checks import named
+from packit_sim.datasets.verification import Problem, Report
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.repair import clean_mesh, repair_mesh

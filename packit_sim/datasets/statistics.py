@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.packs import Pack, dataset_file, dataset_path, read_packs
+from packit_sim.datasets.pack_files import dataset_file, dataset_path, read_packs
+from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved, Sampled
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELLS_PER_UNIT

@@ -15,31 +15,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from packit_sim import placement
 from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
-from packit_sim.datasets.packs import (
-    FORMATS,
-    WHOLE,
-    Manifest,
-    Pack,
-    PackedItem,
-    manifest_path,
-    verify,
-)
+from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
+from packit_sim.datasets.pack_files import WHOLE, Manifest, manifest_path
+from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.provenance import Evolved, Played, Provenance
-from packit_sim.geometry.lattice import CELLS_PER_UNIT, STEP, Triple
+from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
 from packit_sim.placement import PlacedItem
-
-SCALE_SLACK = 1e-12
-"""How far, relatively, an item's scale may be from one of its settings': rounding of products."""
-
-WITNESSES = 512
-"""Cells of an item, of either kind, that are asked about all locations before the oracle is."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +165,7 @@ class _Checking:
         if not pack.items:
             yield "it holds no items"
         if evolved is not None:
-            yield from _settings_problems(pack, evolved)
+            yield from settings_problems(pack, evolved)
         splits = dict.fromkeys(s for s in (*recorded, pack.provenance.split) if s is not None)
         if len(splits) > 1:
             yield f"it is recorded to be of several splits: {', '.join(map(repr, splits))}"
@@ -199,7 +183,7 @@ class _Checking:
         self.space += math.prod(pack.cells) / CELLS_PER_UNIT**3
         if evolved is not None and pack.is_on_grid:
             on_grid = [one for one in placed if isinstance(one, PlacedItem)]
-            yield from _order_problems(pack.cells, on_grid)
+            yield from order_problems(pack.cells, on_grid)
 
     def repeated(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
         """Which pack before it is the same, or has its seed."""
@@ -317,89 +301,3 @@ def _may_be_alike(one: Provenance, other: Provenance) -> bool:
     if isinstance(one, Evolved) and isinstance(other, Evolved):
         return one.seed == other.seed and None not in (one.after, other.after)
     return isinstance(one, Played) and isinstance(other, Played)
-
-
-def _settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
-    """Where a pack contradicts the settings of its evolution."""
-    settings, size = evolved.settings, evolved.size
-    if len(pack.items) > settings.pool:
-        yield f"it holds {len(pack.items)} items, more than its pool of {settings.pool}"
-    if settings.cells != pack.cells:
-        yield f"its box has {list(pack.cells)} cells, its settings say {list(settings.cells)}"
-    least, most = settings.size_range
-    if not least <= size <= most:
-        yield f"its size {size!r} is outside its settings' range {list(settings.size_range)}"
-    yield from _scale_problems(pack.items, settings.scales, size)
-
-
-def _scale_problems(
-    items: Sequence[PackedItem], scales: Sequence[float], size: float
-) -> Iterator[str]:
-    possible = [scale * size**3 for scale in scales]
-    for n, item in enumerate(items):
-        if not any(math.isclose(item.scale, scale, rel_tol=SCALE_SLACK) for scale in possible):
-            yield (
-                f"{named(n, item.shape)} has scale {item.scale!r}, "
-                f"which is none of its settings' {list(scales)} at size {size!r}"
-            )
-
-
-def _order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]:
-    """Which items could have stood before where they do, in the order of bottom-left-back fill."""
-    outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
-    before: list[PlacedItem] = []
-    for n, candidate in enumerate(placed):
-        if not placement.is_inside(cells, candidate):
-            continue
-        free = _earlier(outer, inner, before, candidate)
-        if free is not None:
-            yield (
-                f"{named(n, candidate.item.shape.id)} stands at {candidate.location}, "
-                f"but bottom-left-back fill puts it at {free}"
-            )
-        where = tuple(
-            slice(start, stop) for start, stop in zip(candidate.start, candidate.stop, strict=True)
-        )
-        outer[where] |= candidate.item.outer
-        inner[where] |= candidate.item.inner
-        before.append(candidate)
-
-
-def _earlier(
-    outer: npt.NDArray[np.bool_],
-    inner: npt.NDArray[np.bool_],
-    placed: Sequence[PlacedItem],
-    candidate: PlacedItem,
-) -> Triple | None:
-    """The first location before the candidate's in (z, x, y) that the oracle finds feasible.
-
-    outer, inner: bool over the box's cells, those of the items placed. A cell that is inner for one
-    item and outer for another holds a fine cell that is so, and proves a conflict; which of the
-    item's cells are asked has no part in the answer, since where they prove none the oracle is.
-    """
-    item, (i, j, k) = candidate.item, candidate.location
-    nx, ny = ((outer.shape[axis] - item.cells[axis]) // STEP + 1 for axis in (0, 1))
-    z, x, y = np.unravel_index(np.arange((k * nx + i) * ny + j), (k + 1, nx, ny))
-    left = np.column_stack([x, y, z])
-    rng = np.random.default_rng(0)
-    for own, theirs in ((item.inner, outer), (item.outer, inner)):
-        cells = rng.permutation(np.argwhere(own))[:WITNESSES]
-        offsets = np.ravel_multi_index(tuple(cells.T), theirs.shape)
-        for some in np.array_split(offsets, range(8, len(offsets), 8)):
-            base = np.ravel_multi_index(tuple(left.T * STEP), theirs.shape)
-            left = left[~theirs.ravel()[base[:, None] + some].any(axis=1)]
-    asked = list(placed)
-    for x, y, z in left.tolist():
-        at = PlacedItem(item, (x, y, z))
-        for n, other in enumerate(asked):
-            if placement.conflicts(other, at):
-                asked.insert(0, asked.pop(n))
-                break
-        else:
-            return at.location
-    return None
-
-
-def named(number: int, name: str) -> str:
-    """An item as problems name it."""
-    return f"item {number} ({name!r})"

@@ -21,7 +21,8 @@ from gymnasium import spaces
 from packit_sim.core.counters import CallCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import STARTER_PACKS, Task, load_tasks
+from packit_sim.datasets.pack_files import STARTER_PACKS, load_tasks
+from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.game.agents import Policy, load_policy
 from packit_sim.game.episode import Episode, Stage, State, stages
@@ -74,8 +75,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     Parameters
     ----------
     tasks : str, Path, sequence of Task, or callable
-        The name or path of a dataset (see `packs.dataset_file`); tasks; a function that makes one
-        with a random generator; or "fresh": made on the fly (see `TaskSampler`).
+        The name or path of a dataset (see `dataset_file`); tasks; a function that makes one with a
+        random generator; or "fresh": made on the fly (see `TaskSampler`).
     library : str, Path or ShapeLibrary
         Name, path or open library of the shapes of a dataset or of fresh tasks.
     split : str, optional

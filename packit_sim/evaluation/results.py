@@ -16,7 +16,8 @@ from msgspec import structs
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed
-from packit_sim.datasets.packs import Pack, Task, read_packs, write_packs
+from packit_sim.datasets.pack_files import read_packs, write_packs
+from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import Played
 from packit_sim.game.episode import End, Episode
 from packit_sim.rules import Rules

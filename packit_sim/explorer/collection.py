@@ -9,7 +9,8 @@ from pathlib import Path
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.packs import Pack, Task, dataset_file, read_packs
+from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import UNKNOWN, Evolved, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple

@@ -25,7 +25,8 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import LibraryRef, Pack, read_packs, write_packs
+from packit_sim.datasets.pack_files import read_packs, write_packs
+from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.evolution import Evolution, EvolutionState
 from packit_sim.libraries.library import ShapeLibrary

@@ -36,7 +36,8 @@ from packit_sim._version import __version__
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, replace_text
-from packit_sim.datasets.packs import LibraryRef, Task, load_tasks
+from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
