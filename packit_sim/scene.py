@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.core.errors import ArgumentError
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.obj_text import convex_pieces, objects
@@ -153,12 +152,7 @@ class Scene:
         -------
         dict[tuple[int, int], float]
             For each pair (i, j), i < j, of items whose cell boxes meet: the depth in box units, 0
-            where their surfaces do not cross.
-
-        Raises
-        ------
-        ArgumentError
-            If an item is off the grid: see `penetration.penetrations` for those.
+            where their surfaces do not cross. An item off the grid is in a pair with every other.
 
         Notes
         -----
@@ -177,9 +171,7 @@ class Scene:
         1 ms a pair, after about 0.05 s for an item new to the scene.
         """
         self._client.check()
-        placed = [one for one in self._bodies if isinstance(one, PlacedItem)]
-        if len(placed) < len(self._bodies):
-            raise ArgumentError("penetrations are defined for items on the grid only")
+        placed = list(self._bodies)
         return {
             (i, j): max(self._depth(placed[i], placed[j]), self._depth(placed[j], placed[i]))
             for i in range(len(placed))
@@ -257,8 +249,10 @@ def _vertices(placed: Sequence[ItemInBox], layout: Layout) -> Points:
     return np.concatenate(meshes)
 
 
-def _cell_boxes_meet(one: PlacedItem, other: PlacedItem) -> bool:
-    """Return whether two items' cell boxes overlap or touch."""
+def _cell_boxes_meet(one: ItemInBox, other: ItemInBox) -> bool:
+    """Return whether two items' cell boxes overlap or touch, if both are on the grid."""
+    if not (isinstance(one, PlacedItem) and isinstance(other, PlacedItem)):
+        return True
     apart = np.less(one.stop, other.start) | np.less(other.stop, one.start)
     return not apart.any()
 

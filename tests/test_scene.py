@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import os
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,9 @@ from PIL import Image
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import BoxState, PosedItem
 from packit_sim.render import renderers
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
@@ -49,27 +49,15 @@ def three_items() -> Box:
     return box
 
 
-@dataclass(frozen=True)
-class Anywhere:
-    """An item anywhere, as `PlacedItem` is on the grid: cell boxes play no part."""
-
-    item: Item
-    center: np.ndarray = dataclasses.field(compare=False)
-    start: Triple = (0, 0, 0)
-    stop: Triple = (100, 100, 100)
-
-
-@dataclass(frozen=True)
-class Contents:
-    placed: tuple[Anywhere, ...]
-    cells: Triple = (100, 100, 100)
-
-
 def depth(one: Item, other: Item, offset: tuple[float, float, float]) -> float:
     """How deep two items interpenetrate with one's centre at an offset from the other's."""
     middle = np.full(3, 0.5)
-    pair = (Anywhere(one, middle), Anywhere(other, middle + offset, (1, 0, 0)))
-    with Scene(Contents(pair)) as scene:  # type: ignore[arg-type]
+    poses = (
+        Pose.from_rotation(center, item.rotation)
+        for item, center in ((one, middle), (other, middle + offset))
+    )
+    pair = tuple(map(PosedItem.at, (one, other), poses))
+    with Scene(BoxState((100, 100, 100), pair)) as scene:
         return scene.penetrations()[0, 1]
 
 
