@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trimesh import creation
 
-from packit_agents.heuristics.column_runs import SHORTEST_GAP, stretches
+from packit_agents.heuristics.column_runs import SHORTEST_GAP, mask_runs
 from packit_agents.heuristics.contacts import contacts, neighbours
-from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, room_below
+from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, space_below
 from packit_sim.box import Box
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.game.agents import load_policy
@@ -358,7 +358,7 @@ def test_numbers_known_by_hand() -> None:
     item = block(20, 8, 4)
     mask = box.feasible(item)
     grown = growth(heightmap(box.outer_words), item, mask)
-    empty = gaps(room_below(box.outer_words), item, mask)
+    empty = gaps(space_below(box.outer_words), item, mask)
     touching = contacts(neighbours(box.outer_words), item, mask)
     assert grown[0, 0, 2] == 20 * 8 * 12 - 4 * 8 * 8 and grown[5, 0, 3] == 20 * 8 * 4
     assert empty[0, 0, 2] == 16 * 8 * 8 and empty[5, 0, 3] == 0
@@ -478,7 +478,7 @@ def test_scores_are_those_of_slow_loops(seed, cells) -> None:
     )
     fast = (
         (growth(heightmap(words), item, mask), slow_growth),
-        (gaps(room_below(words), item, mask), slow_gaps),
+        (gaps(space_below(words), item, mask), slow_gaps),
         (contacts(neighbours(words), item, mask), slow_contacts),
     )
     nodes = np.random.default_rng(seed).permutation(np.argwhere(mask))[:10]
@@ -495,18 +495,18 @@ def test_nothing_is_scored_where_there_is_no_room() -> None:
     assert not mask.any()
     for scores in (
         growth(heightmap(box.outer_words), item, mask),
-        gaps(room_below(box.outer_words), item, mask),
+        gaps(space_below(box.outer_words), item, mask),
         contacts(neighbours(box.outer_words), item, mask),
     ):
         assert scores.shape == mask.shape and not scores.any()
 
 
 @given(seed=SEEDS, nodes=st.tuples(*[st.integers(1, 9)] * 3), share=st.floats(0, 1))
-def test_stretches_have_all_that_is_true_and_long_gaps_between_them(seed, nodes, share) -> None:
+def test_runs_cover_all_that_is_true_and_have_long_gaps_between_them(seed, nodes, share) -> None:
     mask = np.random.default_rng(seed).random(nodes) < share**4
     looked_at = np.zeros(mask.size, dtype=bool)
     end_before = -SHORTEST_GAP
-    for begin, end in stretches(mask).tolist():
+    for begin, end in mask_runs(mask).tolist():
         assert mask.flat[begin] and mask.flat[end - 1]
         assert begin - end_before >= SHORTEST_GAP
         looked_at[begin:end] = True

@@ -1,1 +1,1 @@
-"""Policies that follow a rule, for shapes, rotations and locations, and what they measure."""
+"""Rule-based policies for shapes, rotations and locations, and the measures that they use."""

@@ -1,4 +1,4 @@
-"""Log-probabilities for policies that rank: what searches choose alternatives by."""
+"""Log-probabilities of actions, by which searches choose alternatives."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ import numpy as np
 import numpy.typing as npt
 
 ActionScores = npt.NDArray[np.float64]
+"""Log-probabilities (actions,); -inf for an action that is not valid."""
 
 
 def by_weight(weights: npt.NDArray[np.float64]) -> ActionScores:
-    """Each action as likely as its weight says; weight 0 for one that is not valid."""
+    """Make each action as likely as its weight; weight 0 marks an action that is not valid."""
     with np.errstate(divide="ignore"):
         return np.log(weights / weights.sum())
 
 
-def by_chance(valid: npt.NDArray[np.bool_], rng: np.random.Generator) -> ActionScores:
-    """Each valid action with a weight by chance, so that any order of them is as likely."""
+def by_random_weight(valid: npt.NDArray[np.bool_], rng: np.random.Generator) -> ActionScores:
+    """Draw a random weight for each valid action, so that all orders are equally likely."""
     return by_weight(rng.exponential(size=len(valid)) * valid)
 
 
 def by_rank(ranked: Iterable[int], actions: int) -> ActionScores:
-    """The n-th of the valid actions, ranked, with a weight of 1/n."""
+    """Give the n-th of the ranked valid actions a weight of 1/n."""
     weights = np.zeros(actions)
     order = list(ranked)
     weights[order] = 1 / np.arange(1, len(order) + 1)

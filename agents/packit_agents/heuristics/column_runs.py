@@ -1,4 +1,4 @@
-"""Which locations of a mask are looked at: stretches that lie in a row in memory."""
+"""Runs of consecutive locations in memory that cover the True entries of a mask."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ import numpy.typing as npt
 
 from packit_sim.placement import Mask
 
-Stretches = npt.NDArray[np.int64]
+Runs = npt.NDArray[np.int64]
+"""Begin and end (exclusive) of each run, (n, 2), in the mask's C order."""
 
 SHORTEST_GAP = 16
-"""Fewer locations than this are looked at for nothing rather than begin anew after them."""
+"""A gap of fewer False locations than this does not end a run: visiting them is cheaper."""
 
 
-def stretches(mask: Mask) -> Stretches:
-    """(n, 2): where each stretch begins and ends in the mask's C order; they have all that is True.
-
-    The first and the last location of each are True.
-    """
+def mask_runs(mask: Mask) -> Runs:
+    """Cover the True locations of a mask by runs, each of which begins and ends with one."""
     places = np.flatnonzero(mask)
     cuts = np.flatnonzero(np.diff(places) > SHORTEST_GAP)
     begins, ends = np.append(places[:1], places[cuts + 1]), np.append(places[cuts], places[-1:])

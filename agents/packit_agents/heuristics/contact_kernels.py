@@ -9,15 +9,15 @@ from packit_sim.geometry.bits import FULL, HIGH, LOW
 from packit_sim.geometry.word_kernels import count_bits
 
 _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
-"""By how many bits neighbours along x, y and z are apart in a word."""
+"""Distances in bits between neighbours along x, y and z in a word."""
 
 _ACROSS_X, _ACROSS_Y, _ACROSS_Z = np.uint64(48), np.uint64(12), np.uint64(3)
-"""By how many the first place of one brick and the last of the one before it are."""
+"""Distances in bits between the first cell of a brick and the last of the brick before it."""
 
 
 @kernel
 def count_neighbours(words):
-    """Compute `contacts.neighbours`: six bits a cell, added up in parallel."""
+    """Compute `contacts.neighbours`: add six bits for each cell, in parallel."""
     nx, ny, nz = words.shape
     digits = np.empty((3, nx, ny, nz), np.uint64)
     none = np.uint64(0)
@@ -46,10 +46,24 @@ def count_neighbours(words):
 
 @kernel
 def count_contacts(digits, bricks, outer, runs):
-    """Compute `contacts.contacts`, (nodes,) in C order, at the nodes of runs (n, 2); 0 elsewhere.
+    """Compute `contacts.contacts` at the nodes of runs.
 
-    bricks: index of each brick relative to the item's first place, in C order. The counts have no
-    meaning where the item is not inside the box: there it continues in the next row.
+    Parameters
+    ----------
+    digits : Words
+        Flat digits of `contacts.neighbours`, (3, bricks of the box).
+    bricks : numpy.ndarray
+        Int64 (n,), the offset of each of the item's bricks from its first one, in C order.
+    outer : Words
+        The outer cells of each of these bricks, (n,).
+    runs : Runs
+        Runs of nodes, see `column_runs`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Int64 (nodes,) in C order, 0 outside the runs. The counts have no meaning where the item
+        is not inside the box, because there it continues in the next row.
     """
     found = np.zeros(digits.shape[1], np.int64)
     for begin, end in runs:

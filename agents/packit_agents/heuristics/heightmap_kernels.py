@@ -24,7 +24,7 @@ def column_heights(words):
 
 @kernel
 def height_growth(heights, columns, mask):
-    """Compute `heightmaps.growth`: from some node on, each column raises the map by its excess."""
+    """Compute `heightmaps.growth`: above some node, each column raises the map by its excess."""
     grown = np.zeros(mask.shape, np.int64)
     nz = mask.shape[2]
     count = np.empty(nz, np.int64)
@@ -52,7 +52,7 @@ def height_growth(heights, columns, mask):
 
 @kernel
 def space_below(words):
-    """Compute `heightmaps.room_below`."""
+    """Compute `heightmaps.space_below`."""
     nx, ny, nz = words.shape
     spaces = np.empty((STEP, STEP, STEP, nx * ny * nz), np.uint16)
     for x, y in np.ndindex((STEP * nx, STEP * ny)):
@@ -69,10 +69,24 @@ def space_below(words):
 
 @kernel
 def gaps_below(spaces, columns, nodes, runs):
-    """Compute `heightmaps.gaps`, (nodes,) in C order, at the nodes of runs (n, 2); 0 elsewhere.
+    """Compute `heightmaps.gaps` at the nodes of runs.
 
-    spaces: flat. columns: index in it of each column's space at the first node. The numbers have no
-    meaning where the item is not inside the box: there it continues in the next row.
+    Parameters
+    ----------
+    spaces : Spaces
+        The result of `space_below`, flat.
+    columns : numpy.ndarray
+        Int64 (n,), for each column of the item the index in `spaces` at the first node.
+    nodes : int
+        Number of the grid's nodes.
+    runs : Runs
+        Runs of nodes, see `column_runs`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Int32 (nodes,) in C order, 0 outside the runs. The numbers have no meaning where the item
+        is not inside the box, because there it continues in the next row.
     """
     empty = np.zeros(nodes, np.int32)
     for begin, end in runs:

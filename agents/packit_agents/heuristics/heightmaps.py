@@ -1,6 +1,7 @@
-"""Columns of cells: how high a box is filled, and how much room there is below a shape.
+"""Columns of cells: how high a box is filled, and how much empty space is below a shape.
 
-Cells are outer cells throughout. A box's are given as words [x, y, z], one a brick (see `bits`).
+Cells are outer cells throughout. Those of a box are words [x, y, z], one for each brick (see
+`bits`).
 """
 
 from __future__ import annotations
@@ -9,55 +10,89 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_agents.heuristics import heightmap_kernels
-from packit_agents.heuristics.column_runs import stretches
+from packit_agents.heuristics.column_runs import mask_runs
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
 
 Heights = npt.NDArray[np.int64]
-Clearances = npt.NDArray[np.uint16]
+Spaces = npt.NDArray[np.uint16]
 Costs = npt.NDArray[np.int64]
+"""[x, y, z] over the grid's nodes: less is better."""
 
 
 def heightmap(words: Words) -> Heights:
-    """(x, y) over a box's cells: the top of the highest filled cell in each column; 0 for none."""
+    """Compute the top of the highest filled cell of each column (x, y) of cells; 0 if empty."""
     return heightmap_kernels.column_heights(np.ascontiguousarray(words))
 
 
 def growth(heights: Heights, item: Item, mask: Mask) -> Costs:
-    """[x, y, z] over the nodes: by how much the sum of the heightmap grows; 0 off the mask.
+    """Compute by how much the sum of the heightmap grows with an item, at each location.
 
-    The item must be inside the box wherever the mask is True.
+    Parameters
+    ----------
+    heights : Heights
+        The box's heightmap, int64 (x, y) over its cells.
+    item : Item
+        The item, in its rotation.
+    mask : Mask
+        Bool [x, y, z] over the nodes; the item must be inside the box wherever it is True.
+
+    Returns
+    -------
+    Costs
+        Int64 [x, y, z] over the nodes, in cells, 0 where the mask is False.
     """
     return heightmap_kernels.height_growth(heights, _columns(item), mask)
 
 
-def room_below(words: Words) -> Clearances:
-    """[x % 4, y % 4, z % 4, brick] over a box's cells: the empty cells straight below each.
+def space_below(words: Words) -> Spaces:
+    """Count the empty cells straight below each cell of a box.
 
-    Bricks are in C order: what a column of a shape has below it at all nodes stands in a row.
+    Parameters
+    ----------
+    words : Words
+        The box's outer cells, uint64 [x, y, z].
+
+    Returns
+    -------
+    Spaces
+        Uint16 [x % 4, y % 4, z % 4, brick] over the box's cells. Bricks are in C order, so that
+        the counts below one column of a shape, at all nodes, are consecutive in memory.
     """
     return heightmap_kernels.space_below(np.ascontiguousarray(words))
 
 
-def gaps(rooms: Clearances, item: Item, mask: Mask) -> Costs:
-    """[x, y, z] over the nodes: the empty cells straight below the item; 0 off the mask.
+def gaps(spaces: Spaces, item: Item, mask: Mask) -> Costs:
+    """Count the empty cells straight below an item, at each location.
 
-    The item must be inside the box wherever the mask is True.
+    Parameters
+    ----------
+    spaces : Spaces
+        The counts of the box, from `space_below`.
+    item : Item
+        The item, in its rotation.
+    mask : Mask
+        Bool [x, y, z] over the nodes; the item must be inside the box wherever it is True.
+
+    Returns
+    -------
+    Costs
+        Int64 [x, y, z] over the nodes, 0 where the mask is False.
     """
     x, y, low, _ = _columns(item).T
     _, ny, nz = mask.shape
     brick = (x // STEP * ny + y // STEP) * nz + low // STEP
     columns = ((x % STEP * STEP + y % STEP) * STEP + low % STEP) * mask.size + brick
     empty = heightmap_kernels.gaps_below(
-        rooms.ravel(), columns, mask.size, stretches(mask)
+        spaces.ravel(), columns, mask.size, mask_runs(mask)
     ).reshape(mask.shape)
     return np.where(mask, empty, 0).astype(np.int64)
 
 
 def _columns(item: Item) -> npt.NDArray[np.int64]:
-    """(n, 4): x, y, bottom of the lowest cell, top of the highest, of each column that has any."""
+    """List x, y, bottom of the lowest and top of the highest cell of each column, (n, 4)."""
     cells = item.outer
     x, y = np.nonzero(cells.any(axis=2))
     low = cells.argmax(axis=2)

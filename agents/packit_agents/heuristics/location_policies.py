@@ -1,11 +1,11 @@
-"""Where the chosen shape goes: policies for Location-Selection.
+"""Policies for Location-Selection: where the chosen shape is placed.
 
-All but the random one are deterministic: of the feasible locations that tie, the one that is least
-in (z, x, y), as in bottom-left-back fill.
+All but the random one are deterministic: ties go to the first feasible location in (z, x, y)
+order, as in bottom-left-back fill.
 
-What a location is worth may depend on the rotation. Where the location is chosen first, as in
-PackIt-Easy, each is valued with the first rotation in the order of alignment that is feasible
-there: the one that `Aligned` is going to choose.
+The cost of a location may depend on the rotation. If the location is chosen first, as in
+PackIt-Easy, each location is assessed with the first rotation in the order of alignment that is
+feasible there, the one that `Aligned` will choose.
 """
 
 from __future__ import annotations
@@ -15,44 +15,41 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from packit_agents.heuristics.action_scores import ActionScores, by_chance, by_rank
+from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_rank
 from packit_agents.heuristics.contacts import contacts, neighbours
-from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, room_below
+from packit_agents.heuristics.heightmaps import Costs, gaps, growth, heightmap, space_below
 from packit_sim.game.episode import Episode
 from packit_sim.geometry import rotations
+from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
 
-Costs = npt.NDArray[np.int64]
-"""[x, y, z] over the grid's nodes: less is better."""
-
 
 @dataclass(frozen=True)
 class RandomLocation:
-    """Any feasible location, uniformly (Goyal and Deng, 2020)."""
+    """A feasible location drawn uniformly (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         assert episode.chosen_item is not None
         return int(rng.choice(np.flatnonzero(episode.chosen_item.feasible)))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """By chance, too."""
-        return by_chance(episode.action_mask(), rng)
+        """Rank the feasible locations at random."""
+        return by_random_weight(episode.action_mask(), rng)
 
 
 @dataclass(frozen=True)
 class BLBF:
-    """Bottom-left-back fill: the feasible location least in (z, x, y) (Goyal and Deng, 2020)."""
+    """Bottom-left-back fill: the first feasible location in (z, x, y) (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         assert episode.chosen_item is not None and episode.chosen_item.blbf is not None
         return _number(episode, episode.chosen_item.blbf)
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """By the order of (z, x, y)."""
+        """Rank the feasible locations by (z, x, y)."""
         assert episode.chosen_item is not None
         mask = episode.chosen_item.feasible
         z, x, y = mask.transpose(2, 0, 1).nonzero()
@@ -61,11 +58,13 @@ class BLBF:
 
 @dataclass(frozen=True)
 class DBLF:
-    """Deepest-bottom-left fill: the feasible location least in (y, z, x).
+    """Deepest-bottom-left fill: the first feasible location in (y, z, x).
 
+    Notes
+    -----
     Karabulut and Inceoglu (2004): deepest, then bottom, then left. The deepest is the farthest
-    back, as when a container is loaded from its front. (Work on boxes that are filled from above
-    often takes it for the lowest; that DBLF differs from BLBF in ties only.)
+    back, as when a container is loaded from its front. In work on boxes that are filled from above
+    it is often the lowest; that variant differs from BLBF in ties only.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -76,9 +75,9 @@ class DBLF:
 
 @dataclass(frozen=True)
 class HeightmapMinimisation:
-    """The least sum of the heightmap after placing (Wang and Hauser, 2019).
+    """The smallest sum of the heightmap after placement (Wang and Hauser, 2019).
 
-    The heightmap has the top of the highest filled cell in each column of the box's cells.
+    The heightmap is the top of the highest filled cell in each column of the box's cells.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -89,45 +88,52 @@ class HeightmapMinimisation:
 class MaximalContact:
     """The most pairs of neighbouring cells, one of the shape, the other filled or beyond a wall.
 
-    Neighbours share a face. The walls are the four at the sides and the floor; the top is open.
+    Neighbours share a face. The walls are the four sides and the floor; the top is open.
+
+    Notes
+    -----
     The touching perimeter (Lodi, Martello and Vigo, 1999) is the same in two dimensions.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return _least(episode, partial(_no_contacts, neighbours(episode.box.outer_words)))
+        return _least(episode, partial(_negative_contacts, neighbours(episode.box.outer_words)))
 
 
 @dataclass(frozen=True)
 class LeastEmpty:
     """The fewest empty cells straight below the shape.
 
-    In each column of cells these are the ones from its lowest cell down to the first filled one, or
-    to the floor. The nearest in the literature is a reward for little empty space under what is
-    packed (TAP-Net: Hu, Xu, Chen, Gong, Zhang and Huang, 2020). Where the shape is above all that
-    is filled this is what the heightmap grows by, but for the shape's own height: in a kinematic
-    box it mostly chooses as `HeightmapMinimisation` does. Below an overhang it doesn't.
+    In each column these are the cells from the shape's lowest cell down to the first filled cell,
+    or to the floor.
+
+    Notes
+    -----
+    The nearest in the literature is a reward for little empty space under the packed items
+    (TAP-Net: Hu, Xu, Chen, Gong, Zhang and Huang, 2020). If the shape is above all filled cells,
+    the cost is the growth of the heightmap, less the shape's own height: in a kinematic box the
+    policy mostly chooses as `HeightmapMinimisation` does. Below an overhang it does not.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return _least(episode, partial(gaps, room_below(episode.box.outer_words)))
+        return _least(episode, partial(gaps, space_below(episode.box.outer_words)))
 
 
-def _no_contacts(planes: npt.NDArray[np.uint64], item: Item, mask: Mask) -> Costs:
-    return -contacts(planes, item, mask)
+def _negative_contacts(digits: Words, item: Item, mask: Mask) -> Costs:
+    return -contacts(digits, item, mask)
 
 
 def _least(episode: Episode, cost: Callable[[Item, Mask], Costs]) -> int:
-    """The feasible location of least cost; of those that tie, the least in (z, x, y)."""
+    """Find the feasible location of the least cost; ties go to the first in (z, x, y)."""
     costs = np.full(episode.box.nodes, np.iinfo(np.int64).max)
-    for item, mask in _standings(episode):
+    for item, mask in _candidates(episode):
         costs[mask] = cost(item, mask)[mask]
     by_height = costs.transpose(2, 0, 1)
     k, i, j = (int(n) for n in np.unravel_index(by_height.argmin(), by_height.shape))
     return _number(episode, (i, j, k))
 
 
-def _standings(episode: Episode) -> Iterator[tuple[Item, Mask]]:
-    """The feasible locations, each once, with the item in the rotation that it is valued with."""
+def _candidates(episode: Episode) -> Iterator[tuple[Item, Mask]]:
+    """Yield feasible locations, each once, with the item in the rotation to assess it with."""
     choice = episode.chosen_item
     assert choice is not None
     if episode.rotation is not None:

@@ -1,8 +1,8 @@
-"""How the chosen shape is turned: policies for Rotation-Selection.
+"""Policies for Rotation-Selection: the rotation of the chosen shape.
 
-Where the location is chosen first, as in PackIt-Easy, they choose among the rotations valid there.
-Rotations that tie are ranked in the order of alignment (`rotations.by_alignment`): small extents
-along z first, then along x, then the lower index.
+If the location is chosen first, as in PackIt-Easy, they choose among the rotations valid there.
+Ties go to the first in the order of alignment (`rotations.by_alignment`): smaller extents along z,
+then along x, then the lower index.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.heuristics.action_scores import ActionScores, by_chance, by_rank
+from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_rank
 from packit_sim.game.episode import Episode
 from packit_sim.geometry import rotations
 from packit_sim.placement import PlacedItem
@@ -20,36 +20,37 @@ from packit_sim.placement import PlacedItem
 
 @dataclass(frozen=True)
 class RandomRotation:
-    """Any of the valid rotations, uniformly: all 24 unless the location is chosen first."""
+    """A valid rotation drawn uniformly, from all 24 unless the location is chosen first."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         return int(rng.choice(np.flatnonzero(episode.action_mask())))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """By chance, too."""
-        return by_chance(episode.action_mask(), rng)
+        """Rank the valid rotations at random."""
+        return by_random_weight(episode.action_mask(), rng)
 
 
 @dataclass(frozen=True)
 class Aligned:
     """Smallest extent along z, second smallest along x, largest along y (Goyal and Deng, 2020).
 
-    Where the location is chosen first and that doesn't fit there, the nearest to it that does.
+    If the location is chosen first and that rotation does not fit there, the next that does, in
+    the order of alignment.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         return next(_valid(episode))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """By the order of alignment."""
+        """Rank the valid rotations in the order of alignment."""
         return by_rank(_valid(episode), rotations.COUNT)
 
 
 @dataclass(frozen=True)
 class FirstFit:
-    """The first in the order of alignment in which the shape fits anywhere.
+    """The first rotation, in the order of alignment, in which the shape fits anywhere.
 
-    That is `Aligned` where that fits, and where nothing does.
+    It is the choice of `Aligned` if the shape fits in that rotation, or in none.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -64,11 +65,15 @@ class FirstFit:
 
 @dataclass(frozen=True)
 class Lowest:
-    """The one of all 24 that ends lowest: whose cell box has the lowest top at its BLBF location.
+    """The rotation whose cell box has the lowest top at its BLBF location, of all 24.
 
-    The first in the order of alignment of those that tie; `Aligned` where the shape fits in none.
-    In the spirit of minimum potential energy (HAPE3D: Liu, Liu, Cao and Yi, 2015), which looks at
-    the centre of mass instead.
+    Ties go to the first in the order of alignment. If the shape fits in no rotation, it is the
+    choice of `Aligned`.
+
+    Notes
+    -----
+    Similar to minimum potential energy (HAPE3D: Liu, Liu, Cao and Yi, 2015), which considers the
+    centre of mass instead.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -79,7 +84,7 @@ class Lowest:
         for rotation in _valid(episode):
             turned = item.turned(rotation)
             if turned.cells[2] >= lowest:
-                continue  # not even on the floor
+                continue  # too tall even on the floor
             at = episode.location or box.blbf(turned)
             if at is not None and (top := PlacedItem(turned, at).stop[2]) < lowest:
                 best, lowest = rotation, top
@@ -87,7 +92,7 @@ class Lowest:
 
 
 def _valid(episode: Episode) -> Iterator[int]:
-    """The valid rotations in the order of alignment."""
+    """Yield the valid rotations in the order of alignment."""
     assert episode.shape is not None
     valid = episode.action_mask()
     extents = episode.task.items[episode.shape].extents

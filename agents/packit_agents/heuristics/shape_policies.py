@@ -1,6 +1,6 @@
-"""Which shape comes next: policies for Shape-Selection.
+"""Policies for Shape-Selection: which shape is packed next.
 
-Of the shapes that tie, the first.
+Ties go to the first shape.
 """
 
 from __future__ import annotations
@@ -10,29 +10,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.heuristics.action_scores import ActionScores, by_chance, by_weight
+from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_weight
 from packit_sim.game.episode import Episode
 from packit_sim.geometry.shapes import Item
 
 
 @dataclass(frozen=True)
 class RandomShape:
-    """Any of the shapes outside, uniformly (Goyal and Deng, 2020)."""
+    """One of the shapes outside, drawn uniformly (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         return int(rng.choice(np.flatnonzero(episode.outside)))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """By chance, too: so that a search finds the shapes in any order."""
-        return by_chance(episode.outside, rng)
+        """Rank the shapes outside at random, so that a search meets them in any order."""
+        return by_random_weight(episode.outside, rng)
 
 
 class _First(ABC):
-    """The shape outside with the largest weight; as likely as its weight says, for a search."""
+    """The shape outside with the largest weight; weights are also the likelihoods for a search."""
 
     @abstractmethod
     def weight(self, item: Item) -> float:
-        """More than 0."""
+        """Compute an item's weight, greater than 0."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         return int(self._weights(episode).argmax())
@@ -54,10 +54,10 @@ class LargestFirst(_First):
 
 @dataclass(frozen=True)
 class LargestFittingFirst(LargestFirst):
-    """The largest of the shapes outside that have room, in the aligned rotation (ours).
+    """The largest of the shapes outside that fit in the aligned rotation (ours).
 
-    In PackIt-Easy in any rotation. Where none has room, the largest of all; for a search those
-    without are a million times less likely than by their volume.
+    In PackIt-Easy they may fit in any rotation. If none fits, the largest of all is chosen; for a
+    search, shapes that do not fit are a million times less likely than by their volume.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -75,7 +75,7 @@ class LargestFittingFirst(LargestFirst):
 
 @dataclass(frozen=True)
 class SmallestFirst(_First):
-    """The shape outside with the smallest volume: to compare `LargestFirst` with its opposite."""
+    """The shape outside with the smallest volume: the opposite of `LargestFirst`, to compare."""
 
     def weight(self, item: Item) -> float:
         return 1 / item.volume
@@ -93,7 +93,9 @@ class LargestBoxFirst(_First):
 class LongestFirst(_First):
     """The shape outside whose bounding box has the longest side.
 
-    Burke, Hellier, Kendall and Whitwell (2006) order by length so, in two dimensions.
+    Notes
+    -----
+    Burke, Hellier, Kendall and Whitwell (2006) order by length in two dimensions.
     """
 
     def weight(self, item: Item) -> float:

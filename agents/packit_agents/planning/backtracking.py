@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.planning.rollouts import Best, go_on, proposals
+from packit_agents.planning.rollouts import Best, play_on, proposals
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode, State
@@ -14,22 +14,47 @@ from packit_sim.game.episode import Episode, State
 
 @dataclass(frozen=True)
 class Backtracking:
-    """Depth first: at each end it drops the last choice of a shape, and takes the next best.
+    """Depth-first search: at each end, replace the last choice of a shape by the next best.
 
-    Where there is none left it drops the choice before, too. backtracks: so often, which makes one
-    rollout more; fewer where everything is placed, or every order was tried.
+    If no alternative is left there, the search goes back one choice further. It stops early once
+    every item is placed or every order was tried.
+
+    Parameters
+    ----------
+    backtracks : int
+        Largest number of times to backtrack; the number of rollouts is one more.
+
+    Raises
+    ------
+    ArgumentError
+        If the number is negative.
     """
 
     backtracks: int
 
     def __post_init__(self) -> None:
-        """Raises ValueError where the number is negative."""
         if self.backtracks < 0:
             raise ArgumentError(f"{self.backtracks} backtracks are not possible: choose 0 or more")
 
     @classmethod
     def parse(cls, value: str) -> Backtracking:
-        """Of "8", the backtracks. Raises ValueError that says so."""
+        """Parse the number of backtracks, such as "8".
+
+        Parameters
+        ----------
+        value : str
+            The digits of the number.
+
+        Returns
+        -------
+        Backtracking
+            The search.
+
+        Raises
+        ------
+        ArgumentError
+            If the value is not a number.
+        """
         if not value.isdecimal():
             raise ArgumentError(
                 f"its value is the number of backtracks, such as backtrack=8, not {value!r}"
@@ -46,7 +71,7 @@ class Backtracking:
                 ranked = [shape for shape, _ in proposals(agent, episode, rng)]
                 path.append((episode.state(), ranked[1:]))
                 episode.step(ranked[0])
-                go_on(agent, episode, rng)
+                play_on(agent, episode, rng)
             best.add(episode)
             if best.is_complete:
                 break
@@ -57,5 +82,5 @@ class Backtracking:
             state, others = path[-1]
             episode.restore(state)
             episode.step(others.pop(0))
-            go_on(agent, episode, rng)
+            play_on(agent, episode, rng)
         best.restore(episode)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.planning.rollouts import Best, go_on, proposals
+from packit_agents.planning.rollouts import Best, play_on, proposals
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode
@@ -14,23 +14,48 @@ from packit_sim.game.episode import Episode
 
 @dataclass(frozen=True)
 class BeamSearch:
-    """Keeps the `width` likeliest sequences of shapes side by side.
+    """Beam search over the most likely sequences of shapes.
 
-    Each live beam proposes its best `width` shapes; of all proposals the `width` with the highest
-    score go on, the sum of the log-probabilities that the shape policy gave to its choices. The
-    reward guides nothing: it only tells the best of the ends. With width 1 it is the agent itself.
+    Each live beam proposes its best `width` shapes. Of all proposals, the `width` with the highest
+    score are kept: the sum of the log-probabilities that the shape policy gave to its choices. The
+    reward does not guide the search; it only selects the best end. Width 1 is the agent itself.
+
+    Parameters
+    ----------
+    width : int
+        Number of beams.
+
+    Raises
+    ------
+    ArgumentError
+        If the number is less than 1.
     """
 
     width: int
 
     def __post_init__(self) -> None:
-        """Raises ValueError where there is no beam."""
         if self.width < 1:
             raise ArgumentError(f"{self.width} beams are not possible: choose 1 or more")
 
     @classmethod
     def parse(cls, value: str) -> BeamSearch:
-        """Of "4", the width. Raises ValueError that says so."""
+        """Parse the number of beams, such as "4".
+
+        Parameters
+        ----------
+        value : str
+            The digits of the number.
+
+        Returns
+        -------
+        BeamSearch
+            The search.
+
+        Raises
+        ------
+        ArgumentError
+            If the value is not a number.
+        """
         if not value.isdecimal():
             raise ArgumentError(f"its value is the number of beams, such as beam=4, not {value!r}")
         return cls(int(value))
@@ -42,16 +67,16 @@ class BeamSearch:
         live = [(0.0, episode.state())]
         while live:
             candidates = []
-            for so_far, state in live:
+            for score_before, state in live:
                 episode.restore(state)
                 for shape, score in proposals(agent, episode, rng, self.width):
-                    candidates.append((so_far + score, state, shape))
+                    candidates.append((score_before + score, state, shape))
             candidates.sort(key=lambda candidate: -candidate[0])
             live = []
             for score, state, shape in candidates[: self.width]:
                 episode.restore(state)
                 episode.step(shape)
-                go_on(agent, episode, rng)
+                play_on(agent, episode, rng)
                 if episode.end is None:
                     live.append((score, episode.state()))
                 else:

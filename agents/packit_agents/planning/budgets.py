@@ -1,4 +1,4 @@
-"""How long a search may look."""
+"""Budgets of searches: a number of rollouts, or a time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,16 @@ from packit_sim.core.errors import ArgumentError
 
 @dataclass(frozen=True)
 class Budget:
-    """So many rollouts, or so many seconds: the one that is given.
+    """A number of rollouts, or a time; exactly one of them is given.
 
-    Only with rollouts is what is found the same on every machine.
+    Results are the same on every machine only with a number of rollouts.
+
+    Parameters
+    ----------
+    rollouts : int, optional
+        Number of rollouts.
+    seconds : float, optional
+        Wall time in seconds.
     """
 
     rollouts: int | None = None
@@ -20,7 +27,23 @@ class Budget:
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """Of "200", rollouts, or "10s", seconds. Raises ValueError that says so."""
+        """Parse "200" (rollouts) or "10s" (seconds).
+
+        Parameters
+        ----------
+        text : str
+            A number, followed by "s" if it is a time.
+
+        Returns
+        -------
+        Budget
+            The budget.
+
+        Raises
+        ------
+        ArgumentError
+            If the text is neither, or not positive.
+        """
         try:
             if text.endswith("s"):
                 budget = cls(seconds=float(text[:-1]))
@@ -36,19 +59,30 @@ class Budget:
         return budget
 
     def start(self) -> Clock:
-        """Begins to spend it."""
+        """Start to spend the budget."""
         return Clock(self, time.monotonic())
 
 
 @dataclass
 class Clock:
-    """What is spent of a budget. rollouts: so far."""
+    """The part of a budget that is spent.
+
+    Parameters
+    ----------
+    budget : Budget
+        The budget.
+    started : float
+        When the search started, in seconds of `time.monotonic`.
+    rollouts : int
+        Number of rollouts so far; the search counts them.
+    """
 
     budget: Budget
     started: float
     rollouts: int = 0
 
     def is_over(self) -> bool:
+        """Check whether the budget is spent."""
         if self.budget.rollouts is not None:
             return self.rollouts >= self.budget.rollouts
         assert self.budget.seconds is not None

@@ -12,16 +12,16 @@ from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode, State
 
 MOST_MOVED = 6
-"""Shapes that change their place in the order at once, at most."""
+"""Largest number of shapes whose place in the order changes at once."""
 
 
 @dataclass(frozen=True)
 class _Packed:
-    """An order that was packed. states: before each shape. left: shapes that found no room."""
+    """An order that was packed: the state before each shape, and the shapes that did not fit."""
 
     order: list[int]
     states: list[State]
-    left: list[int]
+    unplaced: list[int]
     total: float
 
 
@@ -29,18 +29,22 @@ class _Packed:
 class NeighbourhoodSearch:
     """Large-neighbourhood search (Shaw, 1998) on the order of shapes.
 
-    An order is packed by the rotation and the location policy, shape by shape, passing over those
-    for which there is no room. It begins with the agent's own; then some shapes, one of them that
-    found no room, are taken out of the order and put in elsewhere, by chance, and the new order
-    stays where its return is not less. budget: rollouts or time; it stops early where everything
-    is placed.
+    An order is packed by the rotation and the location policy, shape by shape; shapes that do not
+    fit are skipped. The first order is the agent's own. Then some shapes, at least one of them a
+    shape that did not fit, move to random places of the order, and the new order is kept if its
+    return is not less. The search stops early once every item is placed.
+
+    Parameters
+    ----------
+    budget : Budget
+        Number of rollouts, or time.
     """
 
     budget: Budget
 
     @classmethod
     def parse(cls, value: str) -> NeighbourhoodSearch:
-        """Of "200" or "10s". Raises ValueError that says so."""
+        """Parse the budget, such as "200" or "10s" (see `Budget.parse`)."""
         return cls(Budget.parse(value))
 
     def __call__(
@@ -66,8 +70,8 @@ class NeighbourhoodSearch:
 
 
 def _neighbour(packed: _Packed, rng: np.random.Generator) -> tuple[list[int], int]:
-    """A changed order, and how many of its first shapes are the same."""
-    moved = [int(rng.choice(packed.left))]
+    """Draw a changed order; also return how many of its first shapes are unchanged."""
+    moved = [int(rng.choice(packed.unplaced))]
     others = [shape for shape in packed.order if shape != moved[0]]
     count = min(int(rng.integers(MOST_MOVED)), len(others))
     moved += rng.choice(others, size=count, replace=False).tolist()
@@ -81,15 +85,15 @@ def _neighbour(packed: _Packed, rng: np.random.Generator) -> tuple[list[int], in
 def _pack(
     agent: Agent, episode: Episode, rng: np.random.Generator, order: list[int], states: list[State]
 ) -> _Packed:
-    """Packs an order to the end. states: those known already, before each of its first shapes."""
+    """Pack an order to the end, given the known states before each of its first shapes."""
     states = list(states)
-    left = [n for n in order[: len(states) - 1] if states[-1].outside[n]]
+    unplaced = [n for n in order[: len(states) - 1] if states[-1].outside[n]]
     episode.restore(states[-1])
     for shape in order[len(states) - 1 :]:
         if episode.end is None and not place(agent, episode, rng, shape):
             episode.restore(states[-1])
-            left.append(shape)
+            unplaced.append(shape)
         states.append(episode.state())
     while episode.end is None:
-        place(agent, episode, rng, left[0])
-    return _Packed(order, states[: len(order)], left, episode.total)
+        place(agent, episode, rng, unplaced[0])
+    return _Packed(order, states[: len(order)], unplaced, episode.total)

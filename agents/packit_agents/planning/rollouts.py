@@ -1,4 +1,4 @@
-"""What searches are made of: proposals of a policy, and rollouts that keep the best end."""
+"""Building blocks of searches: proposals of a policy, rollouts, and the best end so far."""
 
 from __future__ import annotations
 
@@ -13,9 +13,28 @@ from packit_sim.game.episode import End, Episode, Stage, State
 def proposals(
     agent: Agent, episode: Episode, rng: np.random.Generator, count: int | None = None
 ) -> list[tuple[int, float]]:
-    """The valid actions of the stage with their scores, the best first; at most `count`.
+    """List the valid actions of the stage with their scores, the best first.
 
-    Of equal ones the first comes first. Raises UnknownPolicyError where the policy has no scores.
+    Parameters
+    ----------
+    agent : Agent
+        The agent whose policy for the stage scores the actions.
+    episode : Episode
+        The episode, at a choice.
+    rng : numpy.random.Generator
+        Source of randomness.
+    count : int, optional
+        Largest number of actions; all by default.
+
+    Returns
+    -------
+    list[tuple[int, float]]
+        Actions and their scores; ties are in the order of the actions.
+
+    Raises
+    ------
+    UnknownPolicyError
+        If the policy has no scores.
     """
     policy = agent.policy(episode.stage)
     if not isinstance(policy, Scored):
@@ -28,19 +47,25 @@ def proposals(
     return [(int(n), float(scores[n])) for n in ranked if scores[n] > -np.inf]
 
 
-def go_on(
+def play_on(
     agent: Agent,
     episode: Episode,
     rng: np.random.Generator,
     stages: Collection[Stage] = (Stage.SHAPE,),
 ) -> None:
-    """Plays by the policies up to the next of these stages, or to the end."""
+    """Let the policies play up to the next of the given stages, or to the end."""
     while episode.end is None and episode.stage not in stages:
         episode.step(agent.act(episode, rng))
 
 
 class Best:
-    """The best end of the rollouts so far; the first of equal ones."""
+    """The best end of the rollouts so far; ties go to the first.
+
+    Parameters
+    ----------
+    on_progress : OnProgress
+        Called after each rollout.
+    """
 
     def __init__(self, on_progress: OnProgress) -> None:
         self._on_progress = on_progress
@@ -49,16 +74,16 @@ class Best:
 
     @property
     def total(self) -> float:
-        """Its return; less than any before there is one."""
+        """Return of the best end; -1 before the first rollout."""
         return -1.0 if self._state is None else self._state.total
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing is left outside at the best end: no other can be better."""
+        """Whether every item is placed at the best end, so that no other can be better."""
         return self._state is not None and self._state.end is End.COMPLETE
 
     def add(self, episode: Episode) -> None:
-        """Counts a rollout that has come to its end."""
+        """Count a finished rollout, and keep its end if it is the best."""
         assert episode.end is not None
         self.rollouts += 1
         if episode.total > self.total:
@@ -66,18 +91,32 @@ class Best:
         self._on_progress(self.rollouts, self.total)
 
     def restore(self, episode: Episode) -> None:
-        """Leaves an episode at the best end."""
+        """Restore an episode to the best end."""
         assert self._state is not None
         episode.restore(self._state)
 
 
 def fill_up(agent: Agent, episode: Episode, rng: np.random.Generator) -> list[int]:
-    """A rollout that passes over shapes for which there is no room, until there is room for none.
+    """Play a rollout that skips shapes that do not fit, until no shape fits.
 
-    At each choice of a shape: the likeliest that can be placed, rotated and located by the
-    policies. Returns those shapes, in their order.
+    Each choice of a shape is the most likely one that can be placed; the policies choose its
+    rotation and location.
+
+    Parameters
+    ----------
+    agent : Agent
+        The agent whose policies play.
+    episode : Episode
+        The episode; it is at its end afterwards.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    list[int]
+        The shapes that were placed, in their order.
     """
-    go_on(agent, episode, rng)
+    play_on(agent, episode, rng)
     chosen = []
     while episode.end is None:
         state = episode.state()
@@ -90,7 +129,7 @@ def fill_up(agent: Agent, episode: Episode, rng: np.random.Generator) -> list[in
 
 
 def place(agent: Agent, episode: Episode, rng: np.random.Generator, shape: int) -> bool:
-    """Chooses a shape, and the policies the rest; whether there was room for it."""
+    """Choose a shape and let the policies place it; return whether it fitted."""
     episode.step(shape)
-    go_on(agent, episode, rng)
+    play_on(agent, episode, rng)
     return episode.end in (None, End.COMPLETE)

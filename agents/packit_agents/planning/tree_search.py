@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from packit_agents.planning.budgets import Budget
-from packit_agents.planning.rollouts import Best, fill_up, go_on, proposals
+from packit_agents.planning.rollouts import Best, fill_up, play_on, proposals
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode, Stage, State
 
 EXPLORATION = 0.3
-"""Weight of what was tried little, beside returns of 0 to 1."""
+"""Weight of exploration, relative to returns of 0 to 1."""
 
 BRANCHES = 24
-"""The likeliest actions of a node that are ever tried."""
+"""Number of the most likely actions of a node that are considered."""
 
 STAGE_NAMES = {stage.name.lower(): stage for stage in Stage}
 
 
 @dataclass
 class _Node:
-    """A choice. priors: of its actions. children: of those that were tried."""
+    """A choice: its actions, their prior probabilities, and a child for each action tried."""
 
     state: State
     actions: list[int]
@@ -34,7 +34,7 @@ class _Node:
     is_closed: bool = False
 
     def select(self) -> int | None:
-        """The action to try next; None where everything below is known."""
+        """Select the action to try next; None if everything below is known."""
         root = np.sqrt(self.visits + 1)
         values: dict[int, float] = {}
         for action, prior in zip(self.actions, self.priors, strict=True):
@@ -48,14 +48,23 @@ class _Node:
 
 @dataclass(frozen=True)
 class TreeSearch:
-    """Monte Carlo tree search of a game for one: the tree keeps the best return below each node.
+    """Single-player Monte Carlo tree search, guided by the best return below each node.
 
-    Selection weighs that return against the policy's probabilities and how little an action was
-    tried (PUCT: Rosin, 2011; Silver et al., 2017); the maximum in the place of the mean is that of
-    single-player searches (Schadd et al., 2008). A leaf is played to its end by the policies,
-    passing over shapes for which there is no room. Where the tree is known to its ends, it stops.
+    From a leaf the policies play to the end, skipping shapes that do not fit. The search stops
+    early once every item is placed or the whole tree is explored.
 
-    budget: rollouts or time. stages: the sub-tasks that it chooses; the others are the policies'.
+    Parameters
+    ----------
+    budget : Budget
+        Number of rollouts, or time.
+    stages : frozenset[Stage]
+        The sub-tasks whose actions the search chooses; the policies choose the others.
+
+    Notes
+    -----
+    Selection weighs the return against the policy's probabilities and the number of visits (PUCT:
+    Rosin, 2011; Silver et al., 2017). It uses the maximum instead of the mean, as in other
+    single-player searches (Schadd et al., 2008).
     """
 
     budget: Budget
@@ -63,7 +72,23 @@ class TreeSearch:
 
     @classmethod
     def parse(cls, value: str) -> TreeSearch:
-        """Of "200" or "10s", with ":shape,rotation" for stages. Raises ValueError that says so."""
+        """Parse the budget and the stages, such as "200", "10s" or "200:shape,rotation".
+
+        Parameters
+        ----------
+        value : str
+            A budget (see `Budget.parse`), and names of stages after a colon; "shape" by default.
+
+        Returns
+        -------
+        TreeSearch
+            The search.
+
+        Raises
+        ------
+        ArgumentError
+            If the budget or a stage is not valid.
+        """
         budget, _, names = value.partition(":")
         chosen = names.split(",") if names else ["shape"]
         for name in chosen:
@@ -78,7 +103,7 @@ class TreeSearch:
     ) -> None:
         best = Best(on_progress)
         clock = self.budget.start()
-        go_on(agent, episode, rng, self.stages)
+        play_on(agent, episode, rng, self.stages)
         root = self._node(agent, episode, rng)
         if root.is_closed:
             return
@@ -88,7 +113,7 @@ class TreeSearch:
             while action is not None:
                 episode.restore(node.state)
                 episode.step(action)
-                go_on(agent, episode, rng, self.stages)
+                play_on(agent, episode, rng, self.stages)
                 if action not in node.children:
                     node.children[action] = self._node(agent, episode, rng)
                     path.append(node.children[action])
@@ -99,7 +124,7 @@ class TreeSearch:
             fill_up(agent, episode, rng)
             best.add(episode)
             clock.rollouts += 1
-            self._tell(path, episode.total)
+            self._back_up(path, episode.total)
         best.restore(episode)
 
     def _node(self, agent: Agent, episode: Episode, rng: np.random.Generator) -> _Node:
@@ -110,10 +135,10 @@ class TreeSearch:
         weights = np.exp([score - found[0][1] for _, score in found])
         return _Node(state, [action for action, _ in found], (weights / weights.sum()).tolist())
 
-    def _tell(self, path: list[_Node], total: float) -> None:
-        """Counts a rollout along its path, and closes what is known to its ends."""
+    def _back_up(self, path: list[_Node], total: float) -> None:
+        """Count a rollout along its path, and close nodes below which everything is known."""
         for node in reversed(path):
             node.visits += 1
             node.best = max(node.best, total)
-            known = [child.is_closed for child in node.children.values()]
-            node.is_closed = len(known) == len(node.actions) and all(known)
+            closed = [child.is_closed for child in node.children.values()]
+            node.is_closed = len(closed) == len(node.actions) and all(closed)
