@@ -21,7 +21,7 @@ help: ## this list
 
 setup: $(STAMP) ## everything into .venv, once; EXTRAS=dev,train for more than the dev tools
 
-$(STAMP): pyproject.toml constraints.txt packit_sim/_version.py scripts/system-packages.sh
+$(STAMP): pyproject.toml constraints.txt packit_sim/core/version.py scripts/system-packages.sh
 	@bash scripts/system-packages.sh
 	@echo "setting up $(VENV): a minute or two the first time"
 	@$(PYTHON) -m venv $(VENV)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from packit_sim._version import __version__
+from packit_sim.core.version import __version__
 
 if TYPE_CHECKING:
     from packit_sim.box import Box as Box

@@ -424,16 +424,16 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
     for change, message in (
         ("stps=3", "no setting 'stps': choose from network, observation, augmented, mixed"),
         ("steps", "'steps' is not a setting: give NAME=VALUE"),
-        ("steps=1.5", "setting steps: Expected `int`, got `float`"),
+        ("steps=1.5", "field 'steps' is 1.5: expected int, got float"),
         ("steps=0", "steps = 0 is not possible"),
         ("rules.easy=1", "Expected `bool`, got `int`"),
         (
             "observation=voxels",
-            "setting observation: Invalid enum value 'voxels': choose",
+            "field 'observation' is 'voxels': choose from features, placement-features",
         ),
         (
             "network.network=mlp",
-            "setting network.network: Invalid enum value 'mlp': choose",
+            "field 'network.network' is 'mlp': choose from packnn",
         ),
         ("packs=fresh", "validation_packs = None is not possible"),
     ):

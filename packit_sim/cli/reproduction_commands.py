@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import typer
 from rich.markdown import Markdown
 
-from packit_sim._version import __version__
 from packit_sim.cli.console import (
     AddressOption,
     BackendOption,
@@ -26,6 +25,7 @@ from packit_sim.cli.output import RESUMABLE, stoppable
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
+from packit_sim.core.version import __version__
 from packit_sim.datasets import statistics
 from packit_sim.datasets.pack_files import load_tasks, read_packs
 from packit_sim.datasets.packs import Task

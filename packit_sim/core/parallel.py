@@ -18,8 +18,8 @@ import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import ParallelBackendBase
 
-from packit_sim._version import __version__
 from packit_sim.core.errors import PackItError
+from packit_sim.core.version import __version__
 
 _T = TypeVar("_T")
 

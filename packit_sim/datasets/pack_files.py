@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from packit_sim._version import __version__
+from packit_sim.core.version import __version__
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
 from packit_sim.core.files import replace_text

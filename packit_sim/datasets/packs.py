@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim import placement
-from packit_sim._version import __version__
+from packit_sim.core.version import __version__
 from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError

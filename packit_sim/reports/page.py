@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from packit_sim._version import __version__
 from packit_sim.core import templates
 from packit_sim.core.confidence import Estimate, format_estimate
+from packit_sim.core.version import __version__
 from packit_sim.libraries.library import assets_folder
 from packit_sim.render.coloring import ramp
 from packit_sim.render.plots import require

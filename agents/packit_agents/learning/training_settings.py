@@ -7,11 +7,10 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
-
-import msgspec
+from typing import Any, Literal
 
 from packit_agents.learning.networks import NetworkSettings
+from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.rules import PACKIT, Rules
 
@@ -209,10 +208,7 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
     _check_names(values)
     if isinstance(values.get("rules"), dict):
         values["rules"] = Rules.from_json(values["rules"])
-    try:
-        return msgspec.convert(values, TrainingSettings)
-    except msgspec.ValidationError as error:
-        raise ArgumentError(_message(error)) from None
+    return typed_json.convert(values, TrainingSettings, ArgumentError, "a file of settings")
 
 
 def _check_names(values: Mapping[str, Any]) -> None:
@@ -235,15 +231,3 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return {"true": True, "false": False}.get(text.lower(), text)
-
-
-def _message(error: msgspec.ValidationError) -> str:
-    """One line that names the setting: msgspec appends its path, as in " - at `$.steps`"."""
-    text, found, path = str(error).partition(" - at `$")
-    if not found:
-        return text
-    table, _, name = path.rstrip("`").lstrip(".").rpartition(".")
-    hints = get_type_hints(NetworkSettings if table == "network" else TrainingSettings)
-    is_choice = get_origin(hints.get(name)) is Literal
-    choices = f": choose from {', '.join(get_args(hints[name]))}" if is_choice else ""
-    return f"setting {table}{'.' if table else ''}{name}: {text}{choices}"
