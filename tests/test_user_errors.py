@@ -166,7 +166,7 @@ WRONG = [
     ("train x --set speed=1", "'speed'"),
     ("train x --set steps", "'steps'"),
     ("train x --set steps=0", "steps = 0"),
-    ("train x --set steps=many", "steps = 'many'"),
+    ("train x --set steps=many", "field 'steps' is 'many'"),
     ("train x --set network.width=0", "width"),
     ("train x --config absent.toml", "absent.toml"),
     ("train x --config broken.jsonl", "broken.jsonl"),

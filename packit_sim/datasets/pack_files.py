@@ -9,10 +9,10 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from packit_sim.core.version import __version__
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
 from packit_sim.core.files import replace_text
+from packit_sim.core.version import __version__
 from packit_sim.datasets.packs import FORMAT, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import Count
 from packit_sim.libraries.library import ShapeLibrary, assets_folder

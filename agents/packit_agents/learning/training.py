@@ -32,10 +32,10 @@ from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
-from packit_sim.core.version import __version__
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, replace_text
+from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
