@@ -32,7 +32,7 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.evaluation.evaluation import SLACK
-from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.paper.reproduction import HEURISTIC
 from packit_sim.render import plots
 from packit_sim.rules import Rules
@@ -83,7 +83,7 @@ def agent_of(run: Path) -> str:
     )
 
 
-def draw(runs: Mapping[str, Sequence[Trained]], heuristic: Estimate, path: Path) -> None:
+def draw(runs: Mapping[str, Sequence[TrainingRecord]], heuristic: Estimate, path: Path) -> None:
     """Validation by steps, a colour a training and a line a seed; dotted while PPO goes on.
 
     heuristic: what it gets on the validation tasks.
@@ -118,11 +118,11 @@ def main() -> None:
     library = ShapeLibrary.open("everyday")
     tasks = load_tasks("everyday-v1", library, "test")[: arguments.tasks]
     trained: dict[str, list[str]] = {}
-    curves: dict[str, list[Trained]] = {}
+    curves: dict[str, list[TrainingRecord]] = {}
     for run in arguments.runs:
         name = re.sub(r"-?\d+$", "", run.name)
         trained.setdefault(name, []).append(agent_of(run))
-        curves.setdefault(name, []).append(Trained.read(run))
+        curves.setdefault(name, []).append(TrainingRecord.read(run))
     validation = max(run.settings["validation_tasks"] for seeds in curves.values() for run in seeds)
     rules = Rules(easy=arguments.easy)
     groups = {"random": [RANDOM], "heuristic": [HEURISTIC], **trained}

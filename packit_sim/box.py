@@ -27,7 +27,7 @@ class Box(BaseBox[PlacedItem]):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the cells are not possible.
     """
 

@@ -75,7 +75,7 @@ class Rules:
         ------
         TypeError
             If there is no rule of such a name.
-        ValueError
+        ArgumentError
             If the cells are not possible, or both `kinematic` and `physics` are asked for.
         """
         _check_names(changes, TypeError)

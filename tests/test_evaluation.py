@@ -114,7 +114,7 @@ def test_results_of_something_else_are_refused_and_stay(agents, tasks, rollouts,
         (tasks[::-1], 2, Rules(), "task 0"),
     )
     for others, seed, rules, message in cases:
-        with pytest.raises(ResultsError, match=f"results.jsonl holds results with {message}"):
+        with pytest.raises(ResultsError, match=f"results.jsonl contains results with {message}"):
             evaluate(agents, others, seed, rules=rules, file=file)
     assert file.read_bytes() == before
 

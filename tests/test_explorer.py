@@ -21,7 +21,7 @@ import pytest
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.datasets.packs import ItemRecord, Pack
+from packit_sim.datasets.packs import ItemRecord, Pack, PackedItem
 from packit_sim.datasets.provenance import Other, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.explorer import panels
@@ -32,6 +32,7 @@ from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.game.episode import End
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
 from packit_sim.viewer.box_view import Floats, corners, reach
 from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
@@ -81,6 +82,21 @@ def _explorer(packs: list[Pack], library: ShapeLibrary) -> Iterator[Explorer]:
 def shown(explorer: Explorer, box: int = 0) -> int:
     """How many whole items can be seen."""
     return sum(handle.visible for handle in explorer.boxes[box].items)
+
+
+def test_items_that_settled_are_shown_where_they_rest(packs, library) -> None:
+    placed = packs[0].placed(library)
+    settled = tuple(PackedItem.of(PosedItem.of(one)) for one in placed)
+    view = PackCollection([replace(packs[0], items=settled)], library)
+    with Explorer(view) as explorer:
+        for handle, one in zip(explorer.boxes[0].items, placed, strict=True):
+            assert handle.position == pytest.approx(one.center)
+        controls = explorer.controls
+        assert controls._axis.disabled and controls._wanted.options == (NOTHING,)
+        controls._axis.value = "y"
+        explorer.wait()
+        assert shown(explorer) == len(placed) and not controls._notice.visible
+        assert "settled" in controls.answer.content
 
 
 def test_a_pack_is_shown_whole_at_first(explorer: Explorer, packs: list[Pack]) -> None:
@@ -242,7 +258,7 @@ def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
             spans, tops = [], []
             for name, view in zip(("/first", "/second"), explorer._views, strict=True):
                 x, _, _ = scene.get_handle_by_name(name).position
-                points = reach(view.at(len(view.placed)), explode)
+                points = reach(view.contents(), explode)
                 spans.append((x + points[:, 0].min(), x + points[:, 0].max()))
                 tops.append(points[:, 2].max())
                 assert scene.get_handle_by_name(f"{name}/title").position[2] > tops[-1]

@@ -129,9 +129,9 @@ def test_what_can_not_be_judged(played, tmp_path) -> None:
     file = tmp_path / "results.jsonl"
     write_results(file, played[:2])
     before = file.read_bytes()
-    with pytest.raises(ResultsError, match=rf"results.jsonl does not hold what {BAD} made of task"):
+    with pytest.raises(ResultsError, match=f"does not contain this result of {BAD} on task"):
         judge(played, everyday(), "bisection", file=file)
-    with pytest.raises(ResultsError, match="does not hold"):
+    with pytest.raises(ResultsError, match="does not contain"):
         judge([rollout(GOOD, 0, 2)], everyday(), "bisection", file=file)
     with claimed(file.with_name(".results.jsonl.lock"), file), pytest.raises(BusyError):
         judge(played[:2], everyday(), "bisection", file=file)

@@ -37,7 +37,7 @@ from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PLACEMENT_FEATURES
 from packit_sim.evaluation.evaluation import evaluate
-from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.evaluation.results import ResultsError, read_results
 from packit_sim.game.agents import Agent, UnknownPolicyError, load_policy
 from packit_sim.game.episode import End, Episode, Stage
@@ -329,7 +329,7 @@ def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(library,
     write_weights(file, network(SMALL, 0), SMALL, 0, {"seed": 2})
     with pytest.raises(ResultsError, match=f"with weights of {re.escape(name)} {digest[:16]}, not"):
         evaluate([Agent.from_name(name)], tasks, seed=0, file=results)
-    with pytest.raises(ResultsError, match="were written anew while it played"):
+    with pytest.raises(ResultsError, match="changed during the evaluation"):
         evaluate([older], tasks, seed=0, workers=Workers(2), file=results)
     assert results.read_bytes() == before
 
@@ -519,7 +519,7 @@ def test_a_training_that_was_killed_resumes_exactly(
     assert parts.steps == 96
     parts.run()
     assert parts.curve == whole.curve
-    read = Trained.read(tmp_path / "parts")
+    read = TrainingRecord.read(tmp_path / "parts")
     assert read.curve == tuple(whole.curve) and read.settings["network.width"] == SMALL.width
     ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     assert ours.keys() == theirs.keys()

@@ -35,6 +35,8 @@ from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling import SettledItem
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle
+from packit_sim.reports.examples import gallery
+from packit_sim.reports.runs import Runs
 from packit_sim.rules import Rules
 from packit_sim.viewer.viewer import Viewer
 from tests.runs import packit
@@ -384,6 +386,8 @@ def test_evaluations_with_physics_are_stored_resumed_and_drawn(tmp_path) -> None
     assert not any(one.pack.is_on_grid for one in played)
     packit("render", out, "--library", zoo, "--out", tmp_path / "settled.png", "--size", 64)
     assert (tmp_path / "settled.png").stat().st_size > 0
+    examples = gallery(Runs.read([out]), ShapeLibrary.open(zoo), 1)
+    assert {len(box["items"]) for box in examples.models.to_json()["boxes"]} == {3}
     with pytest.raises(ResultsError, match="rules PackIt, physics method='bisection', not PackIt:"):
         packit(*common, "--agent", agents[0])
     with pytest.raises(ArgumentError, match="--scores and --physics exclude each other"):

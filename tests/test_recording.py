@@ -28,7 +28,7 @@ minari = pytest.importorskip("minari", reason="Minari comes with the extra recor
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 ORDERS = {"PackIt-v0": (0, 1, 2), "PackItEasy-v0": (0, 2, 1)}
-not_made_again = pytest.mark.filterwarnings("ignore:the recording will not make its environment")
+not_made_again = pytest.mark.filterwarnings("ignore:the environment can't be recreated")
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def assert_equal_observations(seen, expected) -> None:
 def test_what_comes_back_from_disk_is_what_was_played(tmp_path, name, observation) -> None:
     env = Watched(gym.make(name, observation=observation, max_shapes=40))
     rng = np.random.default_rng(0)
-    with pytest.warns(UserWarning, match=r"don't tell their settings: Watched"):
+    with pytest.warns(UserWarning, match=r"do not record their settings: Watched"):
         recorder = Recorder(env, tmp_path / "played", description="chance", algorithm="random")
     with recorder:
         recorder.reset(seed=6)
@@ -289,7 +289,7 @@ def test_tasks_that_are_objects_are_recorded_with_a_warning(tmp_path, tasks, mad
     settings = {"tasks": source, "observation": "none", "max_shapes": 40}
     env = gym.make("PackIt-v0", **settings)
     if made:
-        with pytest.raises(RecordingError, match="say how many episodes"):
+        with pytest.raises(RecordingError, match="pass `episodes`"):
             record(env, tmp_path / "r")
     with pytest.warns(UserWarning, match="has settings that are objects: tasks"):
         dataset = record(env, tmp_path / "r", episodes=2)

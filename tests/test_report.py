@@ -16,7 +16,7 @@ import pytest
 
 from packit_sim.core.errors import PackItError
 from packit_sim.evaluation.evaluation import Score, compare
-from packit_sim.evaluation.learning_curves import CurveError, Trained
+from packit_sim.evaluation.learning_curves import CurveError, TrainingRecord
 from packit_sim.evaluation.results import write_results
 from packit_sim.reports import charts, models, tables
 from packit_sim.reports.examples import SOLUTION, Example, extremes, gallery
@@ -278,8 +278,8 @@ def test_the_command_writes_one_file(tmp_path) -> None:
         (["foreign.bin"], r"foreign.bin, line 1"),
         (["truth.jsonl"], r"truth.jsonl, pack 1: .*packit evaluate --out"),
         (["twice.jsonl"], r"twice.jsonl holds two results of 'a/b/c' on task 0"),
-        (["empty"], r"empty is no folder of a training: settings.json"),
-        (["begun"], r"begun is no folder of a training: curve.json.*first validation"),
+        (["empty"], r"empty is not the folder of a training: settings.json"),
+        (["begun"], r"begun is not the folder of a training: curve.json.*first validation"),
         (["cut"], r"cut/curve.json is damaged"),
         (["odd"], r"odd/curve.json is damaged: field .*validation. is 3"),
         (["good.jsonl", "--agent", "x/y/z"], r"'x/y/z'.*choose from a/b/c"),
@@ -355,10 +355,10 @@ def test_what_is_not_installed_is_told_before_there_is_work(
 
 
 def test_a_training_reads_back_as_it_was_told(tmp_path) -> None:
-    run = Trained.read(training(tmp_path / "run", [0.2, 0.8, 0.8]))
+    run = TrainingRecord.read(training(tmp_path / "run", [0.2, 0.8, 0.8]))
     assert [point.steps for point in run.curve] == [0, 1000, 2000]
     assert run.best is run.curve[1]
     assert run.settings["network.width"] == 64
     (tmp_path / "run" / "settings.json").write_text("[]")
     with pytest.raises(CurveError, match=r"settings\.json is damaged: the settings must be"):
-        Trained.read(tmp_path / "run")
+        TrainingRecord.read(tmp_path / "run")

@@ -245,7 +245,7 @@ def _shown(
         return BoxState(pack.cells, layout.posed(items)), layout, rule
     played = pack.provenance
     if color == "share" and isinstance(played, Played) and played.total > 0:
-        rule = ByShare(pack.density * float(size.prod()) / played.total)
+        rule = ByShare(pack.counted_volume / played.total)
     if not pack.is_on_grid and color != "stability":
         settled = pack.placed(library)
         return BoxState(pack.cells, settled), Layout.packed(settled, size), rule

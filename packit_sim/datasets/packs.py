@@ -191,6 +191,11 @@ class Pack:
         """Whether all items have a location on the grid."""
         return all(item.location is not None for item in self.items)
 
+    @property
+    def counted_volume(self) -> float:
+        """The volume of the items that count, in box units cubed."""
+        return self.density * float(np.prod(self.cells)) * CELL**3
+
     def placed(self, library: ShapeLibrary) -> tuple[PlacedItem | PosedItem, ...]:
         """Return the items in their poses, unchecked.
 

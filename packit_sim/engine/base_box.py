@@ -32,7 +32,7 @@ class BaseBox(ABC, Generic[ItemT]):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the cells are not possible.
     """
 

@@ -1,6 +1,6 @@
 """PackNN's voxel features: mean occupancies of small cubes (paper, section 4.2).
 
-Counted from words of cells, and for a box from the words that changed: not from all its cells.
+They are counted from words of cells; for a box only from the words that changed.
 """
 
 from __future__ import annotations
@@ -17,11 +17,19 @@ from packit_sim.geometry.shapes import Item
 Means = npt.NDArray[np.float32]
 
 ITEMS_BUDGET = 64 * 2**20
-"""Bytes of kept means of items: at 2 kB each those of all the tasks of a training."""
+"""Bytes of kept means of items: at 2 kB each, enough for all tasks of a training."""
 
 
 class CubeMeans:
-    """Divides a grid of so many cells an axis into cubes, as nearly alike as can be."""
+    """Divides a grid of cells into cubes of almost equal size.
+
+    Parameters
+    ----------
+    cells : Triple
+        Cells of the grid along each axis.
+    cubes : int
+        Cubes along each axis.
+    """
 
     def __init__(self, cells: Triple, cubes: int) -> None:
         edges = [np.arange(cubes + 1) * count // cubes for count in cells]
@@ -33,14 +41,22 @@ class CubeMeans:
         self._sizes = (x[:, None, None] * y[:, None] * z).astype(np.float32)
 
     def of_item(self, item: Item) -> Means:
-        """(cubes, cubes, cubes) share of outer cells, of an item in the middle of the grid.
+        """Compute the share of outer cells in each cube, for an item in the middle of the grid.
 
-        Read-only: kept, so that an item's voxels are not made anew for each episode.
+        Parameters
+        ----------
+        item : Item
+            The item, in its rotation.
+
+        Returns
+        -------
+        Means
+            Float32 (cubes, cubes, cubes). Read-only, because it is kept for later episodes.
         """
         return _of_item(self, item)
 
-    def count(self, item: Item) -> Means:
-        """What `of_item` keeps."""
+    def of_item_uncached(self, item: Item) -> Means:
+        """Compute the same as `of_item` anew."""
         voxels = item.voxels
         counts = np.zeros(self._sizes.shape, dtype=np.int32)
         corner = (np.array(self.grid[0]) - voxels.cells) // 2
@@ -50,9 +66,21 @@ class CubeMeans:
         return means
 
     def of_box(self, words: Words, before: Words, counts: npt.NDArray[np.int32]) -> Means:
-        """(cubes, cubes, cubes) share of outer cells, of a box with these words [x, y, z].
+        """Compute the share of outer cells in each cube of a box.
 
-        before, counts: of the last time; they are brought up to date. Both are 0 at first.
+        Parameters
+        ----------
+        words : Words
+            The outer cells of the box, as words [x, y, z].
+        before : Words
+            The words of the last call, at first 0. They are updated.
+        counts : ndarray of int32, shape (cubes, cubes, cubes)
+            The filled cells at the last call, at first 0. They are updated.
+
+        Returns
+        -------
+        Means
+            Float32 (cubes, cubes, cubes).
         """
         update_counts(words, before, self._bins, counts)
         return counts.astype(np.float32) / self._sizes
@@ -66,4 +94,4 @@ class CubeMeans:
     key=lambda means, item: (means.grid, item.key),
 )
 def _of_item(means: CubeMeans, item: Item) -> Means:
-    return means.count(item)
+    return means.of_item_uncached(item)

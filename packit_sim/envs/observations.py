@@ -1,4 +1,4 @@
-"""What an agent sees of an episode, as arrays (paper, sections 4.1 and 4.2)."""
+"""Observations of an episode as arrays (paper, sections 4.1 and 4.2)."""
 
 from __future__ import annotations
 
@@ -26,25 +26,44 @@ SHAPE_CUBES = 8
 PLACEMENT_FEATURES = 8
 """Numbers that describe how a shape would be placed if it was the next."""
 
-
 _FIELDS = {Stage.ROTATION: "rotations", Stage.LOCATION: "locations"}
 
 
 class Observer:
-    """Observes the episodes of tasks of up to `max_shapes` items in boxes of so many cells an axis.
+    """Observes episodes as dicts of numbers and masks.
 
-    An observation is a dict:
-        stage: int, 0 shape, 1 rotation, 2 location.
-        chosen: int, the chosen shape, or max_shapes before one is.
-        outside: bool (max_shapes,), which shapes are still outside.
-        rotations: bool (24,), those that the chosen shape can be turned to, at that stage; then the
-            one that was chosen; none before.
-        locations: bool (x, y, z) over the grid's nodes, in the same way: the plausible ones.
-        volumes: float64 (max_shapes,), each shape's volume in box units cubed, 0 for none.
-        action_mask: int8 (actions,), 1 for a valid action.
-    `rotations` and `locations` are there where their stages are among `stages`: those that an
-    agent plays, or needs to know the outcome of. An observation's arrays share no memory with those
-    of the one before it, as Gymnasium's checker demands.
+    Parameters
+    ----------
+    cells : Triple
+        Cells of the box along each axis.
+    max_shapes : int
+        The largest number of items of a task.
+    actions : int
+        The number of actions.
+    stages : Sequence[Stage]
+        Which of the rotation and the location stage to observe: those that the agent plays, or
+        must know the result of.
+
+    Attributes
+    ----------
+    space : spaces.Dict
+        The observation space.
+
+    Notes
+    -----
+    An observation contains:
+
+    - stage: int, 0 shape, 1 rotation, 2 location.
+    - chosen: int, the chosen shape; max_shapes if there is none yet.
+    - outside: bool (max_shapes,), which shapes are still outside.
+    - rotations: bool (24,), if observed. At that stage the rotations that the chosen shape can
+      have, afterwards the chosen one, before none.
+    - locations: bool (x, y, z) over the grid nodes, if observed: the same for feasible locations.
+    - volumes: float64 (max_shapes,), the volume of each shape in box units cubed, 0 for none.
+    - action_mask: int8 (actions,), 1 for a valid action.
+
+    The arrays of an observation share no memory with those of the previous one, as Gymnasium's
+    environment checker requires.
     """
 
     def __init__(
@@ -67,7 +86,20 @@ class Observer:
         )
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
-        """The observation of an episode as it stands."""
+        """Observe the current state of an episode.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode.
+        action_mask : ndarray of bool, shape (actions,)
+            The valid actions.
+
+        Returns
+        -------
+        Observation
+            An element of `space`.
+        """
         if episode is not self._episode:
             self._episode = episode
             self._volumes = np.zeros(self._max_shapes)
@@ -88,7 +120,7 @@ class Observer:
         return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self._cells)
 
     def _possible(self, episode: Episode, stage: Stage) -> npt.NDArray[np.bool_]:
-        """What may be chosen at a stage, if that is the next; what was, if it is over."""
+        """Mark what can be chosen at a stage if it is the current one, else what was chosen."""
         shape = self._choices(stage)
         if episode.end is None and episode.stage is stage:
             return episode.action_mask().reshape(shape)
@@ -99,18 +131,23 @@ class Observer:
         return possible
 
     def _begin(self, episode: Episode) -> None:
-        """Looks at the shapes of a new episode."""
+        """Compute what depends on the shapes of a new episode only."""
 
 
 class VoxelObserver(Observer):
-    """Adds voxels, at cells of 1/100, to what `Observer` sees.
+    """Adds voxels, with cells of 1/100 box unit, to the observations of `Observer`.
 
-        box: bool (x, y, z) over the box's cells, the placed items' outer cells.
-        shapes: bool (max_shapes, m, m, m), m the box's most cells an axis: each shape's outer cells
-            in canonical orientation, centred; False where there is no shape. Read-only, and the
-            same array in every other observation of an episode.
-        item: bool (m, m, m), the chosen shape in the chosen rotation; False before.
-    One step allocates box and item, 2 MB in the box of 100 cells, and the mask.
+    Notes
+    -----
+    An observation contains in addition, with m the largest number of cells along an axis:
+
+    - box: bool (x, y, z) over the cells of the box, the outer cells of placed items.
+    - shapes: bool (max_shapes, m, m, m), the outer cells of each shape in canonical orientation,
+      centred; False for no shape. Read-only, and the same array in every second observation of an
+      episode.
+    - item: bool (m, m, m), the chosen shape in the chosen rotation, centred; False before that.
+
+    Each step allocates box and item, 2 MB for a box of 100 cells along each axis, and the mask.
     """
 
     def __init__(
@@ -130,12 +167,12 @@ class VoxelObserver(Observer):
         )
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
-        seen = super().observe(episode, action_mask)
+        base = super().observe(episode, action_mask)
         self._shapes.reverse()
         item = np.zeros(self._item_shape, dtype=bool)
         if episode.chosen_item is not None and episode.rotation is not None:
             item = centred(episode.chosen_item.item.outer, self._item_shape)
-        return {**seen, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
+        return {**base, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
 
     def _begin(self, episode: Episode) -> None:
         shapes = np.zeros((self._max_shapes, *self._item_shape), dtype=bool)
@@ -147,12 +184,16 @@ class VoxelObserver(Observer):
 
 
 class FeatureObserver(Observer):
-    """Adds PackNN's features, mean occupancies of small cubes, to what `Observer` sees.
+    """Adds PackNN's features, mean occupancies of small cubes, to the observations of `Observer`.
 
-    box: float32 (10, 10, 10), of the box's outer cells.
-    shapes: float32 (max_shapes, 8, 8, 8), of each shape's, as in `VoxelObserver`.
-    extents: float32 (max_shapes, 3), each shape's in canonical orientation, in box units.
-    item: float32 (8, 8, 8), of the chosen shape in the chosen rotation; 0 before.
+    Notes
+    -----
+    An observation contains in addition (paper, section 4.2):
+
+    - box: float32 (10, 10, 10), the shares of outer cells in cubes of the box.
+    - shapes: float32 (max_shapes, 8, 8, 8), the same for each shape, as in `VoxelObserver`.
+    - extents: float32 (max_shapes, 3), of each shape in canonical orientation, in box units.
+    - item: float32 (8, 8, 8), for the chosen shape in the chosen rotation; 0 before that.
     """
 
     def __init__(
@@ -177,12 +218,12 @@ class FeatureObserver(Observer):
         )
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
-        seen = super().observe(episode, action_mask)
+        base = super().observe(episode, action_mask)
         item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
         if episode.chosen_item is not None and episode.rotation is not None:
             item = self._item_means.of_item(episode.chosen_item.item).copy()
         return {
-            **seen,
+            **base,
             "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
             "shapes": self._shapes.copy(),
             "extents": self._extents.copy(),
@@ -198,12 +239,18 @@ class FeatureObserver(Observer):
 
 
 class PlacementFeatureObserver(FeatureObserver):
-    """Adds how each shape would sit, were it the next, to what `FeatureObserver` sees.
+    """Adds placement features to the observations of `FeatureObserver`.
 
-    placement_features: float32 (max_shapes, 8), of `Episode.heuristic_placement`: whether there is
-    one (1 or 0), the min corner there and the extents (x, y, z each, as shares of the box's sides),
-    and the volume as a share of the box's. All 0 for a shape that is not outside; where there is no
-    site the corner is 0, and the extents are those of the aligned rotation.
+    Notes
+    -----
+    An observation contains in addition:
+
+    - placement_features: float32 (max_shapes, 8), how `Episode.heuristic_placement` would place
+      each shape that is outside: 1 if it fits, else 0; the min corner (x, y, z) and the extents
+      (x, y, z) as shares of the box's extents; the volume as a share of the box's volume.
+
+    If a shape does not fit, the corner is 0 and the extents are those of the aligned rotation. All
+    are 0 for a shape that is not outside.
     """
 
     def __init__(
@@ -217,7 +264,7 @@ class PlacementFeatureObserver(FeatureObserver):
         )
 
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
-        seen = super().observe(episode, action_mask)
+        base = super().observe(episode, action_mask)
         features = np.zeros((self._max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
         for n in np.flatnonzero(episode.outside).tolist():
             item, found = episode.task.items[n], episode.heuristic_placement(n)
@@ -227,7 +274,7 @@ class PlacementFeatureObserver(FeatureObserver):
             if found is not None:
                 features[n, 0] = 1
                 features[n, 1:4] = np.array(found.location) * STEP * CELL / self._size
-        return {**seen, "placement_features": features}
+        return {**base, "placement_features": features}
 
 
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
@@ -236,7 +283,7 @@ OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = 
     "placement-features": PlacementFeatureObserver,
     "none": Observer,
 }
-"""What the environment's setting `observation` can be."""
+"""The choices of the environment's setting `observation`."""
 
 
 def _bools(*shape: int) -> spaces.Box:

@@ -1,6 +1,6 @@
-"""Recordings of what was played, for imitation: folders in Minari's format, read by sub-task.
+"""Recordings of episodes in Minari's format, for imitation learning.
 
-Minari comes with `pip install packit-sim[record]`; this module does without until it is used.
+Minari is installed by `pip install packit-sim[record]`, and imported when it is first used.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ __all__ = [
 ]
 
 CUT_SHORT = "cut short"
-"""The end of an episode that was left before it was over."""
+"""The end of an episode that was stopped before it was over."""
 
 BLOCK_BYTES = 64_000_000
-"""Observations are written in blocks of about so many bytes, so that voxels take no more memory."""
+"""Observations are written in blocks of about so many bytes, which limits the memory for voxels."""
 
 CHUNK_BYTES = 1_000_000
-"""About how much of an array is compressed at a time, or one step of it where that is more."""
+"""Approximate bytes of an array that are compressed at a time; at least one step."""
 
 GZIP_LEVEL = 4
-"""Level 1 makes features 40% larger for a fifth less time, 9 an eighth smaller for 2.5 times."""
+"""For features, level 1 takes 40% more space and 20% less time, level 9 12% less and 2.5 times."""
 
 
 class RecordingError(PackItError, ValueError):
-    """A recording that can't be written where or as it was asked for, or doesn't replay."""
+    """A recording that can't be written or read, or does not replay."""
 
 
 class MissingMinariError(PackItError, ImportError):
@@ -56,7 +56,7 @@ class MissingMinariError(PackItError, ImportError):
 
 @dataclass
 class _Played:
-    """An episode as far as it was played. options: {"task": its number}, if that was asked for."""
+    """An episode as far as it was played; `options` is {"task": its number} if reset got that."""
 
     seed: int
     options: dict[str, int] | None
@@ -71,25 +71,44 @@ class _Played:
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
-    """Plays like the PackIt environment that it wraps, and `close()` leaves a recording at `path`.
+    """A wrapper of a PackIt environment that records its episodes; `close()` writes them.
 
-    Each episode is kept with its seed, observations, actions, rewards and info["density"], bit for
-    bit; its metadata tells "task" (the number), "end" and "return". An episode that a reset or
-    `close()` cuts short is kept as truncated, and its end is "cut short". A reset without a seed
-    draws one from the environment's generator, so that each episode can be played again by itself.
+    Parameters
+    ----------
+    env : gym.Env
+        The environment. A warning is given if its settings can't be written as JSON: then only
+        Minari's `recover_environment` does not work.
+    path : str | Path
+        The folder of the recording, which must not exist.
+    dataset_id : str
+        "namespace/name-v0". `minari.load_dataset` finds the recording by it if the path is
+        "<Minari's folder>/<dataset_id>/data".
+    description : str
+        A text for readers.
+    algorithm : str
+        The name of the agent, for readers.
 
-    The folder appears as a whole or not at all: nothing is written where nothing was played, or
-    where a `with` block ends in an exception. Until then all is in a hidden folder beside it, which
-    goes if the recorder is never closed. Boolean observations are MultiBinary in the recording's
-    observation space, whose file would otherwise list two bounds for each cell. A step of voxels
-    takes tens of megabytes of memory each time an episode is read: record observation="none" and
-    give `stage_steps` an environment that observes voxels.
+    Raises
+    ------
+    RecordingError
+        If the path exists.
+    MissingMinariError
+        If the extra `record` is not installed.
 
-    dataset_id: "namespace/name-v0"; `minari.load_dataset` finds it by that where path is
-    "<Minari's folder>/<dataset_id>/data". description, algorithm: for those who read it. Raises
-    RecordingError where path exists, MissingMinariError without the extra `record`, and warns where
-    the environment's settings can't be written as JSON: then `recover_environment` does not work,
-    everything else does.
+    Notes
+    -----
+    Each episode is stored exactly, with seed, observations, actions, rewards and info["density"].
+    Its metadata contains "task" (the number), "end" and "return". An episode that is stopped by a
+    reset or `close()` is truncated, and its end is "cut short". A reset without a seed draws one
+    from the environment's generator, so that each episode can be replayed separately.
+
+    The folder is written completely or not at all: not if nothing was played, or a `with` block
+    ends with an exception. Until `close()` the data is in a hidden folder next to it, which is
+    removed if the recorder is never closed.
+
+    Boolean observations are MultiBinary in the recording's observation space: as Box it would list
+    two bounds for each cell. Reading a step of voxels takes tens of megabytes of memory: record
+    with observation="none", and give `stage_steps` an environment that observes voxels.
     """
 
     def __init__(
@@ -105,7 +124,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._minari = _Minari()
         self.path = Path(path).absolute()
         if self.path.exists():
-            raise RecordingError(f"{self.path} exists: a recording needs a path that is free")
+            raise RecordingError(f"{self.path} exists: choose another path for the recording")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._played: _Played | None = None
         self._count = 0
@@ -133,12 +152,30 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Raises RecordingError for a task that is given as an object: a number can be recorded."""
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed : int | None
+            The seed; by default one is drawn from the environment's generator.
+        options : dict[str, Any] | None
+            As of `PackItEnv.reset`, with "task" as a number.
+
+        Returns
+        -------
+        tuple[Any, dict[str, Any]]
+            The observation and the info.
+
+        Raises
+        ------
+        RecordingError
+            If "task" is an object: it can't be recorded.
+        """
         task = (options or {}).get("task")
         if isinstance(task, Task):
             raise RecordingError(
-                "a task that only the reset was given can't be recorded: give it to the "
-                "environment as one of its tasks, and its number to the reset"
+                "a task object can't be recorded: pass it to the environment as one of its tasks, "
+                "and its number to reset()"
             )
         self._finish()
         if seed is None:
@@ -170,7 +207,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
-        """Writes the recording and closes the environment."""
+        """Write the recording and close the environment."""
         staging, self._staging = self._staging, None
         try:
             if staging is not None:
@@ -188,28 +225,28 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return super().__exit__(*raised)
 
     def _finish(self) -> None:
-        """Adds the episode that was played, if it has a step, to the recording."""
+        """Add the current episode to the recording if it has a step."""
         played, self._played = self._played, None
         if played is None or not played.actions:
             return
         if not played.terminations[-1]:
             played.truncations[-1] = True
         steps = len(played.actions)
-        self._minari.make_room(self._folder, self._count, played.observations[0], steps + 1)
+        self._minari.allocate(self._folder, self._count, played.observations[0], steps + 1)
         block = max(1, BLOCK_BYTES // max(1, _bytes(played.observations[0])))
         for start in range(0, steps, block):
-            seen = slice(start + (start > 0), start + block + 1)
+            observed = slice(start + (start > 0), start + block + 1)
             done = slice(start, start + block)
             buffer = self._minari.buffer(
                 id=self._count,
                 seed=None if start else played.seed,
                 options=None if start else played.options,
-                observations=_columns(played.observations[seen]),
+                observations=_columns(played.observations[observed]),
                 actions=played.actions[done],
                 rewards=played.rewards[done],
                 terminations=played.terminations[done],
                 truncations=played.truncations[done],
-                infos={"density": played.densities[seen]},
+                infos={"density": played.densities[observed]},
             )
             self._storage.update_episodes([buffer])
         metadata = {
@@ -231,14 +268,38 @@ def record(
     seed: int = 0,
     description: str = "",
 ) -> Any:
-    """Records an agent that plays each task of the environment once, or so many episodes.
+    """Record an agent, and close the environment.
 
-    Returns the recording, a minari.MinariDataset, and leaves the environment closed. Raises as
-    `Recorder` does, and RecordingError where the tasks are made on the fly and episodes is None.
+    Parameters
+    ----------
+    env : gym.Env
+        The environment.
+    path : str | Path
+        The folder of the recording, which must not exist.
+    agent : Agent
+        The agent; by default it plays the solutions of the tasks.
+    episodes : int | None
+        The number of episodes; by default each task of the environment is played once.
+    seed : int
+        The seed of the environment and the agent.
+    description : str
+        A text for readers.
+
+    Returns
+    -------
+    minari.MinariDataset
+        The recording.
+
+    Raises
+    ------
+    RecordingError
+        If the path exists, or tasks are generated on the fly and `episodes` is None.
+    MissingMinariError
+        If the extra `record` is not installed.
     """
     tasks: Sequence[Task] = env.get_wrapper_attr("tasks")
     if episodes is None and not tasks:
-        raise RecordingError("say how many episodes: the tasks are made on the fly, without end")
+        raise RecordingError("pass `episodes`: the tasks are generated on the fly, without end")
     recorder = Recorder(env, path, description=description, algorithm=agent.name)
     with recorder:
         for number in range(len(tasks) if episodes is None else episodes):
@@ -258,21 +319,36 @@ def record(
 def stage_steps(
     recording: Any, stage: Stage, env: gym.Env[Any, Any] | None = None
 ) -> Iterator[tuple[Observation, int]]:
-    """The observations at which a sub-task was an agent's to answer, each with the action taken.
+    """Read the steps of one sub-task from a recording.
 
-    recording: its path, or a minari.MinariDataset, which may hold some of its episodes. env: where
-    given, the episodes are played again in it, and the observations are its own; it may differ from
-    what was recorded in what it observes and draws. Actions that were not valid are left out.
-    Raises RecordingError where the observations don't tell "stage" and "action_mask", or where the
-    environment gives another reward.
+    Parameters
+    ----------
+    recording : str | Path | minari.MinariDataset
+        The folder, or the dataset, which may be a selection of episodes.
+    stage : Stage
+        The sub-task.
+    env : gym.Env | None
+        An environment in which the episodes are replayed to get its observations instead of the
+        recorded ones. It must have the same tasks and rules.
+
+    Yields
+    ------
+    tuple[Observation, int]
+        An observation, and the action that was taken. Invalid actions are left out.
+
+    Raises
+    ------
+    RecordingError
+        If the observations do not contain "stage" and "action_mask", or the replay gives another
+        reward.
     """
     dataset = _Minari().dataset(recording) if isinstance(recording, str | Path) else recording
     space = dataset.observation_space if env is None else env.observation_space
     if not (isinstance(space, spaces.Dict) and {"stage", "action_mask"} <= space.keys()):
-        raise RecordingError("the observations tell no 'stage' or no 'action_mask'")
+        raise RecordingError("the observations do not contain both 'stage' and 'action_mask'")
     for episode in dataset.iterate_episodes():
-        seen = _rows(episode) if env is None else _played_again(dataset, episode, env)
-        for observation, action in zip(seen, episode.actions.tolist(), strict=True):
+        steps = _rows(episode) if env is None else _replayed(dataset, episode, env)
+        for observation, action in zip(steps, episode.actions.tolist(), strict=True):
             if observation["stage"] == stage and observation["action_mask"][action]:
                 yield observation, action
 
@@ -282,12 +358,12 @@ def _rows(episode: Any) -> Iterator[Observation]:
         yield {key: column[step] for key, column in episode.observations.items()}
 
 
-def _played_again(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterator[Observation]:
-    """The observations at each step of an episode, played in an environment."""
+def _replayed(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterator[Observation]:
+    """Yield the observation at each step of an episode, replayed in an environment."""
     (metadata,) = dataset.storage.get_episode_metadata([episode.id])
     seed, task = metadata["seed"], int(metadata["task"])
     observation, info = env.reset(seed=seed, options=metadata.get("options"))
-    if info["task"] != task:  # those that come in turn follow from no seed
+    if info["task"] != task:  # tasks that are played in turn do not depend on the seed
         observation, info = env.reset(seed=seed, options={"task": task})
     for step, (action, recorded) in enumerate(
         zip(episode.actions.tolist(), episode.rewards.tolist(), strict=True)
@@ -297,12 +373,12 @@ def _played_again(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterato
         if reward != recorded:
             raise RecordingError(
                 f"episode {episode.id} does not replay: step {step} gives reward {reward}, not the "
-                f"recorded {recorded}: has the environment other tasks or settings?"
+                f"recorded {recorded}: use an environment with the same tasks and settings"
             )
 
 
 class _Minari:
-    """What is used of Minari and h5py. Raises MissingMinariError where one is not installed."""
+    """The parts of Minari and h5py that are used; MissingMinariError if one is not installed."""
 
     def __init__(self) -> None:
         try:
@@ -320,17 +396,19 @@ class _Minari:
         self.storage = MinariStorage
         self._h5py = h5py
 
-    def make_room(self, folder: Path, episode: int, observation: Any, count: int) -> None:
-        """Makes the arrays for so many observations, compressed ones, which Minari appends to."""
+    def allocate(self, folder: Path, episode: int, observation: Any, count: int) -> None:
+        """Create compressed arrays for so many observations, to which Minari appends."""
         (path,) = folder.glob("*.hdf5")
         with self._h5py.File(path, "a", track_order=True) as file:
-            self._make(file.create_group(f"episode_{episode}"), "observations", observation, count)
+            self._create(
+                file.create_group(f"episode_{episode}"), "observations", observation, count
+            )
 
-    def _make(self, group: Any, name: str, part: Any, count: int) -> None:
+    def _create(self, group: Any, name: str, part: Any, count: int) -> None:
         if isinstance(part, dict):
             inside = group.create_group(name)
             for key, value in part.items():
-                self._make(inside, key, value, count)
+                self._create(inside, key, value, count)
             return
         array = np.asarray(part)
         group.create_dataset(
@@ -346,7 +424,7 @@ class _Minari:
 
 
 def _stored(space: spaces.Space[Any]) -> spaces.Space[Any]:
-    """The space as it is written."""
+    """Return the observation space of the recording."""
     if isinstance(space, spaces.Dict):
         return spaces.Dict({key: _stored(part) for key, part in space.items()})
     if isinstance(space, spaces.Box) and space.dtype == np.bool_:
@@ -355,10 +433,10 @@ def _stored(space: spaces.Space[Any]) -> spaces.Space[Any]:
 
 
 def _spec(env: gym.Env[Any, Any]) -> EnvSpec | None:
-    """What makes the environment again; None, and a warning, where JSON can't say it."""
+    """Return what recreates the environment; warn, and return None, if it is not JSON."""
     bare = env.unwrapped.spec
     if bare is None:
-        problem = "was not made by gymnasium.make"
+        problem = "was not created by gymnasium.make"
     elif objects := [name for name, value in bare.kwargs.items() if not _is_json(value)]:
         problem = f"has settings that are objects: {', '.join(objects)}"
     else:
@@ -369,9 +447,10 @@ def _spec(env: gym.Env[Any, Any]) -> EnvSpec | None:
         ]
         if not lost:
             return spec
-        problem = f"has wrappers that don't tell their settings: {', '.join(lost)}"
+        problem = f"has wrappers that do not record their settings: {', '.join(lost)}"
     warnings.warn(
-        f"the recording will not make its environment again, which {problem}; all else is recorded",
+        f"the environment can't be recreated from the recording, because it {problem}; everything "
+        "else is recorded",
         stacklevel=3,
     )
     return None
@@ -386,7 +465,7 @@ def _is_json(value: Any) -> bool:
 
 
 def _columns(rows: list[Any]) -> Any:
-    """Observations one after the other as Minari wants them: a list for each key."""
+    """Collect observations as Minari expects them: a list for each key."""
     if isinstance(rows[0], dict):
         return {key: _columns([row[key] for row in rows]) for key in rows[0]}
     return rows

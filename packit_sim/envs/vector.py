@@ -1,4 +1,4 @@
-"""Environments of one process that play side by side, for evaluation and training in batches."""
+"""Several environments in one process, for evaluation and training in batches."""
 
 from __future__ import annotations
 
@@ -14,10 +14,24 @@ from packit_sim.envs.env import PackItEnv
 class PackItVectorEnv(SyncVectorEnv):
     """Environments that share one library, its tasks and the engine's caches.
 
-    What `gymnasium.make_vec("PackIt-v0", n)` makes: n are as cheap to open as one, and what one of
-    them found out about two items the others know. settings: of `PackItEnv`, all the same.
-    autoreset_mode, copy: as of Gymnasium's `SyncVectorEnv`; with copy=False the arrays of an
-    observation are those of the next. members: the environments.
+    `gymnasium.make_vec("PackIt-v0", n)` creates one. Opening n environments costs as much as
+    opening one.
+
+    Parameters
+    ----------
+    num_envs : int
+        The number of environments.
+    autoreset_mode : str | AutoresetMode
+        When environments are reset, see Gymnasium's `SyncVectorEnv`.
+    copy : bool
+        Whether each observation has new arrays; otherwise the next one overwrites them.
+    **settings : Any
+        Settings of `PackItEnv`, the same for all.
+
+    Attributes
+    ----------
+    members : tuple[PackItEnv, ...]
+        The environments.
     """
 
     def __init__(
@@ -39,7 +53,7 @@ class PackItVectorEnv(SyncVectorEnv):
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """Those of each environment; none where they are made on the fly."""
+        """The tasks of each environment; empty if they are generated on the fly."""
         return self.members[0].tasks
 
 

@@ -1,7 +1,7 @@
 """Observations for networks: without the action mask, or as one vector, by Gymnasium's wrappers.
 
-`action_masks()` is found through any of them with `env.get_wrapper_attr("action_masks")`, which is
-how vector environments and sb3-contrib's MaskablePPO ask for it.
+`env.get_wrapper_attr("action_masks")` works through all of them; vector environments and the
+MaskablePPO of sb3-contrib use it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,27 @@ Vector = npt.NDArray[np.float32]
 
 
 def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-    """The environment with observations without "action_mask".
+    """Remove "action_mask" from the observations of an environment.
 
-    That mask says which logits to leave out and tells a network nothing, but where locations are
-    the agent's it is 15 625 of the inputs. Everything else stays as `observations` describes it.
-    Raises TypeError where the observations are no dicts.
+    Parameters
+    ----------
+    env : gym.Env
+        An environment with dicts as observations.
+
+    Returns
+    -------
+    gym.Env
+        The wrapped environment.
+
+    Raises
+    ------
+    TypeError
+        If the observations are not dicts.
+
+    Notes
+    -----
+    The mask is for the logits, not for the network, and has 15,625 inputs if the agent chooses
+    locations.
     """
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
@@ -38,17 +54,26 @@ def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
 
 
 def flattened(env: gym.Env[Any, Any]) -> gym.Env[Vector, Any]:
-    """The environment with `features_only` as one vector, float32 (n,), for plain networks.
+    """Flatten the observations of an environment, without "action_mask", for plain networks.
 
-    The keys follow each other in alphabetical order, arrays in C order, "stage" and "chosen" as
-    one-hot vectors of 3 and of max_shapes + 1, the last of which says that no shape is chosen.
-    Meant for the observations "features" and "none": voxels would be millions of numbers.
+    Parameters
+    ----------
+    env : gym.Env
+        An environment with the observations "features" or "none": voxels would be millions of
+        numbers.
+
+    Returns
+    -------
+    gym.Env
+        The wrapped environment. Its observations are vectors, float32 (n,): the fields in
+        alphabetical order, arrays in C order, "stage" and "chosen" as one-hot vectors of 3 and of
+        max_shapes + 1 numbers. The last of those means that no shape is chosen.
     """
     return FlattenFloat32(features_only(env))
 
 
 class FlattenFloat32(gym.ObservationWrapper[Vector, Any, Any], RecordConstructorArgs):
-    """Gymnasium's FlattenObservation, whose vectors are float64 where any part is, in float32."""
+    """Gymnasium's FlattenObservation in float32, also if a part of the observation is float64."""
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         RecordConstructorArgs.__init__(self)

@@ -1,4 +1,4 @@
-"""Agents play tasks: rollouts, and tables of them with intervals (paper, section 5)."""
+"""Evaluation: agents play tasks, and get scores with intervals (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -34,15 +34,27 @@ SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""
 
 SLACK = 1e-9
-"""How far a return may be below x and still count, or two differ and be equal: rounding of sums."""
+"""Tolerance of returns for the rounding of sums: in comparisons with x, and with each other."""
 
 
 @dataclass(frozen=True)
 class Score:
     """An agent's row of the paper's table 1.
 
-    tasks: how many. reward: Average Reward. success: Success@x in percent, for each x. density: of
-    the boxes as they were left. seconds: the median for a task.
+    Attributes
+    ----------
+    agent : str
+        The agent's name.
+    tasks : int
+        The number of tasks.
+    reward : Estimate
+        Average Reward.
+    success : dict[float, Estimate]
+        Success@x in percent, by x.
+    density : Estimate
+        The mean density of the boxes at the end.
+    seconds : float
+        The median duration of a task.
     """
 
     agent: str
@@ -54,7 +66,7 @@ class Score:
 
     @classmethod
     def of(cls, agent: str, rollouts: Iterable[Rollout]) -> Score:
-        """The score over an agent's rollouts, which are one a task."""
+        """Score an agent's rollouts, one for each task."""
         own = [rollout for rollout in rollouts if rollout.agent == agent]
         totals = np.array([rollout.total for rollout in own])
         return cls(
@@ -68,9 +80,24 @@ class Score:
 
 
 def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
-    """The returns of one agent against those of another, on the tasks that both have played.
+    """Compare the returns of two agents on the tasks that both have played.
 
-    Raises ValueError where there is none.
+    Parameters
+    ----------
+    first : Iterable[Rollout]
+        The results of one agent.
+    second : Iterable[Rollout]
+        The results of the other.
+
+    Returns
+    -------
+    Comparison
+        The first compared with the second.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such task.
     """
     ours, theirs = ({rollout.task_digest: rollout.total for rollout in r} for r in (first, second))
     shared = [digest for digest in ours if digest in theirs]
@@ -80,7 +107,24 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
 
 
 def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = PACKIT) -> Episode:
-    """Plays a task to its end."""
+    """Let an agent play a task to its end.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    agent : Agent
+        The agent.
+    rng : np.random.Generator
+        The source of random numbers.
+    rules : Rules
+        The rules to play by.
+
+    Returns
+    -------
+    Episode
+        The episode, which is over.
+    """
     episode = Episode(task, rules)
     agent.play(episode, rng)
     return episode
@@ -96,13 +140,42 @@ def evaluate(
     workers: Workers | None = None,
     file: Path | None = None,
 ) -> list[Rollout]:
-    """Each agent plays each task once.
+    """Let each agent play each task once.
 
-    A rollout's random numbers follow from the seed, the agent's name and the task's number alone,
-    so that it is the same whatever else is evaluated beside it, on however many workers. file: for
-    the results, which are written as they come; what stands there already is not played again, and
-    results of other agents stay. Raises ResultsError where it holds results of something else, or
-    weights are others than at the start, and BusyError where another process is at work on it.
+    Parameters
+    ----------
+    agents : Sequence[Agent]
+        The agents.
+    tasks : Sequence[Task]
+        The tasks.
+    seed : int
+        The seed of the evaluation.
+    on_rollout : Callable[[Rollout], None]
+        Called after each rollout.
+    rules : Rules
+        The rules to play by.
+    workers : Workers | None
+        The processes that play; by default this one plays.
+    file : Path | None
+        The file of results, which are written as they come. Those that it contains are not played
+        again, and results of other agents are kept.
+
+    Returns
+    -------
+    list[Rollout]
+        The rollouts, by agent, then by task.
+
+    Raises
+    ------
+    ResultsError
+        If the file contains results of another evaluation, or weights changed since the start.
+    BusyError
+        If another process works on the file.
+
+    Notes
+    -----
+    The random numbers of a rollout depend only on the seed, the agent's name and the task's
+    number. So it is the same with any other agents and tasks, on any number of workers.
     """
     weights = {agent.name: agent.weights for agent in agents}
     with opened(file, list(weights)) as store:
@@ -114,21 +187,15 @@ def evaluate(
             if missing:
                 jobs.append((missing, task, number, seed, rules))
         playing = sum(len(missing) for missing, *_ in jobs)
-        known = len(agents) * len(tasks) - playing
-        _log.info(
-            "%d agents, %d tasks: %d results exist, %d to play",
-            len(agents),
-            len(tasks),
-            known,
-            playing,
-        )
+        counts = len(agents), len(tasks), len(agents) * len(tasks) - playing, playing
+        _log.info("%d agents, %d tasks: %d results exist, %d to play", *counts)
         started = time.monotonic()
         played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
         for rollouts in played:
             for rollout in rollouts:
                 if rollout.weights != weights[rollout.agent]:
                     raise ResultsError(
-                        f"weights of {rollout.agent} were written anew while it played: "
+                        f"the weights of {rollout.agent} changed during the evaluation: "
                         f"{rollout.weights}, not {weights[rollout.agent]}"
                     )
                 _log.debug("task %d, %s: return %.3f", rollout.task, rollout.agent, rollout.total)
@@ -141,7 +208,7 @@ def evaluate(
 def _played(
     agents: Sequence[Agent], task: Task, number: int, seed: int, rules: Rules
 ) -> list[Rollout]:
-    """A task by several agents."""
+    """Let several agents play a task."""
     rollouts = []
     for agent in agents:
         started = time.perf_counter()
@@ -158,25 +225,40 @@ def evaluate_batched(
     seed: int,
     on_rollout: Callable[[Rollout], None] = lambda rollout: None,
 ) -> list[Rollout]:
-    """One agent plays each task of environments once, in batches: for networks.
+    """Let one agent play each task of environments once, in batches: for networks.
 
-    act: takes the observations of n environments, each field with n for its first axis, and returns
-    n actions. Each environment goes on to the next task when it is through with one; so n is at
-    most their number, and less at the end. The rollouts are in the order of tasks, and the same
-    however many environments there are, as far as `act` is; their seconds are 0.
+    Parameters
+    ----------
+    name : str
+        The agent's name.
+    act : Callable
+        Takes the observations of n environments, a dict of arrays with n as first axis, and returns
+        n actions. At the end n is less than the number of environments.
+    envs : PackItVectorEnv
+        The environments. Each starts the next task as soon as it has finished one.
+    seed : int
+        The seed of the evaluation.
+    on_rollout : Callable[[Rollout], None]
+        Called after each rollout.
+
+    Returns
+    -------
+    list[Rollout]
+        The rollouts in the order of tasks, with 0 seconds each. They do not depend on the number of
+        environments, provided that the actions do not.
     """
     waiting = iter(range(len(envs.tasks)))
     playing: dict[PackItEnv, tuple[int, Observation]] = {}
     rollouts: list[Rollout] = []
 
-    def go_on(env: PackItEnv) -> None:
-        """Lets an environment play the next task that leaves something to choose."""
+    def start_next(env: PackItEnv) -> None:
+        """Start the next task in which the agent has something to choose."""
         playing.pop(env, None)
         for number in waiting:
             stream = int(_stream(name, seed, number).integers(2**32))
-            seen, _ = env.reset(seed=stream, options={"task": number})
+            observation, _ = env.reset(seed=stream, options={"task": number})
             if env.episode.end is None:
-                playing[env] = number, seen
+                playing[env] = number, observation
                 return
             finish(env, number)
 
@@ -185,20 +267,20 @@ def evaluate_batched(
         on_rollout(rollouts[-1])
 
     for env in envs.members:
-        go_on(env)
+        start_next(env)
     while playing:
-        observed = [seen for _, seen in playing.values()]
-        batch = {key: np.stack([seen[key] for seen in observed]) for key in observed[0]}
+        observed = [observation for _, observation in playing.values()]
+        batch = {key: np.stack([each[key] for each in observed]) for key in observed[0]}
         actions = act(batch)
         for (env, (number, _)), action in zip(list(playing.items()), actions, strict=True):
-            seen, _, over, _, _ = env.step(int(action))
-            playing[env] = number, seen
+            observation, _, over, _, _ = env.step(int(action))
+            playing[env] = number, observation
             if over:
                 finish(env, number)
-                go_on(env)
+                start_next(env)
     return sorted(rollouts, key=lambda rollout: rollout.task)
 
 
 def _stream(agent: str, seed: int, task: int) -> np.random.Generator:
-    """The random numbers of a rollout."""
+    """Return the random numbers of a rollout."""
     return np.random.default_rng((seed, zlib.crc32(agent.encode()), task))

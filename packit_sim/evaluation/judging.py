@@ -1,4 +1,4 @@
-"""What agents left is judged: does it stand, can it be packed at all, does anything float?"""
+"""Quality scores of results: are boxes stable, can they be packed, do items float?"""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from packit_sim.placement import BoxState, PlacedItem
 _log = logging.getLogger(__name__)
 
 SCORES: Mapping[str, str] = {
-    "stable": "share of the placed volume that stays where it is when all is let go",
-    "insertable": "share of the placed volume that gets to its place, in packing order, by at most "
+    "stable": "share of the placed volume that does not move under gravity",
+    "insertable": "share of the placed volume that can be inserted, in packing order, by at most "
     "three straight moves",
     "floating": "items that hang more than a step of the grid above what is below them",
 }
-"""The fields of `QualityScores`, by their names in results files, and what each means."""
+"""The fields of `QualityScores`, by their names in files of results, and their meanings."""
 
 
 def judge(
@@ -39,13 +39,38 @@ def judge(
     workers: Workers | None = None,
     file: Path | None = None,
 ) -> list[Rollout]:
-    """The same rollouts, each with `SCORES` in its provenance.
+    """Add quality scores to rollouts.
 
-    Those that have them are not judged again, unless their shapes became convex pieces in another
-    way. file: which holds the rollouts, and gets the scores as they come. Raises PhysicsError where
-    what makes pieces is not installed, ResultsError where the file holds other rollouts,
-    PackFormatError where the library is another, and BusyError where another process is at work on
-    the file.
+    Parameters
+    ----------
+    rollouts : Sequence[Rollout]
+        The rollouts. Those that have all `SCORES`, by the same decomposition, are not judged again.
+    library : ShapeLibrary
+        The library of their shapes.
+    pieces : Method
+        The method that decomposes shapes into convex pieces.
+    on_judged : Callable[[Rollout], None]
+        Called after each rollout.
+    workers : Workers | None
+        The processes that simulate; by default this one does.
+    file : Path | None
+        The file that contains the rollouts; scores are written as they come.
+
+    Returns
+    -------
+    list[Rollout]
+        The same rollouts, with `SCORES` in their provenance.
+
+    Raises
+    ------
+    PhysicsError
+        If the method is not installed.
+    ResultsError
+        If the file contains other rollouts.
+    PackFormatError
+        If the library is another one, or items settled off the grid.
+    BusyError
+        If another process works on the file.
     """
     require(DecompositionSettings(method=pieces))
     found = list(rollouts)
@@ -54,15 +79,15 @@ def judge(
             key = rollout.agent, rollout.task
             if file is not None and (key not in store or store[key] != rollout):
                 raise ResultsError(
-                    f"{file} does not hold what {rollout.agent} made of task {rollout.task}: "
-                    "it was changed meanwhile"
+                    f"{file} does not contain this result of {rollout.agent} on task "
+                    f"{rollout.task}: the file has changed"
                 )
         jobs = [
             (n, rollout.pack.contents(library), pieces)
             for n, rollout in enumerate(rollouts)
             if not is_judged(rollout, pieces)
         ]
-        _log.info("%d of %d results are left to judge", len(jobs), len(found))
+        _log.info("%d of %d results to judge", len(jobs), len(found))
         started = time.monotonic()
         judged = starmap(_judged, jobs) if workers is None else workers.as_done(_judged, jobs)
         for n, verdict in judged:
@@ -77,7 +102,7 @@ def judge(
 
 
 def is_judged(rollout: Rollout, pieces: Method) -> bool:
-    """Whether a rollout has all scores, of shapes that became convex pieces in this way."""
+    """Return whether a rollout has all scores, by this method of decomposition."""
     played = rollout.played
     return played.pieces == pieces and all(name in played.scores for name in SCORES)
 

@@ -1,4 +1,4 @@
-"""Learning curves, and the folders of trainings that they are in."""
+"""Learning curves, and the folders of trainings that contain them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,21 @@ CURVE_FILE = "curve.json"
 
 
 class CurveError(PackItError, ValueError):
-    """A folder that holds no training, or one that is damaged."""
+    """A folder that contains no training, or a damaged one."""
 
 
 @dataclass(frozen=True)
-class Point:
-    """A point of a learning curve: after so many steps.
+class CurvePoint:
+    """A point of a learning curve.
 
-    reward: mean return of the latest training episodes, None before one has ended. validation:
-    Average Reward on the validation tasks, without chance.
+    Attributes
+    ----------
+    steps : int
+        The number of training steps so far.
+    reward : float | None
+        The mean return of the latest training episodes; None before one has ended.
+    validation : Estimate
+        Average Reward on the validation tasks, with the most probable actions.
     """
 
     steps: int
@@ -38,30 +44,37 @@ class Point:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, raw: Any) -> Point:
-        """Read a point. Raises CurveError that names the field that is wrong."""
+    def from_json(cls, raw: Any) -> CurvePoint:
+        """Read a point; raise CurveError if a field is wrong."""
         return typed_json.convert(raw, cls, CurveError, "a point")
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainingRecord:
     """A training, as its folder records it.
 
-    settings: all of them by name, those of a part as PART.NAME. curve: at least one point.
+    Attributes
+    ----------
+    folder : Path
+        The folder.
+    settings : Mapping[str, Any]
+        All settings by name; those of a part are named PART.NAME.
+    curve : tuple[CurvePoint, ...]
+        The learning curve, at least one point.
     """
 
     folder: Path
     settings: Mapping[str, Any]
-    curve: tuple[Point, ...]
+    curve: tuple[CurvePoint, ...]
 
     @property
-    def best(self) -> Point:
+    def best(self) -> CurvePoint:
         """The point with the highest validation reward, the first of equal ones."""
         return max(self.curve, key=lambda point: point.validation.mean)
 
     @classmethod
-    def read(cls, folder: Path) -> Trained:
-        """Raises CurveError that names the file, and what it must be."""
+    def read(cls, folder: Path) -> TrainingRecord:
+        """Read the folder of a training; raise CurveError if a file is missing or wrong."""
         settings = _read(folder / SETTINGS_FILE, _Settings, "the settings", "at the start")
         curve = _read(folder / CURVE_FILE, _Curve, "the curve", "at the first validation")
         return cls(folder, dict(_flat(settings.settings)), curve)
@@ -73,7 +86,7 @@ class _Settings(Struct):
     settings: dict[str, Any]
 
 
-_Curve = Annotated[tuple[Point, ...], Meta(min_length=1)]
+_Curve = Annotated[tuple[CurvePoint, ...], Meta(min_length=1)]
 
 
 def _read(file: Path, kind: Any, what: str, when: str) -> Any:
@@ -81,7 +94,7 @@ def _read(file: Path, kind: Any, what: str, when: str) -> Any:
         return typed_json.decode(file.read_bytes(), kind, CurveError, what)
     except OSError as error:
         raise CurveError(
-            f"{file.parent} is no folder of a training: {file.name} can't be read: "
+            f"{file.parent} is not the folder of a training: {file.name} can't be read: "
             f"{error.strerror}; `packit train` writes it {when}"
         ) from None
     except CurveError as error:
@@ -89,7 +102,7 @@ def _read(file: Path, kind: Any, what: str, when: str) -> Any:
 
 
 def _flat(settings: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Pairs of names and values, in their order."""
+    """List names and values, in order, with parts flattened."""
     pairs: list[tuple[str, Any]] = []
     for name, value in settings.items():
         if isinstance(value, dict):

@@ -1,7 +1,7 @@
-"""Results: boxes as agents left them, and files of them.
+"""Results: the boxes that agents packed, and files of them.
 
-A file of results is a file of packs (see `packs`) whose provenance is `Played`, so that it can be
-verified and drawn like any dataset.
+A file of results is a file of packs (see `packs`) with `Played` as provenance: it can be verified
+and drawn like any dataset.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from packit_sim.game.episode import End, Episode
 from packit_sim.rules import Rules
 
 CHECKPOINT_SECONDS = 5.0
-"""New results are written this often: a kill loses no more, and the episodes being played."""
+"""The interval at which new results are written: if the process is killed, later ones are lost."""
 
 
 class ResultsError(PackItError, ValueError):
-    """A file that holds no results, or results of something else."""
+    """A file without results, or with results of another evaluation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """One episode that was played; two are equal whatever time they took.
+    """One episode that was played. Two are equal if they differ only in duration.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class Rollout:
     def __post_init__(self) -> None:
         if not isinstance(self.pack.provenance, Played):
             raise ResultsError(
-                f"it is no rollout, its provenance is {self.pack.provenance.producer!r}: results "
-                "are written by `packit evaluate --out`"
+                f"this is not a result, its provenance is {self.pack.provenance.producer!r}: "
+                "results are written by `packit evaluate --out`"
             )
         if self.played.end not in list(End):
             choices = ", ".join(End)
@@ -184,7 +184,7 @@ def read_results(path: Path | str) -> list[Rollout]:
     Raises
     ------
     ResultsError
-        If a pack is no rollout; the message names the file and the pack.
+        If a pack is not a result; the message names the file and the pack.
     PackFormatError
         If the file can't be read as packs; the message names the file and the line.
     """
@@ -198,19 +198,19 @@ def read_results(path: Path | str) -> list[Rollout]:
 
 
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
-    """Write a file of results, whole or not at all."""
+    """Write a file of results, completely or not at all."""
     write_packs(path, [rollout.pack for rollout in rollouts])
 
 
 class ResultsStore:
-    """Rollouts by agent and task, and the file that keeps them, if there is one (see `opened`).
+    """Rollouts by agent and task, and their file, if there is one (see `opened`).
 
-    The file is the same whatever is finished first.
+    The file does not depend on the order in which rollouts are added.
 
     Parameters
     ----------
     file : Path | None
-        The file, whose results are read if it exists.
+        The file of results, which is read if it exists.
     agents : Iterable[str]
         The names of agents to come, in their order after those of the file.
     """
@@ -236,7 +236,7 @@ class ResultsStore:
         return self._held[agent_and_task]
 
     def add(self, rollouts: Iterable[Rollout]) -> None:
-        """Add rollouts, replacing older ones, and write the file if the last time is long ago."""
+        """Add or replace rollouts, and write the file every `CHECKPOINT_SECONDS`."""
         for rollout in rollouts:
             self._held[rollout.agent, rollout.task] = rollout
             self._new = True
@@ -244,7 +244,7 @@ class ResultsStore:
             self.write()
 
     def write(self) -> None:
-        """Write the file, whole or not at all, if something is new."""
+        """Write the file, completely or not at all, if there are new rollouts."""
         if self._file is not None and self._new:
             write_results(self._file, self.rollouts)
         self._new = False
@@ -253,7 +253,7 @@ class ResultsStore:
 
 @contextmanager
 def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsStore]:
-    """Open a results store, lock its file meanwhile, and write it at the end.
+    """Open a results store with its file locked, and write the file at the end.
 
     Parameters
     ----------
@@ -326,5 +326,5 @@ def check_same(
         for name, (theirs, ours) in facts.items():
             if theirs != ours:
                 raise ResultsError(
-                    f"{path} holds results with {name} {theirs}, not {ours}: choose another file"
+                    f"{path} contains results with {name} {theirs}, not {ours}: choose another file"
                 )

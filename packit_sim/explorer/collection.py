@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.pack_files import dataset_file, read_packs
@@ -16,7 +17,7 @@ from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import BoxState, PlacedItem
+from packit_sim.placement import BoxState, PlacedItem, PosedItem
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class PackView:
         Names and values, as text.
     cells : Triple
         Cells along each axis of the box.
-    placed : tuple[PlacedItem, ...]
-        The items in the box, in the order of placing.
+    placed : tuple[PlacedItem | PosedItem, ...]
+        The items in the box, on the grid or where they settled, in the order of placing.
     outside : tuple[Item, ...]
         The other items, in canonical orientation.
     total : float
@@ -47,7 +48,7 @@ class PackView:
     name: str
     facts: tuple[tuple[str, str], ...]
     cells: Triple
-    placed: tuple[PlacedItem, ...]
+    placed: tuple[PlacedItem | PosedItem, ...]
     outside: tuple[Item, ...]
     total: float
     kinematic: bool = False
@@ -61,9 +62,21 @@ class PackView:
         """Return an item's reward: its share of the volume of all items."""
         return self.items[number].volume / self.total
 
-    def at(self, step: int) -> BoxState[PlacedItem]:
-        """Return the box after so many items were placed."""
-        return BoxState(self.cells, self.placed[:step])
+    @cached_property
+    def is_on_grid(self) -> bool:
+        """Whether all items in the box have a location on the grid."""
+        return all(isinstance(placed, PlacedItem) for placed in self.placed)
+
+    def contents(self) -> BoxState[PlacedItem | PosedItem]:
+        """Return what is in the box."""
+        return BoxState(self.cells, self.placed)
+
+    def box(self, step: int) -> Box:
+        """Return the box after so many items were placed, which must be on the grid."""
+        placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
+        box = Box(self.cells, kinematic=self.kinematic)
+        box.restore(BoxState(self.cells, placed))
+        return box
 
     def same(self, item: Item) -> frozenset[int]:
         """Return the numbers of placed items that have the shape and the scale of an item."""
@@ -136,14 +149,15 @@ class PackCollection:
             raise PackItError(f"there is no pack {number}: choose 0 to {len(self) - 1}")
         entry = self._entries[number]
         pack = entry.pack
-        placed = pack.contents(self._library).placed
+        placed = pack.placed(self._library)
         outside = tuple(Item(self._library[one.shape], one.scale) for one in pack.outside)
         if self._tasks and entry.task is not None and not entry.is_truth:
             outside = _left(self._task(entry), placed)
-        volume = sum(item.volume for item in (*(p.item for p in placed), *outside))
         played = pack.provenance if isinstance(pack.provenance, Played) else None
         if not outside and played is not None and played.total > 0:
-            volume /= played.total
+            volume = pack.counted_volume / played.total
+        else:
+            volume = sum(item.volume for item in (*(p.item for p in placed), *outside))
         return PackView(
             self.titles[number],
             _name(entry),
@@ -179,7 +193,7 @@ def _task_of(pack: Pack) -> int | None:
     return pack.provenance.task if isinstance(pack.provenance, Played) else None
 
 
-def _left(task: Task, placed: Sequence[PlacedItem]) -> tuple[Item, ...]:
+def _left(task: Task, placed: Sequence[PlacedItem | PosedItem]) -> tuple[Item, ...]:
     """Return the items of a task that are not placed."""
     inside = Counter((p.item.shape, p.item.scale) for p in placed)
     left = []

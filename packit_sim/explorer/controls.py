@@ -163,14 +163,15 @@ class Controls:
         _set(self._item, NOTHING)
         _set(self._wanted, NOTHING)
         self._item.options = (NOTHING, *(label(view, n) for n in range(len(view.items))))
+        self._axis.disabled = not view.is_on_grid
         self._at.max = max(view.cells) * CELL
         for slider, nodes in zip(self._location, grid_nodes(view.cells), strict=True):
             _set(slider, 0)
             slider.max = nodes - 1
 
     def set_outside(self, view: PackView, step: int) -> None:
-        """Offer the items that are outside after so many steps."""
-        first = min(step, len(view.placed))
+        """Offer the items that are outside after so many steps; none if the others settled."""
+        first = min(step, len(view.placed)) if view.is_on_grid else len(view.items)
         options = (NOTHING, *(label(view, n) for n in range(first, len(view.items))))
         if options != self._wanted.options:
             self._wanted.options = options

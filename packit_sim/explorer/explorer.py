@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
 from packit_sim.explorer import panels
 from packit_sim.explorer.collection import PackCollection, PackView
@@ -20,7 +19,7 @@ from packit_sim.explorer.fit_query import FitQuery
 from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import ORIGIN
+from packit_sim.placement import ORIGIN, PlacedItem
 from packit_sim.render.coloring import COLORINGS, UNKNOWN, ByShare, Color, Legend, by_order
 from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
 from packit_sim.viewer.web_page import LOOPBACK, WebPage
@@ -38,6 +37,8 @@ _NODES = ("/first", "/second")
 """Names of the two boxes' nodes in the scene."""
 
 _HINT = "Choose an item that is outside. At an earlier step there are more of them."
+
+_SETTLED_HINT = "These items settled off the grid: there is no box at an earlier step to ask about."
 
 
 class Explorer:
@@ -162,8 +163,8 @@ class Explorer:
         self.controls.set_outside(view, request.step)
         request = self.controls.request
         if request.wanted is not None and (drawn is None or request.wanted != drawn.wanted):
-            if request.wanted < len(view.placed):
-                placed = view.placed[request.wanted]
+            placed = view.placed[request.wanted] if request.wanted < len(view.placed) else None
+            if isinstance(placed, PlacedItem):
                 self.controls.set_query(placed.item.rotation, placed.location)
             else:
                 self.controls.set_query(0, ORIGIN)
@@ -188,7 +189,7 @@ class Explorer:
         seen = []
         for view, box, place in zip(self._views, self._boxes, places, strict=True):
             box.move(place)
-            points = reach(view.at(len(view.placed)), explode)
+            points = reach(view.contents(), explode)
             if len(self._boxes) > 1:
                 head = over(view.cells, points)
                 box.title(view.name, head)
@@ -208,12 +209,12 @@ class Explorer:
             display = DisplaySettings(
                 request.step,
                 request.explode,
-                request.cut,
+                request.cut if view.is_on_grid else None,
                 colors[n][:inside],
                 focus,
                 1.0 if self._query is None else _BLOCKING,
             )
-            box.show(view.at(inside), display)
+            box.show(view.contents(), display)
             chosen = None if request.chosen is None else first.items[request.chosen]
             same = [] if chosen is None else sorted(view.same(chosen))
             box.label(next((m for m in same if m < request.step), None))
@@ -222,7 +223,7 @@ class Explorer:
         self.controls.items.content = panels.items(first, colors[0], request.step, request.chosen)
         if self._query is None:
             self._markers.remove()
-            self.controls.answer.content = _HINT
+            self.controls.answer.content = _HINT if first.is_on_grid else _SETTLED_HINT
         else:
             self._markers.show(self._query, request.location)
             answer = self._query.answer(request.location)
@@ -251,9 +252,8 @@ class Explorer:
             and replace(drawn, location=request.location) == request
         ):
             return self._query
-        box = Box(view.cells, kinematic=view.kinematic)
-        box.restore(view.at(request.step))
-        return FitQuery(box, view.items[request.wanted].turned(request.rotation))
+        item = view.items[request.wanted].turned(request.rotation)
+        return FitQuery(view.box(request.step), item)
 
     def _play_on(self, step: int) -> float | None:
         """Take the next step of playback if it is due; return the seconds until then."""

@@ -1,7 +1,7 @@
-"""What an agent is: three policies, one for each sub-task, and maybe a search; found by name.
+"""Agents: three policies, one for each sub-task, and optionally a search; found by name.
 
-The policies and searches themselves are in other packages, which announce them as entry points;
-`packit_agents`, which comes with this one, does so like any other.
+Policies and searches are in other packages, which announce them as entry points. `packit_agents`,
+which is installed with this package, is one of them.
 """
 
 from __future__ import annotations
@@ -19,54 +19,99 @@ from packit_sim.core.errors import PackItError
 from packit_sim.game.episode import Episode, Stage
 
 OnProgress = Callable[[int, float], None]
-"""Called by a search with how many rollouts it has made, and the best return of them."""
+"""Called by a search with the number of its rollouts so far, and the best return of them."""
 
 
 class Policy(Protocol):
-    """Chooses the next action of one sub-task.
+    """A function that chooses the next action of one sub-task.
 
-    Called with the episode, which it must not change, and the random generator to draw from.
-    A shape policy returns the index of a shape outside, a rotation policy 0 to 23, a location
-    policy the C-order index of a feasible location. One that loads what it learned from a file may
-    have `weights_digest`, a str: kept results are then not taken for those of other weights.
+    Notes
+    -----
+    A policy that loads weights from a file may have an attribute `weights_digest`, a str: it is
+    recorded with results, so that they are not mistaken for those of other weights.
     """
 
-    def __call__(self, episode: Episode, rng: np.random.Generator) -> int: ...
+    def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
+        """Choose an action.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode; it must not be changed.
+        rng : np.random.Generator
+            The source of random numbers.
+
+        Returns
+        -------
+        int
+            For shapes the index of one that is outside, for rotations 0 to 23, for locations the
+            index of a feasible grid node in C order.
+        """
+        ...
 
 
 @runtime_checkable
 class Scored(Protocol):
-    """A policy that says what it thinks of every action: what searches look for alternatives by."""
+    """A policy that scores every action, so that searches can try the best alternatives."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int: ...
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-        """Log-probabilities of the stage's actions, -inf for one that is not valid.
+        """Compute the log-probabilities of the stage's actions.
 
-        The policy's own choice is the first of the largest.
+        Parameters
+        ----------
+        episode : Episode
+            The episode; it must not be changed.
+        rng : np.random.Generator
+            The source of random numbers.
+
+        Returns
+        -------
+        ndarray of float64, shape (n actions,)
+            -inf for an action that is not valid. The policy chooses the first of the largest.
         """
         ...
 
 
 class Search(Protocol):
-    """Looks ahead with the model of the game, and asks an agent's policies what to try."""
+    """A planner: it plays ahead with the model of the game, guided by an agent's policies."""
 
     def __call__(
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
     ) -> None:
-        """Plays an episode from a choice of a shape, and leaves it at the best end it found."""
+        """Play an episode from a choice of a shape, and leave it at the best end that was found.
+
+        Parameters
+        ----------
+        agent : Agent
+            The agent that the search belongs to.
+        episode : Episode
+            The episode.
+        rng : np.random.Generator
+            The source of random numbers.
+        on_progress : OnProgress
+            Called after each rollout.
+        """
         ...
 
 
 class UnknownPolicyError(PackItError, ValueError):
-    """A policy or search that no installed package announces, or that can't do what is asked."""
+    """A policy or search that is not installed, or has no such value."""
 
 
 @dataclass(frozen=True)
 class Agent:
     """Three policies that play an episode together, and the search that plans with them, if any.
 
-    name: "shape/rotation/location", or "shape/rotation/location+search=value".
+    Parameters
+    ----------
+    name : str
+        "shape/rotation/location", or "shape/rotation/location+search=value".
+    shape, rotation, location : Policy
+        The policies.
+    search : Search, optional
+        The search; by default the policies play alone.
     """
 
     name: str
@@ -77,9 +122,22 @@ class Agent:
 
     @classmethod
     def from_name(cls, name: str) -> Agent:
-        """An agent by its parts, such as "largest-first/aligned/blbf" or "...+beam=4".
+        """Create an agent from the names of its parts.
 
-        Raises UnknownPolicyError that lists the valid ones.
+        Parameters
+        ----------
+        name : str
+            For example "largest-first/aligned/blbf" or "largest-first/aligned/blbf+beam=4".
+
+        Returns
+        -------
+        Agent
+            The agent.
+
+        Raises
+        ------
+        UnknownPolicyError
+            If a part is not known. The message lists the valid ones.
         """
         policies, *search = name.split("+")
         parts = _parts(policies)
@@ -95,17 +153,17 @@ class Agent:
 
     @property
     def weights(self) -> str | None:
-        """Digests of the weights of its policies that have such and tell; None where none does."""
-        policies = (self.policy(stage) for stage in Stage)
-        told = dict.fromkeys(getattr(policy, "weights_digest", None) for policy in policies)
-        return " ".join(weights for weights in told if weights is not None) or None
+        """The digests of its policies' weights; None if no policy has such."""
+        policies = (self.shape, self.rotation, self.location)
+        digests = dict.fromkeys(getattr(policy, "weights_digest", None) for policy in policies)
+        return " ".join(digest for digest in digests if digest is not None) or None
 
     def policy(self, stage: Stage) -> Policy:
-        """Of a sub-task."""
+        """Return the policy of a sub-task."""
         return (self.shape, self.rotation, self.location)[stage]
 
     def act(self, episode: Episode, rng: np.random.Generator) -> int:
-        """The action for the episode's stage, by the policy alone, without the search."""
+        """Choose the action for the episode's stage by the policy alone, without the search."""
         return self.policy(episode.stage)(episode, rng)
 
     def play(
@@ -114,7 +172,17 @@ class Agent:
         rng: np.random.Generator,
         on_progress: OnProgress = lambda rollouts, best: None,
     ) -> None:
-        """Plays an episode to its end."""
+        """Play an episode to its end.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode.
+        rng : np.random.Generator
+            The source of random numbers.
+        on_progress : OnProgress
+            Called by the search, if there is one.
+        """
         if self.search is not None and episode.end is None:
             self.search(self, episode, rng, on_progress)
         else:
@@ -123,9 +191,9 @@ class Agent:
 
 
 def _parts(policies: str) -> list[str]:
-    """The names of policies of "shape/rotation/location", of which each may hold a path.
+    """Split "shape/rotation/location" into three names, each of which may contain a path.
 
-    From the right, a part begins where the name of a policy does.
+    From the right, a part begins where the name of a policy begins.
     """
     found: list[str] = []
     for stage in (Stage.LOCATION, Stage.ROTATION):
@@ -148,12 +216,12 @@ def _installed(group: str) -> dict[str, EntryPoint]:
 
 
 def policy_names(stage: Stage) -> tuple[str, ...]:
-    """The installed policies for a sub-task."""
+    """Return the names of the installed policies for a sub-task."""
     return tuple(_installed(_group(stage)))
 
 
 def search_names() -> tuple[str, ...]:
-    """The installed searches."""
+    """Return the names of the installed searches."""
     return tuple(_installed(_SEARCHES))
 
 
@@ -165,9 +233,24 @@ def _group(stage: Stage) -> str:
 
 
 def load_policy(stage: Stage, name: str) -> Policy:
-    """The policy of this name for a sub-task, or of "name@value" where it takes one.
+    """Load a policy for a sub-task.
 
-    Raises UnknownPolicyError that lists the names, or says whether it takes a value.
+    Parameters
+    ----------
+    stage : Stage
+        The sub-task.
+    name : str
+        The name of the policy, or "name@value" if it takes a value.
+
+    Returns
+    -------
+    Policy
+        The policy.
+
+    Raises
+    ------
+    UnknownPolicyError
+        If there is no such policy, or a value is missing or not expected.
     """
     what = f"{stage.name.lower()} policy"
     kind, at, value = name.partition("@")
@@ -181,9 +264,22 @@ def load_policy(stage: Stage, name: str) -> Policy:
 
 
 def load_search(name: str) -> Search:
-    """A search by its name and value, such as "beam=4": its class's `parse` gets the value.
+    """Load a search.
 
-    Raises UnknownPolicyError that lists the names, or says which values there are.
+    Parameters
+    ----------
+    name : str
+        Its name and value, such as "beam=4"; the `parse` of its class gets the value.
+
+    Returns
+    -------
+    Search
+        The search.
+
+    Raises
+    ------
+    UnknownPolicyError
+        If there is no such search, or its value is not possible.
     """
     kind, _, value = name.partition("=")
     found = _load(_SEARCHES, "search", kind)
@@ -210,7 +306,7 @@ def _solution_shape(episode: Episode, rng: np.random.Generator) -> int:
     for shape, _, _ in episode.task.solution:
         if episode.outside[shape]:
             return shape
-    raise PackItError("the task has no solution that could be played")
+    raise PackItError("the task has no known solution to play")
 
 
 def _solution_rotation(episode: Episode, rng: np.random.Generator) -> int:
@@ -223,4 +319,4 @@ def _solution_location(episode: Episode, rng: np.random.Generator) -> int:
 
 
 GROUND_TRUTH = Agent("ground-truth", _solution_shape, _solution_rotation, _solution_location)
-"""Plays the pack that a task was made of, item by item, by the rules of PackIt or PackIt-Easy."""
+"""Plays the solution of a task, item by item, by the rules of PackIt or PackIt-Easy."""

@@ -53,7 +53,7 @@ class End(enum.StrEnum):
 class ChosenItem:
     """The item that is being placed, and where it fits.
 
-    Answers are computed when they are first asked for, and kept while the box stays as it is.
+    Results are computed when they are first needed, and kept. The box must not change meanwhile.
 
     Parameters
     ----------
@@ -86,9 +86,17 @@ class ChosenItem:
         return self._box.feasible(self.item)
 
     def rotations(self, location: Triple) -> npt.NDArray[np.bool_]:
-        """Compute the rotations in which the item is feasible at a location: bool (24,).
+        """Compute the rotations in which the item is feasible at a location.
 
-        The answer for the last location is kept, and must not be written to.
+        Parameters
+        ----------
+        location : Triple
+            The grid node (i, j, k).
+
+        Returns
+        -------
+        ndarray of bool, shape (24,)
+            Kept until another location is asked for; it must not be written to.
         """
         if self._rotations is None or self._rotations[0] != location:
             self._rotations = location, self._box.rotations_at(self.item, location)
@@ -225,9 +233,9 @@ class Episode:
     def heuristic_placement(self, shape: int) -> PlacedItem | None:
         """Find where the paper's Heuristic would place an item if it was the next.
 
-        That is in the aligned rotation, at the bottom-left-back-fill location; in PackIt-Easy in
-        the first rotation in the order of alignment that fits. While items are only added to the
-        box, an earlier answer is searched for again only if it is no longer feasible.
+        The item gets the aligned rotation and the bottom-left-back-fill location; in PackIt-Easy
+        the first rotation that fits, in the order of alignment. While items are only added to the
+        box, an earlier answer is reused if it is still feasible.
 
         Parameters
         ----------
@@ -256,16 +264,9 @@ class Episode:
 
     def state(self) -> State:
         """Save the state of the episode, for `restore`; costs next to nothing."""
-        return State(
-            self.box.snapshot(),
-            tuple(self.outside.tolist()),
-            self.stage,
-            self.shape,
-            self.rotation,
-            self.location,
-            self.total,
-            self.end,
-        )
+        choices = self.shape, self.rotation, self.location
+        outside = tuple(self.outside.tolist())
+        return State(self.box.snapshot(), outside, self.stage, *choices, self.total, self.end)
 
     def restore(self, state: State) -> None:
         """Return to a state of an episode of the same task and rules."""

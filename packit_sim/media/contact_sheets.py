@@ -15,7 +15,7 @@ from PIL.ImageFont import FreeTypeFont
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.placement import PlacedItem
+from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.cameras import Camera
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
@@ -76,25 +76,36 @@ class ContactSheet:
         return self.renderer
 
 
-@dataclass(frozen=True)
-class _Contents:
-    """A shape by itself, or nothing, as the contents of a box."""
+_EMPTY: BoxState[PlacedItem] = BoxState(BOX_CELLS, ())
 
-    placed: tuple[PlacedItem, ...] = ()
-    cells: Triple = BOX_CELLS
 
-    @classmethod
-    def of(cls, shape: Shape) -> _Contents:
-        return cls((PlacedItem(Item(shape, rotation=_HALF_TURN), _PLACE),))
+def _box_of(shape: Shape) -> BoxState[PlacedItem]:
+    """Return a box that contains a shape and nothing else."""
+    return BoxState(BOX_CELLS, (PlacedItem(Item(shape, rotation=_HALF_TURN), _PLACE),))
 
 
 def picture(shape: Shape, side: int = 256) -> RGBImage:
-    """Draw a shape from the front and above, as large as fits: (side, side, 3) uint8.
+    """Draw a shape from the front and above, as large as fits.
 
-    Raises ArgumentError if the side is not `MIN_SIDE` to `MAX_SIDE` pixels.
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+    side : int
+        Pixels along each side, `MIN_SIDE` to `MAX_SIDE`.
+
+    Returns
+    -------
+    RGBImage
+        The picture, uint8 (side, side, 3).
+
+    Raises
+    ------
+    ArgumentError
+        If the side is out of range.
     """
     _check_side(side)
-    with Scene(_Contents.of(shape)) as scene:
+    with Scene(_box_of(shape)) as scene:
         return scene.snapshot(side, side, _LOOK).image
 
 
@@ -132,10 +143,10 @@ def contact_sheet(
     if columns is not None and columns < 1:
         raise ArgumentError(f"columns {columns!r} are not possible: at least 1")
     pictures = []
-    with Scene(_Contents()) as scene:
+    with Scene(_EMPTY) as scene:
         for label, content in tiles:
             if isinstance(content, Shape):
-                scene.update(_Contents.of(content))
+                scene.update(_box_of(content))
                 image = scene.snapshot(side, side, _LOOK).image
             else:
                 image = _message(content, side)
@@ -196,5 +207,5 @@ def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int,
 
 
 def _font(side: int) -> FreeTypeFont:
-    """Return the font for a picture whose side is so many pixels."""
+    """Return the font for a picture with a side of so many pixels."""
     return font_of(min(6 + side // 22, 32))

@@ -198,10 +198,18 @@ def _blocked(
 
 @dataclass(frozen=True, eq=False)
 class _Flight:
-    """An item's way into the box.
+    """The path of an item into the box.
 
-    path: positions (n, 3) of its centre, at equal distances. entry: the share of the path after
-    which the item enters the box. reach: positions (n, 3) of its top.
+    Attributes
+    ----------
+    start, end : Pose
+        The item's poses at both ends.
+    path : ndarray of float64, shape (n, 3)
+        Positions of its centre, at equal distances.
+    entry : float
+        The share of the path after which the item enters the box.
+    reach : ndarray of float64, shape (n, 3)
+        Positions of its top.
     """
 
     start: Pose

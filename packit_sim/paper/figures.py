@@ -240,7 +240,7 @@ def _left(
     rollout: Rollout, task: Task, library: ShapeLibrary
 ) -> tuple[Contents[ItemInBox], Layout]:
     """Lay out a box as an agent left it, with the other items next to it."""
-    placed = rollout.pack.contents(library).placed
+    placed = rollout.pack.placed(library)
     outside = list(task.items)
     for one in placed:
         outside.remove(one.item.turned(0))

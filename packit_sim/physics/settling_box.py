@@ -33,7 +33,7 @@ class SettlingBox(BaseBox[SettledItem]):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the cells are not possible.
     """
 

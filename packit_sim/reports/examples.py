@@ -46,7 +46,17 @@ class Example:
 
 @dataclass(frozen=True)
 class TaskExamples:
-    """A task, its rank ("best" or "worst"), and the boxes: the gallery's agent's, then others'."""
+    """A task, packed by several agents.
+
+    Attributes
+    ----------
+    task : int
+        Its number.
+    rank : str
+        "best" or "worst".
+    examples : tuple[Example, ...]
+        The boxes: first that of the gallery's agent, then others.
+    """
 
     task: int
     rank: str
@@ -55,7 +65,17 @@ class TaskExamples:
 
 @dataclass(frozen=True)
 class Gallery:
-    """Tasks of one agent, its best first, and the models that they show."""
+    """The best and the worst tasks of one agent.
+
+    Attributes
+    ----------
+    agent : str
+        The agent's name.
+    tasks : tuple[TaskExamples, ...]
+        The tasks, its best first.
+    models : Models
+        The boxes that they show.
+    """
 
     agent: str
     tasks: tuple[TaskExamples, ...]
@@ -176,6 +196,5 @@ def _solution(task: Task, library: ShapeLibrary, models: Models) -> Example:
 
 def _model(pack: Pack, total: float, library: ShapeLibrary, models: Models) -> int:
     """Add a pack's model; `total`, the return, is its share of the task's volume."""
-    placed = pack.contents(library).placed
-    volume = sum(one.item.volume for one in placed)
-    return models.add(pack.cells, placed, volume / total if total > 0 else 1.0)
+    volume = pack.counted_volume / total if total > 0 else 1.0
+    return models.add(pack.cells, pack.placed(library), volume)

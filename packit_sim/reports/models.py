@@ -13,7 +13,7 @@ from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.media.export import names
-from packit_sim.placement import PlacedItem
+from packit_sim.placement import ItemInBox
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 
 TRIANGLES = 1500
@@ -37,14 +37,14 @@ class Models:
         self._shapes: list[dict[str, Any]] = []
         self._boxes: list[dict[str, Any]] = []
 
-    def add(self, cells: Triple, placed: Sequence[PlacedItem], total: float) -> int:
+    def add(self, cells: Triple, placed: Sequence[ItemInBox], total: float) -> int:
         """Add a box.
 
         Parameters
         ----------
         cells : Triple
             Cells along each axis.
-        placed : Sequence[PlacedItem]
+        placed : Sequence[ItemInBox]
             Its items, in the order of placing.
         total : float
             Volume of all items of its task, in box units cubed.

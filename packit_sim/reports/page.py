@@ -25,7 +25,19 @@ def check_installed() -> None:
 
 @dataclass(frozen=True)
 class Headline:
-    """The agent with the highest Average Reward, and the numbers of agents and tasks."""
+    """The result in one sentence.
+
+    Attributes
+    ----------
+    agents : int
+        The number of agents.
+    tasks : int
+        The number of tasks.
+    best : str
+        The agent with the highest Average Reward.
+    reward : str
+        Its Average Reward and the interval, as text.
+    """
 
     agents: int
     tasks: int

@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import mean
 
 from packit_sim.core.errors import PackItError
-from packit_sim.evaluation.learning_curves import Trained
+from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.evaluation.results import Rollout, read_results
 from packit_sim.rules import Rules
 
@@ -49,20 +49,37 @@ class EvaluationRun:
 
     @property
     def rules(self) -> Rules:
+        """The rules that were played."""
         return self.rollouts[0].rules
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """A training, with its unique name in the report."""
+    """A training.
+
+    Attributes
+    ----------
+    name : str
+        Its unique name in the report.
+    run : TrainingRecord
+        What its folder records.
+    """
 
     name: str
-    run: Trained
+    run: TrainingRecord
 
 
 @dataclass(frozen=True)
 class Runs:
-    """Everything that a report contains, in the requested order."""
+    """Everything that a report contains, in the requested order.
+
+    Attributes
+    ----------
+    played : tuple[EvaluationRun, ...]
+        The results of agents.
+    learned : tuple[TrainingRun, ...]
+        The trainings.
+    """
 
     played: tuple[EvaluationRun, ...]
     learned: tuple[TrainingRun, ...]
@@ -89,10 +106,10 @@ class Runs:
             If a file cannot be read; ResultsError and CurveError likewise.
         """
         played: list[tuple[str, Path, list[Rollout]]] = []
-        trained: list[Trained] = []
+        trained: list[TrainingRecord] = []
         for path in dict.fromkeys(paths):
             if path.is_dir():
-                trained.append(Trained.read(path))
+                trained.append(TrainingRecord.read(path))
             elif path.exists():
                 played += [(name, path, own) for name, own in _by_agent(path).items()]
             else:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from packit_sim.core.confidence import Estimate
+from packit_sim.core.errors import ArgumentError
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare
 from packit_sim.evaluation.judging import SCORES
 from packit_sim.evaluation.results import Rollout
@@ -40,7 +41,15 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading and its meaning."""
+    """A column of a table.
+
+    Attributes
+    ----------
+    name : str
+        The heading.
+    meaning : str
+        What the numbers mean, if the heading does not say it.
+    """
 
     name: str
     meaning: str = ""
@@ -48,7 +57,17 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below columns; the first cell of a row names it."""
+    """A table.
+
+    Attributes
+    ----------
+    caption : str
+        What the table contains.
+    columns : tuple[Column, ...]
+        The columns.
+    rows : tuple[tuple[Cell, ...], ...]
+        A cell for each column; the first one names the row.
+    """
 
     caption: str
     columns: tuple[Column, ...]
@@ -66,8 +85,8 @@ def scores(played: Sequence[EvaluationRun]) -> Table:
             Column(f"S@{x:g}", f"share of tasks with a return of {x:g} or more, in percent")
             for x in SUCCESS_LEVELS
         ),
-        Column("density", "of the boxes as they were left"),
-        Column("s", "median seconds a task, on a machine that may have done other things as well"),
+        Column("density", "of the boxes at the end"),
+        Column("s", "median seconds per task, on a machine that may have done other work as well"),
     )
     measured = [[s.reward, *s.success.values(), s.density] for _, s in found]
     best = [max(estimate.mean for estimate in column) for column in zip(*measured, strict=True)]
@@ -97,25 +116,30 @@ def scores(played: Sequence[EvaluationRun]) -> Table:
 
 
 def more_scores(played: Sequence[EvaluationRun]) -> Table | None:
-    """Whatever else results tell of the boxes as they were left, or None where they tell nothing.
+    """Tabulate the means of all further scores that results contain.
 
-    A number that each rollout of any agent has in its pack's `made`, beside those of `Rollout`, is
-    a column, under the name that it has there.
+    Parameters
+    ----------
+    played : Sequence[EvaluationRun]
+        The results of agents.
+
+    Returns
+    -------
+    Table | None
+        A column for each number that all rollouts of any agent have in `Played.scores`, under its
+        name there; None if there is no such number.
     """
     found = [_more_scores(one.rollouts) for one in played]
     names = list(dict.fromkeys(name for scores in found for name in scores))
     if not names:
         return None
-    columns = (
-        Column(name, SCORES.get(name, f"mean of what the results tell as {name!r}"))
-        for name in names
-    )
+    columns = (Column(name, SCORES.get(name, f"mean of {name!r} in the results")) for name in names)
     rows = [
         (_name(one.name), *(_estimate(own.get(name), ".3f", ".2f") for name in names))
         for one, own in zip(played, found, strict=True)
     ]
     return Table(
-        "The boxes as they were left: means, and below each its 95% bootstrap interval.",
+        "Scores of the boxes at the end: means, and below each its 95% bootstrap interval.",
         (Column("agent"), *columns),
         tuple(rows),
     )
@@ -224,7 +248,7 @@ def _more_scores(rollouts: Sequence[Rollout]) -> Mapping[str, Estimate]:
 def _compared(one: EvaluationRun, other: EvaluationRun) -> tuple[Cell, ...]:
     try:
         found = compare(one.rollouts, other.rollouts)
-    except ValueError:  # no task that both have played
+    except ArgumentError:  # no task that both have played
         return _name(one.name), _number(0, "d"), *(Cell("") for _ in range(5))
     return (
         _name(one.name),

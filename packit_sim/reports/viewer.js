@@ -26,10 +26,10 @@
 
   function start() {
     try {
-      const made = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
-      made.shadowMap.enabled = true;
-      made.shadowMap.type = THREE.PCFShadowMap;
-      return made;
+      const webgl = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+      webgl.shadowMap.enabled = true;
+      webgl.shadowMap.type = THREE.PCFShadowMap;
+      return webgl;
     } catch {
       return null;
     }

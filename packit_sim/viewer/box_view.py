@@ -54,7 +54,7 @@ class DisplaySettings:
     explode : float
         How far items are moved apart: a share of their distance from the middle of the floor.
     cut : Cut | None
-        Where the box is cut open; its items must be on the grid.
+        Where the box is cut open, whose items must be on the grid.
     colors : tuple[Color, ...] | None
         The colour of each item; None for each shape's own.
     focus : frozenset[int] | None

@@ -16,9 +16,17 @@ _CREASE = np.radians(35)
 
 
 def surface(shape: Shape) -> trimesh.Trimesh:
-    """Simplify the canonical mesh to `MOST_TRIANGLES` and duplicate vertices along sharp edges.
+    """Simplify the canonical mesh for display, and duplicate vertices along sharp edges.
 
-    The result is for display only: nothing is placed by it.
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+
+    Returns
+    -------
+    trimesh.Trimesh
+        A mesh of at most `MOST_TRIANGLES` triangles.
     """
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
     if len(mesh.faces) > MOST_TRIANGLES:

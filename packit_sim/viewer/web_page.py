@@ -81,11 +81,18 @@ class WebPage:
         return self._server
 
     def frame(self, points: npt.NDArray[np.float64]) -> None:
-        """Move the camera of every browser so that points (n, 3) are in view.
+        """Move the camera of every browser so that points are in view.
 
-        Each keeps its direction. Browsers that connect later look in the direction of pictures, and
-        so do those whose window changes its shape: what a new browser reports of its camera may be
-        older than the camera's placement.
+        Parameters
+        ----------
+        points : ndarray of float64, shape (n, 3)
+            The points.
+
+        Notes
+        -----
+        Each camera keeps its direction. Browsers that connect later look in the direction of
+        pictures, and so does one when its window changes shape: the camera that a new browser
+        reports may be older than the camera's placement.
         """
         self._points = points
         _look(self.server.initial_camera, points, _ASPECT)
@@ -95,7 +102,7 @@ class WebPage:
             _look(client.camera, points, client.camera.aspect, view)
 
     def _follow(self, client: viser.ClientHandle) -> None:
-        """Keep the points in view of a browser whose window changes its shape."""
+        """Keep the points in view of a browser when its window changes shape."""
 
         def changed(camera: viser.CameraHandle) -> None:
             aspect = camera.aspect
@@ -124,9 +131,9 @@ def _look(
     """Point a camera at points (n, 3), as near as possible, in the direction of a view."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     eye = view.eye(points, aspect, middle)
-    camera.position = eye + view.toward  # viser keeps to itself what it takes for known, and a
-    camera.position = eye  # browser's word on its way may be of before: twice is sent for certain
-    camera.look_at = middle  # after the position, which takes it along
+    camera.position = eye + view.toward  # viser does not send a position that it believes to be
+    camera.position = eye  # current, and a browser's late report can make it wrong: change it twice
+    camera.look_at = middle  # after the position, which moves it as well
 
 
 def _view(camera: viser.CameraHandle) -> Camera:
@@ -153,7 +160,7 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     if not 0 <= port < 2**16:
         raise _refused(host, port, "ports are 1 to 65535")
     try:
-        with socket.create_server((host, port)) as probe:  # viser would search, or wait for ever
+        with socket.create_server((host, port)) as probe:  # viser would try others, or hang
             address = probe.getsockname()[0]
     except OSError as error:
         raise _refused(host, port, str(error)) from error
@@ -161,14 +168,14 @@ def _serve(host: str, port: int) -> viser.ViserServer:
         server = viser.ViserServer(address, port, label="PackIt-Sim", verbose=False)
         if port and server.get_port() != port:
             server.stop()
-            raise _refused(host, port, "it was taken this moment")
+            raise _refused(host, port, "another program has just taken it")
     return server
 
 
 def _refused(host: str, port: int, reason: str) -> RenderError:
     return RenderError(
         f"the viewer can't listen at host {host!r}, port {port}: {reason}; "
-        f"choose another port, or none to get a free one, and a host of this machine's"
+        f"choose another port, or none for a free one, and a host of this machine"
     )
 
 

@@ -14,7 +14,7 @@ from packit_sim.render import plots
 
 if TYPE_CHECKING:
     from packit_agents.learning.training import Progress
-    from packit_sim.evaluation.learning_curves import Point
+    from packit_sim.evaluation.learning_curves import CurvePoint
 
 
 def train_command(
@@ -72,12 +72,12 @@ def train_command(
     )
 
 
-def draw(curve: list[Point], path: Path) -> None:
+def draw(curve: list[CurvePoint], path: Path) -> None:
     """Draw a learning curve: validation with its interval, and training.
 
     Parameters
     ----------
-    curve : list of Point
+    curve : list of CurvePoint
         The curve.
     path : Path
         The picture to write.

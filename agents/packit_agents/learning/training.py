@@ -42,7 +42,7 @@ from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.evaluation.evaluation import evaluate_batched
-from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, Point
+from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
 from packit_sim.libraries.library import ShapeLibrary
 
 _log = logging.getLogger(__name__)
@@ -77,13 +77,13 @@ class Progress:
         Steps so far.
     reward : float, optional
         Mean return of the latest training episodes, None before one has ended.
-    best : Point, optional
+    best : CurvePoint, optional
         The best point of the learning curve so far.
     """
 
     steps: int
     reward: float | None
-    best: Point | None
+    best: CurvePoint | None
 
 
 class Training:
@@ -146,7 +146,7 @@ class Training:
             RemoteEnvs(makers, workers, address) if workers else DummyVecEnv(list(makers))
         )
         self._model = self._new_model()
-        self.curve: list[Point] = []
+        self.curve: list[CurvePoint] = []
         self._returns: deque[float] = deque(maxlen=RECENT)
         self._running = np.zeros(settings.envs)
         self._restore()
@@ -162,7 +162,7 @@ class Training:
         return float(np.mean(self._returns)) if self._returns else None
 
     @property
-    def best(self) -> Point | None:
+    def best(self) -> CurvePoint | None:
         """The point of the curve with the highest validation reward."""
         return max(self.curve, key=lambda point: point.validation.mean, default=None)
 
@@ -280,7 +280,7 @@ class Training:
         envs = PackItVectorEnv(VALIDATION_ENVS, tasks=self._validation, **self._env_settings())
         rollouts = evaluate_batched("validation", self._act, envs, seed=0)
         before = self.best
-        point = Point(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
+        point = CurvePoint(self.steps, self.reward, Estimate.of([r.total for r in rollouts]))
         self.curve.append(point)
         _log.info("step %d: validation reward %.3f", point.steps, point.validation.mean)
         if before is None or point.validation.mean > before.validation.mean:
@@ -294,7 +294,7 @@ class Training:
         valid = observations["action_mask"].astype(bool)
         return log_probabilities(self.policy.actor, fields, valid).argmax(1)
 
-    def _write_weights(self, name: str, point: Point) -> None:
+    def _write_weights(self, name: str, point: CurvePoint) -> None:
         write_weights(
             self.folder / f"{name}.safetensors",
             self.policy.actor,
@@ -379,7 +379,7 @@ class Training:
         model._last_episode_starts = np.array(state["starts"], dtype=bool)
         self._returns.extend(state["returns"])
         self._running[:] = state["running"]
-        self.curve = [Point.from_json(point) for point in state["curve"]]
+        self.curve = [CurvePoint.from_json(point) for point in state["curve"]]
 
 
 class _Callback(BaseCallback):
