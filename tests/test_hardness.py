@@ -41,7 +41,7 @@ def test_an_evolution_that_ended_goes_on_counting_by_its_last_pack() -> None:
         pack(1, 100, 0.6),
     ]
     totals = {(0, 0): 1.0, (0, 50): 0.7, (1, 0): 0.8, (1, 50): 0.65, (1, 100): 0.5}
-    points = hardness.curve(hardness.kept(packs, Path("history")), totals)
+    points = hardness.curve(hardness.by_evolution(packs, Path("history")), totals)
     assert [(point.generation, point.under_way) for point in points] == [(0, 2), (50, 2), (100, 1)]
     assert [p.reward.mean for p in points] == pytest.approx([0.9, 0.675, 0.6])
     assert [p.success[1.0].mean for p in points] == [50, 0, 0]
@@ -54,7 +54,7 @@ def test_packs_without_a_history_are_refused() -> None:
     best = pack(3, 0, 0.2)
     single = replace(best, provenance=structs.replace(best.provenance, after=None))
     with pytest.raises(PackItError, match=r"dataset, pack 1 records no generation .* --history"):
-        hardness.kept([pack(0, 0, 0.2), single], Path("dataset"))
+        hardness.by_evolution([pack(0, 0, 0.2), single], Path("dataset"))
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +84,8 @@ def test_a_history_becomes_a_table_a_json_and_a_picture(dataset: Path, tmp_path:
 
 
 def test_a_pack_that_was_kept_again_is_there_once(dataset: Path) -> None:
-    evolutions = hardness.kept(read_packs(dataset / "test.jsonl"), dataset)
-    packs, at = hardness.different(evolutions)
+    evolutions = hardness.by_evolution(read_packs(dataset / "test.jsonl"), dataset)
+    packs, at = hardness.distinct(evolutions)
     expected = {(seed, pack.items) for seed, kept in evolutions.items() for pack in kept.values()}
     assert len(packs) == len(expected) <= len(at) == sum(map(len, evolutions.values()))
     for seed, kept in evolutions.items():

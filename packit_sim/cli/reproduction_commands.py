@@ -175,10 +175,10 @@ def _tables(names: Sequence[str], packs: str, split: str | None, run: Run) -> No
 
 def _evolution(dataset: str, run: Run) -> None:
     file = statistics.dataset_files(dataset)[0]
-    evolutions = hardness.kept(read_packs(file), file)
+    evolutions = hardness.by_evolution(read_packs(file), file)
     if run.quick:
         evolutions = dict(list(evolutions.items())[:QUICK_EVOLUTIONS])
-    packs, at = hardness.different(evolutions)
+    packs, at = hardness.distinct(evolutions)
     rollouts = run.play([HEURISTIC], [pack.task(run.library) for pack in packs], EVOLUTION)
     points = hardness.curve(evolutions, {key: rollouts[n].total for key, n in at.items()})
     title = f"The Heuristic on the packs of {len(evolutions)} evolutions"

@@ -216,10 +216,10 @@ class ResultsStore:
     """
 
     def __init__(self, file: Path | None, agents: Iterable[str] = ()) -> None:
-        held = read_results(file) if file is not None and file.exists() else []
+        existing = read_results(file) if file is not None and file.exists() else []
         self._file = file
-        self._held = {(rollout.agent, rollout.task): rollout for rollout in held}
-        self._names = list(dict.fromkeys([*(rollout.agent for rollout in held), *agents]))
+        self._rollouts = {(rollout.agent, rollout.task): rollout for rollout in existing}
+        self._names = list(dict.fromkeys([*(rollout.agent for rollout in existing), *agents]))
         self._new = False
         self._written = time.monotonic()
 
@@ -227,18 +227,20 @@ class ResultsStore:
     def rollouts(self) -> list[Rollout]:
         """All rollouts, by agent, then by task."""
         by = self._names.index
-        return sorted(self._held.values(), key=lambda rollout: (by(rollout.agent), rollout.task))
+        return sorted(
+            self._rollouts.values(), key=lambda rollout: (by(rollout.agent), rollout.task)
+        )
 
     def __contains__(self, agent_and_task: tuple[str, int]) -> bool:
-        return agent_and_task in self._held
+        return agent_and_task in self._rollouts
 
     def __getitem__(self, agent_and_task: tuple[str, int]) -> Rollout:
-        return self._held[agent_and_task]
+        return self._rollouts[agent_and_task]
 
     def add(self, rollouts: Iterable[Rollout]) -> None:
         """Add or replace rollouts, and write the file every `CHECKPOINT_SECONDS`."""
         for rollout in rollouts:
-            self._held[rollout.agent, rollout.task] = rollout
+            self._rollouts[rollout.agent, rollout.task] = rollout
             self._new = True
         if time.monotonic() - self._written > CHECKPOINT_SECONDS:
             self.write()
@@ -310,18 +312,12 @@ def check_same(
         If one was played with another task, seed, rules or weights.
     """
     for rollout in rollouts:
-        known = rollout.task < len(tasks)
+        agent, number, digest = rollout.agent, rollout.task, rollout.task_digest
         facts = {
             "seed": (rollout.seed, seed),
             "rules": (rollout.rules, rules),
-            f"task {rollout.task}": (
-                rollout.task_digest,
-                tasks[rollout.task].digest if known else rollout.task_digest,
-            ),
-            f"weights of {rollout.agent}": (
-                rollout.weights,
-                weights.get(rollout.agent, rollout.weights),
-            ),
+            f"task {number}": (digest, tasks[number].digest if number < len(tasks) else digest),
+            f"weights of {agent}": (rollout.weights, weights.get(agent, rollout.weights)),
         }
         for name, (theirs, ours) in facts.items():
             if theirs != ours:

@@ -306,7 +306,7 @@ def _solution_shape(episode: Episode, rng: np.random.Generator) -> int:
     for shape, _, _ in episode.task.solution:
         if episode.outside[shape]:
             return shape
-    raise PackItError("the task has no known solution to play")
+    raise PackItError("the task has no solution to play")
 
 
 def _solution_rotation(episode: Episode, rng: np.random.Generator) -> int:

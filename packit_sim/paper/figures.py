@@ -1,4 +1,4 @@
-"""The paper's figures from our data (a task, the environment, evolution, rollouts), and looks."""
+"""The paper's figures, drawn from our data, and a figure of looks."""
 
 from __future__ import annotations
 
@@ -159,9 +159,21 @@ def _seed(pack: Pack) -> int | None:
 
 
 def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | str) -> None:
-    """Draw the best packs of one evolution: of many the first, the last, and at doubling distances.
+    """Draw the best packs of one evolution: the first, the last, and some at doubling distances.
 
-    Raises PackItError if a pack does not record its generation.
+    Parameters
+    ----------
+    packs : Sequence[Pack]
+        The packs, in the order of generations.
+    library : ShapeLibrary
+        The library of their shapes.
+    path : Path | str
+        The file to write.
+
+    Raises
+    ------
+    PackItError
+        If a pack does not record its generation.
     """
     after = [pack.provenance.after for pack in packs if isinstance(pack.provenance, Evolved)]
     if len(after) < len(packs) or None in after:

@@ -1,9 +1,9 @@
-"""How hard packs are by the generation that they are of (paper, figure 4).
+"""The hardness of packs by generation of their evolution (paper, figure 4).
 
-A dataset made with `packit generate --history` holds the packs that each evolution kept on its way.
-An agent plays them all. The score at a generation is over all evolutions, each by the best pack
-that it had kept until then: one that ended early, for lack of improvement, goes on counting by its
-last. So the same evolutions are behind each point; intervals are 95% bootstrap over them.
+A dataset of `packit generate --history` contains the packs that each evolution kept. An agent plays
+all of them. The score at a generation is over all evolutions, each represented by the last pack
+that it had kept by then, also if it has ended. So all points are over the same evolutions;
+intervals are 95% bootstrap intervals over them.
 """
 
 from __future__ import annotations
@@ -26,15 +26,25 @@ LEVELS = (1.0, 0.7)
 """The x of Success@x."""
 
 Evolutions = Mapping[int, Mapping[int, Pack]]
-"""The packs that each evolution kept: by its seed, then by the generation after which it was."""
+"""The packs that each evolution kept, by its seed, then by generation."""
 
 
 @dataclass(frozen=True)
-class Point:
-    """All evolutions after a generation.
+class GenerationScore:
+    """The score over all evolutions after a generation.
 
-    under_way: how many of them had not ended before. reward: Average Reward; success: Success@x in
-    percent by x; density: of the packs.
+    Attributes
+    ----------
+    generation : int
+        The generation.
+    under_way : int
+        The number of evolutions that had not ended before.
+    reward : Estimate
+        Average Reward.
+    success : dict[float, Estimate]
+        Success@x in percent, by x.
+    density : Estimate
+        The mean density of the packs.
     """
 
     generation: int
@@ -44,8 +54,26 @@ class Point:
     density: Estimate
 
 
-def kept(packs: Sequence[Pack], file: Path) -> Evolutions:
-    """Raises PackItError where the packs were made without --history."""
+def by_evolution(packs: Sequence[Pack], file: Path) -> Evolutions:
+    """Group packs by evolution and generation.
+
+    Parameters
+    ----------
+    packs : Sequence[Pack]
+        The packs.
+    file : Path
+        Their file, for the message of the error.
+
+    Returns
+    -------
+    Evolutions
+        The packs.
+
+    Raises
+    ------
+    PackItError
+        If a pack does not record its generation.
+    """
     evolutions: dict[int, dict[int, Pack]] = defaultdict(dict)
     for number, pack in enumerate(packs):
         evolved = pack.provenance
@@ -58,13 +86,26 @@ def kept(packs: Sequence[Pack], file: Path) -> Evolutions:
     return evolutions
 
 
-def different(evolutions: Evolutions) -> tuple[list[Pack], dict[tuple[int, int], int]]:
-    """The packs, each once, and which of them there was by evolution and generation."""
+def distinct(evolutions: Evolutions) -> tuple[list[Pack], dict[tuple[int, int], int]]:
+    """Remove packs that an evolution kept more than once.
+
+    Parameters
+    ----------
+    evolutions : Evolutions
+        The packs.
+
+    Returns
+    -------
+    list[Pack]
+        The distinct packs.
+    dict[tuple[int, int], int]
+        The index of each pack in that list, by evolution and generation.
+    """
     packs: list[Pack] = []
     known: dict[tuple[object, ...], int] = {}
     at: dict[tuple[int, int], int] = {}
-    for evolution, kept_ones in evolutions.items():
-        for after, pack in kept_ones.items():
+    for evolution, kept in evolutions.items():
+        for after, pack in kept.items():
             key = evolution, pack.items
             if key not in known:
                 known[key] = len(packs)
@@ -73,29 +114,42 @@ def different(evolutions: Evolutions) -> tuple[list[Pack], dict[tuple[int, int],
     return packs, at
 
 
-def curve(evolutions: Evolutions, totals: Mapping[tuple[int, int], float]) -> list[Point]:
-    """A point for each generation after which any evolution kept a pack."""
+def curve(evolutions: Evolutions, totals: Mapping[tuple[int, int], float]) -> list[GenerationScore]:
+    """Score each generation after which any evolution kept a pack.
+
+    Parameters
+    ----------
+    evolutions : Evolutions
+        The packs.
+    totals : Mapping[tuple[int, int], float]
+        The agent's return on each pack, by evolution and generation.
+
+    Returns
+    -------
+    list[GenerationScore]
+        In the order of generations.
+    """
     points = []
     for generation in sorted({after for packs in evolutions.values() for after in packs}):
-        held = {
+        latest = {
             seed: max(after for after in packs if after <= generation)
             for seed, packs in evolutions.items()
         }
-        reached = np.array([totals[seed, after] for seed, after in held.items()])
+        reached = np.array([totals[seed, after] for seed, after in latest.items()])
         points.append(
-            Point(
+            GenerationScore(
                 generation,
                 sum(generation in packs for packs in evolutions.values()),
                 Estimate.of(reached),
                 {x: Estimate.of(100.0 * (reached >= x - SLACK)) for x in LEVELS},
-                Estimate.of([evolutions[seed][after].density for seed, after in held.items()]),
+                Estimate.of([evolutions[seed][after].density for seed, after in latest.items()]),
             )
         )
     return points
 
 
-def draw(points: Sequence[Point], title: str, file: Path) -> None:
-    """Reward, Success, density and how many evolutions are under way, against generations."""
+def draw(points: Sequence[GenerationScore], title: str, file: Path) -> None:
+    """Plot reward, Success, density and the number of running evolutions over generations."""
     at = [point.generation for point in points]
     with plots.drawn(file, [["reward", "success"], ["density", "under way"]], 10, 7) as (
         figure,
@@ -123,8 +177,8 @@ def draw(points: Sequence[Point], title: str, file: Path) -> None:
             axes[name].xaxis.get_major_locator().set_params(integer=True)
 
 
-def markdown(points: Sequence[Point]) -> str:
-    """A table, one point a row."""
+def markdown(points: Sequence[GenerationScore]) -> str:
+    """Write a table with a row for each generation."""
     headings = ("generation", "under way", "reward", *(f"S@{x:g}" for x in LEVELS), "density")
     lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
     for point in points:

@@ -1,4 +1,4 @@
-"""The paper's tables anew, and one beyond it: what is played for each, and the paper's numbers."""
+"""The paper's tables, and one beyond it: agents, the paper's numbers, and ours."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ STRONGER = (
     f"{HEURISTIC}+lns=50",
     "largest-fitting-first/aligned/blbf+beam=4",
 )
-"""Agents that the paper does not have, beside its Heuristic."""
+"""The paper's Heuristic, and agents that the paper does not have."""
 
 Numbers = Mapping[str, float]
 """Average Reward as "reward", Success@x in percent as "S@x"."""
@@ -47,205 +47,169 @@ Numbers = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Row:
-    """An agent, what the paper calls it, and what the paper tells of it."""
+    """A row of a table.
+
+    Attributes
+    ----------
+    agent : str
+        The agent's name.
+    label : str
+        The paper's name for it.
+    paper : Numbers
+        The paper's numbers; empty if it has none.
+    """
 
     agent: str
     label: str
     paper: Numbers = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Table:
-    """Agents to compare. metrics: the columns. against: the agent that others are compared with."""
-
-    title: str
-    rules: Rules
-    metrics: tuple[str, ...]
-    against: str
-    rows: tuple[Row, ...]
-
-    @property
-    def playable(self) -> tuple[Row, ...]:
-        """The rows whose shape policies are installed."""
-        known = policy_names(Stage.SHAPE)
-        return tuple(row for row in self.rows if row.agent.split("/")[0] in known)
-
-
 _ALL = ("reward", "S@0.5", "S@0.6", "S@0.7", "S@0.8", "S@0.9", "S@1")
 _FEW = ("reward", "S@0.7", "S@0.9")
 
 
-def _row(metrics: Sequence[str], agent: str, label: str, *numbers: float) -> Row:
-    return Row(agent, label, dict(zip(metrics, numbers, strict=True)) if numbers else {})
+@dataclass(frozen=True)
+class Table:
+    """Agents to compare.
+
+    Attributes
+    ----------
+    title : str
+        The title.
+    rows : tuple[Row, ...]
+        The agents.
+    metrics : tuple[str, ...]
+        The columns.
+    rules : Rules
+        The rules to play by.
+    against : str
+        The agent that others are compared with.
+    """
+
+    title: str
+    rows: tuple[Row, ...]
+    metrics: tuple[str, ...] = _FEW
+    rules: Rules = PACKIT
+    against: str = HEURISTIC
+
+    @property
+    def playable(self) -> tuple[Row, ...]:
+        """The rows with an installed shape policy."""
+        known = policy_names(Stage.SHAPE)
+        return tuple(row for row in self.rows if row.agent.split("/")[0] in known)
+
+
+def _row(agent: str, label: str, numbers: Sequence[float]) -> Row:
+    """Return a row with the paper's numbers in the order of `_ALL` or `_FEW`."""
+    metrics = _ALL if len(numbers) == len(_ALL) else _FEW
+    return Row(agent, label, dict(zip(metrics, numbers, strict=True)))
 
 
 def _searches(
     name: str, values: Sequence[int], found: Mapping[str, Sequence[Sequence[float]]]
 ) -> tuple[Row, ...]:
+    """Return a row for each agent and value of a search, the first of which means no search."""
     labels = {HEURISTIC: "Heuristic", LEARNING: "Learning"}
     return tuple(
         _row(
-            _FEW,
             agent if value == values[0] else f"{agent}+{name}={value}",
             f"{labels[agent]}, {value}",
-            *numbers,
+            numbers,
         )
         for agent, all_numbers in found.items()
         for value, numbers in zip(values, all_numbers, strict=True)
     )
 
 
-TABLES: dict[str, Table] = {
-    "table1": Table(
-        "Agents (paper, table 1)",
-        PACKIT,
-        _ALL,
-        HEURISTIC,
-        (
-            _row(
-                _ALL,
-                "random/aligned/blbf",
-                "Random / Aligned / BLBF",
-                0.419,
-                33.39,
-                13.59,
-                3.11,
-                0.19,
-                0,
-                0,
-            ),
-            _row(
-                _ALL,
-                "largest-first/random/blbf",
-                "Largest-First / Random / BLBF",
-                0.473,
-                44.46,
-                20.0,
-                4.66,
-                0.58,
-                0,
-                0,
-            ),
-            _row(
-                _ALL,
-                "largest-first/aligned/random",
-                "Largest-First / Aligned / Random",
-                0.494,
-                50.10,
-                24.08,
-                8.16,
-                1.17,
-                0,
-                0,
-            ),
-            _row(
-                _ALL,
-                HEURISTIC,
-                "Largest-First / Aligned / BLBF (Heuristic)",
-                0.592,
-                75.15,
-                49.71,
-                22.33,
-                5.63,
-                0.58,
-                0,
-            ),
-            _row(
-                _ALL,
-                LEARNING,
-                "PackNN / Aligned / BLBF (Learning)",
-                0.649,
-                86.41,
-                70.01,
-                40.19,
-                8.15,
-                0,
-                0,
-            ),
-        ),
+_TABLE_1 = (
+    _row("random/aligned/blbf", "Random / Aligned / BLBF", (0.419, 33.39, 13.59, 3.11, 0.19, 0, 0)),
+    _row(
+        "largest-first/random/blbf",
+        "Largest-First / Random / BLBF",
+        (0.473, 44.46, 20.0, 4.66, 0.58, 0, 0),
     ),
-    "beam": Table(
-        "Beam search: beams",
-        PACKIT,
-        _FEW,
-        HEURISTIC,
-        _searches(
-            "beam",
-            (1, 2, 4),
-            {
-                HEURISTIC: ((0.592, 22.33, 0.58), (0.632, 31.65, 1.17), (0.686, 48.74, 1.75)),
-                LEARNING: ((0.649, 40.19, 0), (0.697, 54.37, 0.19), (0.720, 61.75, 0.39)),
-            },
-        ),
+    _row(
+        "largest-first/aligned/random",
+        "Largest-First / Aligned / Random",
+        (0.494, 50.10, 24.08, 8.16, 1.17, 0, 0),
     ),
-    "backtrack": Table(
-        "Backtracking: backtracks",
-        PACKIT,
-        _FEW,
+    _row(
         HEURISTIC,
-        _searches(
-            "backtrack",
-            (0, 2, 4, 8),
-            {
-                HEURISTIC: (
-                    (0.592, 22.33, 0.58),
-                    (0.658, 36.89, 1.17),
-                    (0.693, 49.32, 1.55),
-                    (0.729, 63.30, 2.33),
-                ),
-                LEARNING: (
-                    (0.649, 40.19, 0),
-                    (0.680, 49.32, 0.19),
-                    (0.695, 54.56, 0.19),
-                    (0.715, 62.33, 0.78),
-                ),
-            },
-        ),
+        "Largest-First / Aligned / BLBF (Heuristic)",
+        (0.592, 75.15, 49.71, 22.33, 5.63, 0.58, 0),
     ),
-    "easy": Table(
-        "PackIt-Easy",
-        EASY,
-        _FEW,
-        HEURISTIC,
-        (
-            _row(_FEW, HEURISTIC, "Heuristic", 0.822, 81.74, 33.20),
-            _row(_FEW, LEARNING, "Learning", 0.804, 87.18, 14.56),
-            _row(
-                _FEW,
-                "packnn-easy/aligned/blbf",
-                "Learning* (trained on PackIt-Easy)",
-                0.830,
-                88.93,
-                25.04,
-            ),
-        ),
+    _row(
+        LEARNING,
+        "PackNN / Aligned / BLBF (Learning)",
+        (0.649, 86.41, 70.01, 40.19, 8.15, 0, 0),
     ),
-    "baselines": Table(
-        "Baselines beyond the paper",
-        PACKIT,
-        _ALL,
-        HEURISTIC,
-        tuple(Row(agent, agent) for agent in STRONGER),
+)
+
+_BEAM = {
+    HEURISTIC: ((0.592, 22.33, 0.58), (0.632, 31.65, 1.17), (0.686, 48.74, 1.75)),
+    LEARNING: ((0.649, 40.19, 0), (0.697, 54.37, 0.19), (0.720, 61.75, 0.39)),
+}
+
+_BACKTRACK = {
+    HEURISTIC: (
+        (0.592, 22.33, 0.58),
+        (0.658, 36.89, 1.17),
+        (0.693, 49.32, 1.55),
+        (0.729, 63.30, 2.33),
+    ),
+    LEARNING: (
+        (0.649, 40.19, 0),
+        (0.680, 49.32, 0.19),
+        (0.695, 54.56, 0.19),
+        (0.715, 62.33, 0.78),
     ),
 }
-"""By name, as `packit reproduce` takes it."""
+
+_EASY = (
+    _row(HEURISTIC, "Heuristic", (0.822, 81.74, 33.20)),
+    _row(LEARNING, "Learning", (0.804, 87.18, 14.56)),
+    _row("packnn-easy/aligned/blbf", "Learning* (trained on PackIt-Easy)", (0.830, 88.93, 25.04)),
+)
+
+TABLES = {
+    "table1": Table("Agents (paper, table 1)", _TABLE_1, _ALL),
+    "beam": Table("Beam search: beams", _searches("beam", (1, 2, 4), _BEAM)),
+    "backtrack": Table(
+        "Backtracking: backtracks", _searches("backtrack", (0, 2, 4, 8), _BACKTRACK)
+    ),
+    "easy": Table("PackIt-Easy", _EASY, rules=EASY),
+    "baselines": Table(
+        "Baselines beyond the paper", tuple(Row(agent, agent) for agent in STRONGER), _ALL
+    ),
+}
+"""The tables by name, the argument of `packit reproduce`."""
 
 
 @dataclass(frozen=True)
 class Reproduced:
-    """A row of a table as we found it. comparison: with the table's `against`, None for itself."""
+    """Our result for a row of a table.
+
+    Attributes
+    ----------
+    row : Row
+        The row.
+    score : Score
+        Our score.
+    comparison : Comparison | None
+        The comparison with the table's `against`; None for that agent.
+    """
 
     row: Row
     score: Score
     comparison: Comparison | None
 
     def metric(self, name: str) -> Estimate:
-        """Average Reward for "reward", Success@x in percent for "S@x"."""
+        """Return Average Reward for "reward", Success@x in percent for "S@x"."""
         return self.score.reward if name == "reward" else self.score.success[float(name[2:])]
 
 
 def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
-    """The rows of a table that were played."""
+    """Compute the rows of a table that were played."""
     played: dict[str, list[Rollout]] = {}
     for rollout in rollouts:
         played.setdefault(rollout.agent, []).append(rollout)
@@ -262,7 +226,7 @@ def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, .
 
 
 def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
-    """A table in JSON's types: estimates as mean, low, high; the paper's numbers beside them."""
+    """Return a table in JSON's types: estimates as mean, low and high, and the paper's numbers."""
     return {
         "title": table.title,
         "against": table.against,
@@ -283,7 +247,7 @@ def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
 
 
 def markdown(table: Table, found: Sequence[Reproduced]) -> str:
-    """A table with the paper's numbers below ours, and what each agent is against the others."""
+    """Write a table with the paper's numbers below ours, and the comparisons of agents."""
     lines = [
         f"## {table.title}",
         "",
@@ -315,7 +279,7 @@ def markdown(table: Table, found: Sequence[Reproduced]) -> str:
 
 
 def draw(table: Table, found: Sequence[Reproduced], path: Path) -> None:
-    """Bars of Average Reward, ours with intervals, and the paper's where it tells them."""
+    """Plot bars of Average Reward, ours with intervals, and the paper's if there are any."""
     paper = [each.row.paper["reward"] for each in found if each.row.paper]
     height = 0.9 + (0.55 if paper else 0.3) * len(found)
     with plots.drawn(path, [["reward"]], 8, height) as (figure, axes):
@@ -342,7 +306,7 @@ def _cell(estimate: Estimate, metric: str) -> str:
 
 
 def _ends(estimate: Estimate) -> tuple[float, float]:
-    """Of its interval; the mean where there is none."""
+    """Return the ends of an interval; the mean for both if there is none."""
     if estimate.low is None or estimate.high is None:
         return estimate.mean, estimate.mean
     return estimate.low, estimate.high
