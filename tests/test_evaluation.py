@@ -85,7 +85,7 @@ def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path
     script = (
         "from packit_sim import ShapeLibrary\n"
         "from packit_sim.evaluation import evaluation, results\n"
-        "from packit_sim.datasets.packs import load_tasks\n"
+        "from packit_sim.datasets.pack_files import load_tasks\n"
         "from packit_sim.game.agents import Agent\n"
         "from pathlib import Path\n"
         "results.CHECKPOINT_SECONDS = 0\n"

@@ -18,7 +18,7 @@ from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN, Provenance, RotationIndex
 from packit_sim.engine.base_box import BaseBox
-from packit_sim.geometry.lattice import CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
+from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
