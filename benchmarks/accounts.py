@@ -1,4 +1,4 @@
-"""Where an evolution's time goes: timers around kernels, FCL and what caches hold."""
+"""Where an evolution's time goes: timers around kernels, FCL and cached functions."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _T = TypeVar("_T")
 
 REST = "Python: all the rest"
 
-MADE = {
+CACHED = {
     "turned voxels": "turning voxels",
     "voxels": "first voxels of a shape and scale",
     "collision meshes": "building FCL's trees",
     "collisions": "the way to FCL and back",
 }
-"""What goes into making a cache's values."""
+"""Accounts by the caches whose values they compute."""
 
 KERNELS = {screening_kernels: "kernels: looking for a location", occupancy: "kernels: placing"}
 
 
 class Accounts:
-    """Seconds by what they went into: each second in the account that was opened last."""
+    """Seconds by account; each second counts for the account that was opened last."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
@@ -41,8 +41,8 @@ class Accounts:
         self._open: list[str] = []
         self._since = 0.0
 
-    def under(self, name: str, function: Callable[..., _T]) -> Callable[..., _T]:
-        """The function, whose time is booked under a name."""
+    def timed(self, name: str, function: Callable[..., _T]) -> Callable[..., _T]:
+        """Wrap a function so that its time counts for an account."""
 
         def booked(*arguments: Any, **named: Any) -> _T:
             self.calls += 1
@@ -63,25 +63,27 @@ class Accounts:
         self._since = now
 
 
-def shares(library: ShapeLibrary, seeds: list[int], settings: EvolutionSettings) -> dict[str, Any]:
-    """The shares of evolutions in this process, and of the timers themselves in all of them."""
+def time_shares(
+    library: ShapeLibrary, seeds: list[int], settings: EvolutionSettings
+) -> dict[str, Any]:
+    """Measure the accounts' shares of the time of evolutions, and the share of the timers."""
     _evolve(library, seeds[0], EvolutionSettings(generations=0))  # compiles
     accounts = Accounts()
-    patches = [patch.object(fcl, "collide", accounts.under("FCL", fcl.collide))]
-    for name, account in MADE.items():
+    patches = [patch.object(fcl, "collide", accounts.timed("FCL", fcl.collide))]
+    for name, account in CACHED.items():
         cache = caches._caches[name]
-        made = accounts.under(account, cache._function)
-        patches.append(patch.object(cache, "_function", made))
+        function = accounts.timed(account, cache._function)
+        patches.append(patch.object(cache, "_function", function))
     for module, account in KERNELS.items():
         for name, value in vars(module).items():
             if isinstance(value, Dispatcher):
-                patches.append(patch.object(module, name, accounts.under(account, value)))
+                patches.append(patch.object(module, name, accounts.timed(account, value)))
     with ExitStack() as stack:
-        for each in patches:
-            stack.enter_context(each)
+        for function_patch in patches:
+            stack.enter_context(function_patch)
         for seed in seeds:
             caches.clear()
-            accounts.under(REST, _evolve)(library, seed, settings)
+            accounts.timed(REST, _evolve)(library, seed, settings)
     spent = sorted(accounts.seconds.items(), key=lambda account: -account[1])
     total = sum(seconds for _, seconds in spent)
     return {
@@ -100,8 +102,8 @@ def _evolve(library: ShapeLibrary, seed: int, settings: EvolutionSettings) -> No
 
 
 def _one_timer(calls: int = 100_000) -> float:
-    """Seconds that booking a call takes."""
-    idle = Accounts().under("nothing", lambda: None)
+    """Measure the seconds that the timer of one call takes."""
+    idle = Accounts().timed("nothing", lambda: None)
     started = time.perf_counter()
     for _ in range(calls):
         idle()

@@ -1,4 +1,4 @@
-"""Other ways to a mask, none of them exact: what a user might try first."""
+"""Alternative computations of a mask, none of them exact: what a user might try first."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from packit_sim.placement import Mask
 
 
 def scipy_mask(box: Box, item: Item) -> Mask:
-    """Where outer cells do not overlap, by correlation: not exact, and no containment."""
+    """Correlate outer cells by FFT: not exact, and blind to containment."""
     own = np.zeros(box.cells, np.float32)
     x, y, z = item.cells
     own[:x, :y, :z] = item.outer
@@ -25,7 +25,7 @@ def scipy_mask(box: Box, item: Item) -> Mask:
 
 
 def torch_mask(box: Box, item: Item) -> Mask:
-    """As `scipy_mask`."""
+    """Correlate outer cells by FFT, as `scipy_mask` does."""
     own = torch.zeros(box.cells)
     x, y, z = item.cells
     own[:x, :y, :z] = torch.from_numpy(item.outer.copy())
@@ -42,7 +42,7 @@ def _mask(free: Mask, box: Box, item: Item) -> Mask:
 
 
 def collision_manager_mask(box: Box, item: Item) -> Mask:
-    """By trimesh's CollisionManager, a location at a time: no containment, no tolerance."""
+    """Query trimesh's CollisionManager at each location: no containment, no tolerance."""
     placed, moving = trimesh.collision.CollisionManager(), trimesh.collision.CollisionManager()
     for n, other in enumerate(box.placed):
         there = np.eye(4)

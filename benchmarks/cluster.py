@@ -1,21 +1,18 @@
-"""What a Ray cluster costs beside this machine's own processes, and what the paper's packs would.
+"""Compare a Ray cluster with local processes, and estimate the time of the paper's 2,009 packs.
 
     .venv/bin/python -m benchmarks.cluster    (about five minutes on 2 cores)
 
-A head that does no work and a machine of two cores, both of them here. Measured are starting it,
-the way of a pack there and back, and packs a second on one worker and on two. The estimate is of
-the paper's 2,009 packs; give what a pack takes (--seconds-a-pack), or how many generations, and a
-few are packed to see. Prints tables, and writes `benchmarks/results/cluster.json`.
+The cluster is a head without work and a machine of two cores, both on this computer. The benchmark
+measures its start, the round trip of a pack, and packs per second with one worker and with two. The
+estimate uses the time of a pack (--seconds-a-pack); by default it is measured for the given number
+of generations. Prints tables, and writes `benchmarks/results/cluster.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import os
 import pickle
-import platform
 import resource
 import time
 from importlib.metadata import version
@@ -29,6 +26,7 @@ from ray.cluster_utils import Cluster
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common import argument_parser, machine, summary, write_json
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
@@ -38,30 +36,28 @@ from packit_sim.generation import jobs
 from packit_sim.generation.evolution import Evolution
 from packit_sim.generation.jobs import GenerationJob
 
-RESULTS = Path(__file__).parent / "results"
-
 PAPERS_PACKS = 2009
 
 CORES = (1, 8, 64)
-"""Of the estimate."""
+"""Numbers of cores in the estimate."""
 
 ROUND_TRIPS = 50
 
 Job = tuple[GenerationJob, jobs.JobRecord, Path, int, int]
-"""What `generation` sends to a worker."""
+"""The arguments that `generation` sends to a worker."""
 
 
-def nothing(number: int) -> int:
+def no_work(number: int) -> int:
     return number
 
 
-def there_and_back(job: Job, packs: list[Pack]) -> tuple[int, list[Pack]]:
-    """A job that opens its library and sends packs, but makes none."""
+def send_back(job: Job, packs: list[Pack]) -> tuple[int, list[Pack]]:
+    """Open the job's library and return packs, without creating any."""
     return job[3], packs
 
 
 def one_pack(*job: Any) -> tuple[float, float, int]:
-    """Makes a pack: seconds, those of the processor, and peak memory of the process in bytes."""
+    """Create a pack; return wall seconds, CPU seconds and the process's peak memory in bytes."""
     caches.clear()
     started, cpu = time.perf_counter(), time.process_time()
     jobs._evolve(*job)
@@ -70,7 +66,7 @@ def one_pack(*job: Any) -> tuple[float, float, int]:
 
 
 def generations_of_one(library: ShapeLibrary, seed: int, generations: int) -> list[float]:
-    """Seconds of the processor that each generation takes, the first one first."""
+    """Measure the CPU seconds of each generation."""
     caches.clear()
     settings = EvolutionSettings(generations=generations, patience=generations + 1)
     evolution = Evolution(library, seed, settings)
@@ -82,18 +78,18 @@ def generations_of_one(library: ShapeLibrary, seed: int, generations: int) -> li
     return found
 
 
-def jobs_of(order: GenerationJob) -> list[Job]:
-    """As `generation` sends them, but for a folder of checkpoints."""
-    return [(order, order.record, Path("/none"), n, 0) for n in range(order.packs)]
+def worker_jobs(job: GenerationJob) -> list[Job]:
+    """Create the jobs that `generation` sends, without a folder of checkpoints."""
+    return [(job, job.record, Path("/none"), n, 0) for n in range(job.packs)]
 
 
 def round_trips(workers: Workers, job: Job, packs: list[Pack]) -> dict[str, dict[str, float]]:
-    """Milliseconds of jobs one by one: those that do nothing, and those that carry a pack."""
+    """Measure milliseconds of single jobs: without work, and with a pack as result."""
     times: dict[str, list[float]] = {"nothing": [], "a pack's job and result": []}
     for n in range(ROUND_TRIPS):
         for name, function, arguments in (
-            ("nothing", nothing, (n,)),
-            ("a pack's job and result", there_and_back, (job, packs)),
+            ("nothing", no_work, (n,)),
+            ("a pack's job and result", send_back, (job, packs)),
         ):
             started = time.perf_counter()
             workers.map(function, [arguments])
@@ -101,10 +97,10 @@ def round_trips(workers: Workers, job: Job, packs: list[Pack]) -> dict[str, dict
     return {name: summary(values) for name, values in times.items()}
 
 
-def packing(workers: Workers, order: GenerationJob) -> dict[str, float]:
-    """Packs a second, and of each pack what the workers did not spend on making it."""
+def pack_rate(workers: Workers, job: GenerationJob) -> dict[str, float]:
+    """Measure packs per second, and the time that workers are idle for each pack."""
     started = time.perf_counter()
-    rows = list(workers.as_done(one_pack, jobs_of(order)))
+    rows = list(workers.as_done(one_pack, worker_jobs(job)))
     whole = time.perf_counter() - started
     seconds, cpu, peaks = zip(*rows, strict=True)
     return {
@@ -116,38 +112,38 @@ def packing(workers: Workers, order: GenerationJob) -> dict[str, float]:
     }
 
 
-def measured(
-    backend: Any, address: str | None, order: GenerationJob, packs: list[Pack]
+def measure(
+    backend: Any, address: str | None, job: GenerationJob, packs: list[Pack]
 ) -> dict[str, Any]:
-    """Joining, first jobs, round trips, and packing with one worker and with two.
+    """Measure joining, first jobs, round trips, and packing with one worker and with two.
 
-    speedup: of packs a second; where other work runs beside it, it tells of that. efficiency: by
-    processor seconds a pack, which tell only what two of them cost each other.
+    The speedup is of packs per second, which other work on this computer also changes. The
+    efficiency is of CPU seconds per pack, which only shows how the two workers slow each other.
     """
     found: dict[str, Any] = {}
     for count in (1, 2):
         started = time.perf_counter()
-        # loky's single worker is this process: a cluster's is not, nor one of two
+        # loky's single worker is this process, unlike a cluster's or one of two
         with Workers(count, backend, address) as workers:
             joined = time.perf_counter()
-            list(workers.as_done(nothing, [(n,) for n in range(count)]))
+            list(workers.as_done(no_work, [(n,) for n in range(count)]))
             begun = time.perf_counter()
-            list(workers.as_done(one_pack, jobs_of(order)[:count]))  # loads all that is loaded once
+            list(workers.as_done(one_pack, worker_jobs(job)[:count]))  # loads and compiles
             if count == 2:
                 found["joining, seconds"] = joined - started
                 found["first jobs, seconds"] = begun - joined
-                found["round trips, ms"] = round_trips(workers, jobs_of(order)[0], packs)
-            found[("one worker", "two workers")[count - 1]] = packing(workers, order)
+                found["round trips, ms"] = round_trips(workers, worker_jobs(job)[0], packs)
+            found[("one worker", "two workers")[count - 1]] = pack_rate(workers, job)
     one, two = found["one worker"], found["two workers"]
     found["speedup"] = two["packs/s"] / one["packs/s"]
     found["efficiency"] = one["CPU seconds a pack"] / two["CPU seconds a pack"]
     return found
 
 
-def noticing(cluster: Cluster, machine: Any) -> float:
-    """Seconds until a cluster knows that a machine is gone."""
+def loss_notice_time(cluster: Cluster, node: Any) -> float:
+    """Measure the seconds until a cluster notices the loss of a machine."""
     with Workers(1, "ray", cluster.address):
-        cluster.remove_node(machine, allow_graceful=False)
+        cluster.remove_node(node, allow_graceful=False)
         started = time.perf_counter()
         while "CPU" in ray.cluster_resources():
             time.sleep(0.1)
@@ -157,29 +153,24 @@ def noticing(cluster: Cluster, machine: Any) -> float:
 def estimate(
     packs: int, cores: int, seconds: float, overhead: float, efficiency: float
 ) -> dict[str, float]:
-    """Hours for so many packs of so many seconds each, and what sending one takes.
+    """Estimate hours and core-hours for a number of packs, given the seconds of one.
 
-    The packs all take the same, and the cores are as fast as the one that was measured.
+    All packs are assumed to take the same time, and all cores to be as fast as the measured one.
     """
     rounds = math.ceil(packs / cores)
     hours = rounds * (seconds / (efficiency if cores > 1 else 1) + overhead) / 3600
     return {"cores": cores, "hours": hours, "core hours": hours * cores}
 
 
-def summary(values: list[float]) -> dict[str, float]:
-    low, median, high = np.percentile(values, (10, 50, 90)).tolist()
-    return {"p10": low, "median": median, "p90": high, "n": len(values)}
-
-
 def show(console: Console, result: dict[str, Any]) -> None:
-    table = Table("", "processes here", "Ray cluster", title="What a cluster costs")
-    local, there = result["loky"], result["ray"]
+    table = Table("", "processes here", "Ray cluster", title="Costs of a cluster")
+    local, remote = result["loky"], result["ray"]
     for name in ("starting a cluster, seconds", "noticing a loss, seconds"):
         table.add_row(name, "", f"{result[name]:.1f}")
     for name in ("joining, seconds", "first jobs, seconds"):
-        table.add_row(name, f"{local[name]:.2f}", f"{there[name]:.2f}")
+        table.add_row(name, f"{local[name]:.2f}", f"{remote[name]:.2f}")
     for name in local["round trips, ms"]:
-        both = (each["round trips, ms"][name] for each in (local, there))
+        both = (each["round trips, ms"][name] for each in (local, remote))
         table.add_row(
             f"round trip, ms: {name}",
             *(f"{each['median']:.1f} ({each['p10']:.1f} to {each['p90']:.1f})" for each in both),
@@ -190,13 +181,13 @@ def show(console: Console, result: dict[str, Any]) -> None:
         ("idle seconds a pack", ".3f"),
     ):
         for count in ("one worker", "two workers"):
-            row = (format(each[count][name], spec) for each in (local, there))
+            row = (format(each[count][name], spec) for each in (local, remote))
             table.add_row(f"{name}, {count}", *row)
     for name in ("speedup", "efficiency"):
-        table.add_row(f"{name} of two workers", *(f"{each[name]:.2f}" for each in (local, there)))
+        table.add_row(f"{name} of two workers", *(f"{each[name]:.2f}" for each in (local, remote)))
     console.print(table)
-    sizes, peak = result["bytes"], there["two workers"]["peak bytes of a process"]
-    console.print(f"a pack: {sizes['job']:,} bytes there, {sizes['result']:,} back")
+    sizes, peak = result["bytes"], remote["two workers"]["peak bytes of a process"]
+    console.print(f"a pack: {sizes['job']:,} bytes sent, {sizes['result']:,} returned")
     console.print(f"peak memory of a worker: {peak / 2**20:,.0f} MiB")
     costs = Table("cores", "hours", "core hours", title=f"{result['packs']:,} packs")
     for row in result["estimate"]:
@@ -204,48 +195,45 @@ def show(console: Console, result: dict[str, Any]) -> None:
     console.print(costs)
     console.print(
         f"{result['seconds a pack']:,.0f} s a pack ({result['seconds a pack are']}) and "
-        f"{1000 * result['overhead a pack, seconds']:.0f} ms for its way, "
+        f"{1000 * result['overhead a pack, seconds']:.0f} ms for its round trip, "
         f"efficiency {result['efficiency']:.2f} on more than one core"
     )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--packs", type=int, default=6, help="to measure with")
+    parser = argument_parser(__doc__)
+    parser.add_argument("--packs", type=int, default=6, help="number of packs to measure with")
     parser.add_argument("--steps", type=int, default=10, help="generations to measure with")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--generations", type=float, default=1000, help="that a pack takes (mean)")
-    parser.add_argument("--seconds-a-pack", type=float, help="on one core, if known")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    parser.add_argument("--generations", type=float, default=1000, help="mean number for a pack")
+    parser.add_argument("--seconds-a-pack", type=float, help="known time of a pack on one core")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
     settings = EvolutionSettings(generations=arguments.steps, patience=arguments.steps + 1)
-    order = GenerationJob(library, arguments.packs, arguments.seed, settings=settings)
+    job = GenerationJob(library, arguments.packs, arguments.seed, settings=settings)
     packs = read_packs(dataset_file(STARTER_PACKS, None))
 
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     started = time.perf_counter()
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    machine = cluster.add_node(num_cpus=2)
+    node = cluster.add_node(num_cpus=2)
     result: dict[str, Any] = {
         "command": "python -m benchmarks.cluster",
         "seed": arguments.seed,
         "settings": settings.to_json(),
         "packs measured": arguments.packs,
         "library": library.digest,
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
         "versions": {name: version(name) for name in ("joblib", "numpy", "ray")},
         "starting a cluster, seconds": time.perf_counter() - started,
         "bytes": {
-            "job": len(pickle.dumps(jobs_of(order)[0])),
+            "job": len(pickle.dumps(worker_jobs(job)[0])),
             "result": int(np.median([len(pickle.dumps((0, [pack]))) for pack in packs])),
         },
-        "loky": measured("loky", None, order, packs[:1]),
-        "ray": measured("ray", cluster.address, order, packs[:1]),
+        "loky": measure("loky", None, job, packs[:1]),
+        "ray": measure("ray", cluster.address, job, packs[:1]),
     }
-    result["noticing a loss, seconds"] = noticing(cluster, machine)
+    result["noticing a loss, seconds"] = loss_notice_time(cluster, node)
     cluster.shutdown()
 
     seconds, source = arguments.seconds_a_pack, "given"
@@ -256,21 +244,20 @@ def main() -> None:
         later = rows[:, arguments.steps :].mean()
         seconds = rows.mean(0).sum() + later * (arguments.generations - 2 * arguments.steps)
         source = f"{later:.3f} s for each of {arguments.generations:g} generations"
-    way = result["ray"]["round trips, ms"]["a pack's job and result"]["median"] / 1000
+    overhead = result["ray"]["round trips, ms"]["a pack's job and result"]["median"] / 1000
     efficiency = min(1.0, result["ray"]["efficiency"])
     result |= {
         "packs": PAPERS_PACKS,
         "seconds a pack": float(seconds),
         "seconds a pack are": source,
-        "overhead a pack, seconds": way,
+        "overhead a pack, seconds": overhead,
         "efficiency": efficiency,
         "estimate": [
-            estimate(PAPERS_PACKS, cores, float(seconds), way, efficiency) for cores in CORES
+            estimate(PAPERS_PACKS, cores, float(seconds), overhead, efficiency) for cores in CORES
         ],
     }
     show(Console(width=100), result)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "cluster.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "cluster.json", result)
 
 
 if __name__ == "__main__":

@@ -1,32 +1,27 @@
-"""Steps a second of the environments, on one core and with two processes.
+"""Measure steps per second of the environments, on one core and with two processes.
 
     .venv/bin/python -m benchmarks.env
 
-Random valid actions on the starter packs, after one warm-up episode a task. Prints a table, and
-writes `benchmarks/results/env.json`.
+Random valid actions on the starter packs, after one warm-up episode for each task. Prints a table,
+and writes `benchmarks/results/env.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import time
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.placement import RESULTS
+from benchmarks.common import argument_parser, machine, write_json
 from packit_sim import ShapeLibrary
 from packit_sim.envs.env import PackItEnv
 
 PAPER = 0.39
-"""Shape-Selection steps a second of the paper's training: 200,000 in 6 days."""
+"""Shape-Selection steps per second of the paper's training: 200,000 in 6 days."""
 
 CASES: dict[str, tuple[dict[str, Any], float]] = {
     "shape selection, features": (
@@ -38,37 +33,35 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
     "PackIt-Easy, features": ({"easy": True, "observation": "features"}, 25),
     "kinematic, all three sub-tasks, features": ({"kinematic": True, "observation": "features"}, 0),
 }
-"""Settings of the environment, and the steps a second that are aimed at, 0 for no aim."""
+"""Settings of the environment, and the aim in steps per second, 0 for none."""
+
+
+def play_random(env: PackItEnv, rng: np.random.Generator) -> int:
+    """Play an episode of random valid actions; return the number of steps."""
+    env.reset(seed=int(rng.integers(2**31)))
+    steps = 0
+    while env.episode.end is None:
+        env.step(int(rng.choice(np.flatnonzero(env.action_masks()))))
+        steps += 1
+    return steps
 
 
 def steps_a_second(settings: dict[str, Any], seconds: float, seed: int) -> tuple[float, int]:
-    """Steps a second, resets included, and how many steps were taken."""
+    """Measure steps per second, resets included; also return the number of steps."""
     env = PackItEnv(order="cycle", max_shapes=50, **settings)
     rng = np.random.default_rng(seed)
-
-    def play() -> int:
-        env.reset(seed=int(rng.integers(2**31)))
-        steps = 0
-        while env.episode.end is None:
-            env.step(int(rng.choice(np.flatnonzero(env.action_masks()))))
-            steps += 1
-        return steps
-
     for _ in env.tasks:
-        play()
+        play_random(env, rng)
     taken, started = 0, time.perf_counter()
     while time.perf_counter() - started < seconds:
-        taken += play()
+        taken += play_random(env, rng)
     return taken / (time.perf_counter() - started), taken
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=10.0, help="for each case")
+    parser = argument_parser(__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="seconds for each case")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
     arguments = parser.parse_args()
     table = Table("environment", "steps/s", "aim", "2 processes", "times the paper's")
     result: dict[str, Any] = {
@@ -76,7 +69,7 @@ def main() -> None:
         "seconds": arguments.seconds,
         "seed": arguments.seed,
         "library": ShapeLibrary.open("everyday").digest,
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
     }
     for name, (settings, aim) in CASES.items():
         rate, taken = steps_a_second(settings, arguments.seconds, arguments.seed)
@@ -88,8 +81,7 @@ def main() -> None:
         result[name] = {"steps/s": rate, "steps": taken, "aim": aim, "two processes": both}
         table.add_row(name, f"{rate:.0f}", f"{aim or ''}", f"{both:.0f}", f"{rate / PAPER:,.0f}")
     Console(width=100).print(table)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "env.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "env.json", result)
 
 
 if __name__ == "__main__":

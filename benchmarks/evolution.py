@@ -1,39 +1,34 @@
-"""How fast evolution is at the paper's settings, and what its time goes into.
+"""Measure the speed of evolution at the paper's settings, and where its time goes.
 
     .venv/bin/python -m benchmarks.evolution    (half an hour on two cores)
 
-Pools of the "everyday" library's train split. Every evolution goes through all its generations,
-improving or not, so that one run tells what 1000 generations cost and what early stopping saves.
-Prints tables, and writes `benchmarks/results/evolution.json`, anew after each part; --parts
-measures some of them again.
+Pools of the "everyday" library's train split. Every evolution runs through all its generations, so
+that one run measures both the cost of 1000 generations and the saving by early stopping. Prints
+tables, and writes `benchmarks/results/evolution.json` after each part; --parts measures some parts
+again.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import platform
 import time
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.accounts import shares
-from benchmarks.placement import RESULTS
+from benchmarks.accounts import time_shares
+from benchmarks.common import argument_parser, machine, write_json
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches, typed_json
 from packit_sim.core.counters import Counters, counters
-from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.generation.evolution import Evolution
 
 AIM = 5
-"""Minutes a pack at most: 1000 generations, a pool of 50, two cores."""
+"""Largest number of minutes for a pack: 1000 generations, a pool of 50, two cores."""
 
 PAPER = EvolutionSettings()
 
@@ -41,9 +36,9 @@ _T = TypeVar("_T")
 
 
 class Meter(Workers):
-    """Workers that count chromosomes, those given up, and CPU seconds spent on them, here or there.
+    """Workers that count chromosomes, those given up, and the CPU seconds spent on them.
 
-    whole: each is packed to the end, hopeless or not.
+    With `whole`, every chromosome is packed to the end, even if it can't survive.
     """
 
     def __init__(self, count: int = 1, *, whole: bool = False) -> None:
@@ -53,7 +48,7 @@ class Meter(Workers):
         self.cpu = 0.0
 
     def map(self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]) -> list[_T]:
-        """Of the batches of an evolution: recipe, chromosomes and threshold."""
+        """Map batches of an evolution: recipe, chromosomes and threshold."""
         batches = [
             (function, recipe, chromosomes, 0.0 if self.whole else threshold)
             for recipe, chromosomes, threshold in arguments
@@ -72,12 +67,12 @@ def _timed(function: Callable[..., _T], *arguments: Any) -> tuple[_T, float]:
 
 
 def never_stopping(generations: int) -> EvolutionSettings:
-    """The paper's settings, but for early stopping, through so many generations."""
+    """Create the paper's settings without early stopping, for a number of generations."""
     return EvolutionSettings(generations=generations, patience=generations + 1)
 
 
-def stop(densities: list[float], patience: int) -> int:
-    """The generation after which early stopping ends an evolution, else the last."""
+def early_stop(densities: list[float], patience: int) -> int:
+    """Find the generation after which early stopping ends an evolution, else the last."""
     improved = 0
     for number, density in enumerate(densities):
         if density > densities[improved]:
@@ -88,9 +83,10 @@ def stop(densities: list[float], patience: int) -> int:
 
 
 def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -> dict[str, Any]:
-    """What the evolution of a pack takes: in this process, or with children on some workers.
+    """Measure the evolution of a pack, in this process or with its children on some workers.
 
-    With fewer generations than the paper's the rest is taken to cost what the last quarter did.
+    If there are fewer generations than the paper's, each missing one is assumed to take the median
+    time of the last quarter.
     """
     caches.clear()
     before, meter = counters(), Meter(workers)
@@ -101,7 +97,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
             started = time.perf_counter()
             evolution.step(meter)
             seconds.append(time.perf_counter() - started)
-    stopped = stop(evolution.densities, PAPER.patience)
+    stopped = early_stop(evolution.densities, PAPER.patience)
     missing = PAPER.generations - generations
     rest = missing * float(np.median(seconds[-max(generations // 4, 1) :])) if missing > 0 else 0.0
     return {
@@ -127,7 +123,7 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
 
 
 def counts(counted: Counters) -> dict[str, Any]:
-    """What this process was asked for, and the share of it that caches answered."""
+    """Summarise the counters of this process: queries, FCL calls and hit rates of caches."""
     return {
         "BLBF queries": counted.searches,
         "locations a query": counted.locations / max(counted.searches, 1),
@@ -142,9 +138,9 @@ def counts(counted: Counters) -> dict[str, Any]:
 
 
 def lockstep(library: ShapeLibrary, seeds: list[int], generations: int) -> dict[str, Any]:
-    """The same evolutions on one worker and on two, generation by generation in turn.
+    """Run the same evolutions on one worker and on two, alternating between generations.
 
-    Generation 0 and the next four, which fill the caches, count for nothing.
+    Generations 0 to 4, which fill the caches, are not timed.
     """
     times: dict[int, list[float]] = {1: [], 2: []}
     chromosomes = PAPER.children
@@ -169,8 +165,8 @@ def lockstep(library: ShapeLibrary, seeds: list[int], generations: int) -> dict[
     return {
         "seeds": seeds,
         "generations": generations,
-        "generations a second": {count: 1 / each for count, each in median.items()},
-        "chromosomes a second": {count: chromosomes / each for count, each in median.items()},
+        "generations a second": {count: 1 / seconds for count, seconds in median.items()},
+        "chromosomes a second": {count: chromosomes / seconds for count, seconds in median.items()},
         "two workers, times one": {
             "median": float(np.median(ratios)),
             "of the sums": sum(times[1]) / sum(times[2]),
@@ -178,15 +174,15 @@ def lockstep(library: ShapeLibrary, seeds: list[int], generations: int) -> dict[
     }
 
 
-def _told(library: ShapeLibrary, seed: int, generations: int, whole: bool) -> dict[str, Any]:
-    """An evolution that gives up the hopeless, or packs them whole: its time and its outcome."""
+def _giving_up(library: ShapeLibrary, seed: int, generations: int, whole: bool) -> dict[str, Any]:
+    """Run an evolution that gives chromosomes up early, or packs all of them whole."""
     caches.clear()
     evolution = Evolution(library, seed, never_stopping(generations))
     meter = Meter(whole=whole)
     while not evolution.is_over:
         evolution.step(meter)
     state = typed_json.builtins(evolution.state)
-    state["search"].pop("densities")  # of what is given up it is not known
+    state["search"].pop("densities")  # unknown for chromosomes that are given up
     return {
         "CPU seconds": meter.cpu,
         "share given up": meter.given_up / meter.chromosomes,
@@ -195,12 +191,12 @@ def _told(library: ShapeLibrary, seed: int, generations: int, whole: bool) -> di
 
 
 def giving_up(library: ShapeLibrary, seeds: list[int], generations: int) -> list[dict[str, Any]]:
-    """What it saves to give up the hopeless chromosomes: both ways at once, a process each."""
+    """Measure the saving by giving up: with and without it at once, in a process each."""
     rows = []
     with Workers(2) as workers:
         for seed in seeds:
             jobs = [(library, seed, generations, whole) for whole in (False, True)]
-            early, whole = workers.map(_told, jobs)
+            early, whole = workers.map(_giving_up, jobs)
             rows.append(
                 {
                     "seed": seed,
@@ -215,8 +211,8 @@ def giving_up(library: ShapeLibrary, seeds: list[int], generations: int) -> list
     return rows
 
 
-def bar(result: dict[str, Any]) -> dict[str, Any]:
-    """The aim, and what this run says of it: minutes a pack of 1000 generations, medians."""
+def check_aim(result: dict[str, Any]) -> dict[str, Any]:
+    """Compare a run with the aim: median minutes for a pack of 1000 generations."""
     alone, shared = result["a pack a process"], result["a pack on two workers"]
 
     def median(rows: list[dict[str, Any]], name: str) -> float:
@@ -256,7 +252,7 @@ def show(console: Console, result: dict[str, Any]) -> None:
     for name, value in result["bar"].items():
         console.print(f"{name}: {value if isinstance(value, bool | str) else f'{value:.2f}'}")
     speed = result["speed"]
-    table = Table("workers", "generations/s", "chromosomes/s", title="medians, in turn")
+    table = Table("workers", "generations/s", "chromosomes/s", title="medians, alternating")
     for count, rate in speed["generations a second"].items():
         table.add_row(f"{count}", f"{rate:.2f}", f"{speed['chromosomes a second'][count]:.0f}")
     console.print(table)
@@ -264,9 +260,7 @@ def show(console: Console, result: dict[str, Any]) -> None:
     table = Table("account", "share", title="where the time goes")
     for name, share in result["shares"]["shares"].items():
         table.add_row(name, f"{share:.1%}")
-    table.add_row(
-        "of all that, the timers themselves", f"{result['shares']['share of the timers']:.1%}"
-    )
+    table.add_row("of which timers", f"{result['shares']['share of the timers']:.1%}")
     console.print(table)
     hits: dict[str, list[float]] = {}
     for row in result["a pack a process"]:
@@ -288,55 +282,57 @@ PARTS = ("speed", "giving up", "shares", "a pack a process", "a pack on two work
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = argument_parser(__doc__)
+    parser.add_argument(
+        "--seeds", type=int, default=4, help="number of packs that are evolved whole"
     )
-    parser.add_argument("--seeds", type=int, default=4, help="how many packs are evolved whole")
-    parser.add_argument("--seed", type=int, default=0, help="the first of them")
+    parser.add_argument("--seed", type=int, default=0, help="the first of their seeds")
     parser.add_argument("--generations", type=int, default=PAPER.generations)
-    parser.add_argument("--at-once", type=int, default=2, help="of packs that have a process each")
-    parser.add_argument("--short", type=int, default=150, help="generations of the first parts")
+    parser.add_argument(
+        "--at-once", type=int, default=2, help="packs at once, for those with a process each"
+    )
+    parser.add_argument(
+        "--short", type=int, default=150, help="generations of the first three parts"
+    )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, metavar="PART")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday").split("train")
     seeds = list(range(arguments.seed, arguments.seed + arguments.seeds))
     few, short = seeds[:2], min(arguments.short, arguments.generations)
     console = Console(width=100)
-    arguments.out.mkdir(parents=True, exist_ok=True)
     file = arguments.out / "evolution.json"
     result: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
     result |= {
         "command": "python -m benchmarks.evolution",
         "library": {"name": library.name, "split": "train", "digest": library.digest},
         "settings": PAPER.to_json(),
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
     }
 
-    def keep(part: str, found: Any) -> None:
+    def save(part: str, found: Any) -> None:
         result[part] = found
-        replace_text(file, json.dumps(result, indent=1) + "\n")
-        console.print(f"{part}: kept in {file}")
+        write_json(file, result)
+        console.print(f"{part}: written to {file}")
 
-    def keep_pack(part: str, row: dict[str, Any]) -> None:
+    def save_pack(part: str, row: dict[str, Any]) -> None:
         others = [other for other in result.get(part, []) if other["seed"] != row["seed"]]
-        keep(part, sorted([*others, row], key=lambda row: row["seed"]))
+        save(part, sorted([*others, row], key=lambda row: row["seed"]))
 
     if "speed" in arguments.parts:
-        keep("speed", lockstep(library, few, short))
+        save("speed", lockstep(library, few, short))
     if "giving up" in arguments.parts:
-        keep("giving up", giving_up(library, few, short))
+        save("giving up", giving_up(library, few, short))
     if "shares" in arguments.parts:
-        keep("shares", shares(library, few, never_stopping(short)))
+        save("shares", time_shares(library, few, never_stopping(short)))
     if "a pack a process" in arguments.parts:
         jobs = [(library, seed, arguments.generations, 1) for seed in seeds]
         for row in Workers(arguments.at_once).as_done(one_pack, jobs):
-            keep_pack("a pack a process", row | {"at once": arguments.at_once})
+            save_pack("a pack a process", row | {"at once": arguments.at_once})
     if "a pack on two workers" in arguments.parts:
         for seed in seeds:
-            keep_pack("a pack on two workers", one_pack(library, seed, arguments.generations, 2))
+            save_pack("a pack on two workers", one_pack(library, seed, arguments.generations, 2))
     if all(part in result for part in PARTS):
-        keep("bar", bar(result))
+        save("bar", check_aim(result))
         show(console, result)
 
 

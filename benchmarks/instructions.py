@@ -1,22 +1,21 @@
-"""How many instructions the placement engine's answers take, and in whose code: callgrind counts.
+"""Count the instructions of the placement engine's queries, by library, with callgrind.
 
     .venv/bin/python -m benchmarks.instructions    (needs valgrind; some minutes)
 
-Counts know no noise. Each kind of work is done some times in one process, and its instructions are
-shared out by the library that they are in; "kernels" are the engine's own compiled functions.
+Counts have no noise. Each kind of work is repeated in one process, and its instructions are
+assigned to the library that contains them; "kernels" are the engine's own compiled functions.
 Prints a table, and writes `benchmarks/results/instructions.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from argparse import SUPPRESS
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -25,24 +24,21 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common import PAIR_CACHES, argument_parser, write_json
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.engine.collision import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
 
-RESULTS = Path(__file__).parent / "results" / "instructions.json"
-
 TIMES = 20
-"""How often each kind of work is done."""
+"""Repetitions of each kind of work."""
 
 CPU = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+bmi,+bmi2,+fma,+popcnt"}
-"""What kernels are compiled for: valgrind knows no AVX-512."""
-
-PAIR_MEMORY = ("collisions", "no-fit tables", "pairs that met")
+"""The processor to compile kernels for: valgrind does not support AVX-512."""
 
 
 class Work:
-    """A box of everyday shapes, and items to ask about."""
+    """A box of everyday shapes, and items to query."""
 
     def __init__(self) -> None:
         library = ShapeLibrary.open("everyday")
@@ -56,7 +52,7 @@ class Work:
         self.items = [self._item(library, rng) for _ in range(4)]
 
     def prepare(self) -> None:
-        """Makes what is made once, whatever earlier work has cleared."""
+        """Fill the caches again that earlier work has cleared."""
         for item in (*self.items, *(placed.item for placed in self.box.placed)):
             _ = item.voxels
             collision_mesh(item)
@@ -69,20 +65,20 @@ class Work:
         return Item(shape, rng.uniform(0.4, 0.7) ** 3, int(rng.integers(24)))
 
     def nothing(self, item: Item) -> None:
-        """Nothing."""
+        """No work."""
 
     def blbf(self, item: Item) -> None:
-        """A BLBF query that remembers nothing of the pairs."""
+        """A BLBF query with cleared pair caches."""
         caches.clear("collisions")
         self.box.blbf(item)
 
     def cold_mask(self, item: Item) -> None:
-        """A mask that remembers nothing of the pairs."""
-        caches.clear(*PAIR_MEMORY)
+        """A mask with cleared pair caches."""
+        caches.clear(*PAIR_CACHES)
         self.box.feasible(item)
 
     def warm_mask(self, item: Item) -> None:
-        """A mask of pairs that have tables."""
+        """A mask with no-fit tables for all pairs."""
         self.box.feasible(item)
 
     def first(self, item: Item) -> None:
@@ -96,7 +92,7 @@ class Work:
         _ = item.voxels
 
     def place(self, item: Item) -> None:
-        """An item placed and taken out."""
+        """An item placed and removed."""
         location = self.box.blbf(item)
         if location is not None:
             self.box.place(item, location)
@@ -104,11 +100,11 @@ class Work:
 
 
 KINDS = ("nothing", "blbf", "cold_mask", "warm_mask", "first", "turn", "place")
-"""What is counted, one after the other; what counting nothing takes is taken off the others."""
+"""Kinds of work, in the order of measurement; the count of "nothing" is subtracted."""
 
 
 def work(times: int) -> None:
-    """What the counted process does: counts are written, and set to 0, before and after a kind."""
+    """Do all work in the counted process; write and reset the counts around each kind."""
     prepared = Work()
     for kind in KINDS:
         prepared.prepare()
@@ -127,8 +123,8 @@ def _write_counts() -> None:
 _QUIET = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_WRONLY, 0) for fd in (1, 2)]
 
 
-def counted(times: int) -> dict[str, Counter[str]]:
-    """Instructions by library, for each kind of work."""
+def count_instructions(times: int) -> dict[str, Counter[str]]:
+    """Count the instructions of each kind of work by library."""
     child = [sys.executable, "-m", "benchmarks.instructions", "--work", "--times", str(times)]
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | CPU | {"NUMBA_CACHE_DIR": folder, "PYTHONHASHSEED": "0"}
@@ -141,7 +137,7 @@ def counted(times: int) -> dict[str, Counter[str]]:
 
 
 def by_library(profile: str) -> Counter[str]:
-    """Self costs of callgrind's file, by the short name of the object that the code is in."""
+    """Sum up the self costs in callgrind's file by the short name of the object file."""
     names: dict[str, str] = {}
     costs: Counter[str] = Counter()
     library = ""
@@ -172,11 +168,9 @@ def _short(path: str) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--work", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--times", type=int, default=TIMES, help="how often each work is done")
+    parser = argument_parser(__doc__)
+    parser.add_argument("--work", action="store_true", help=SUPPRESS)
+    parser.add_argument("--times", type=int, default=TIMES, help="repetitions of each work")
     arguments = parser.parse_args()
     if arguments.work:
         work(arguments.times)
@@ -185,7 +179,7 @@ def main() -> None:
         sys.exit("valgrind is not installed: apt-get install valgrind")
     result = {}
     with Console().status("counting"):
-        kinds = counted(arguments.times)
+        kinds = count_instructions(arguments.times)
         nothing = kinds.pop("nothing")
         for kind, spent in kinds.items():
             spent.subtract(nothing)
@@ -194,11 +188,11 @@ def main() -> None:
     for kind, shares in result.items():
         total = sum(shares.values())
         named = [f"{name} {n / total:.0%}" for name, n in shares.items() if n > 0.01 * total]
-        does = (getattr(Work, kind).__doc__ or "").rstrip(".")
-        table.add_row(does, f"{total / 1e6:.2f}", ", ".join(named))
+        label = (getattr(Work, kind).__doc__ or "").rstrip(".")
+        table.add_row(label, f"{total / 1e6:.2f}", ", ".join(named))
     Console(width=100).print(table)
-    RESULTS.parent.mkdir(parents=True, exist_ok=True)
-    RESULTS.write_text(json.dumps({"times": arguments.times, "instructions": result}, indent=1))
+    result_file = arguments.out / "instructions.json"
+    write_json(result_file, {"times": arguments.times, "instructions": result})
 
 
 if __name__ == "__main__":

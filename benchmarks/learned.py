@@ -1,18 +1,17 @@
-"""What trained networks are worth on unseen shapes, beside the heuristic they are to beat.
+"""Compare trained networks with the heuristic on held-out shapes.
 
     .venv/bin/python -m benchmarks.learned RUN ... --out FOLDER
 
-RUN: folders of `packit train`; those whose names differ in a number at the end are seeds of one
-training. Each plays the 150 test tasks with its best weights, and with 4 beams. Prints a table with
-paired comparisons, and writes `learned.json`, and `learned.png` with the learning curves; what the
-folder holds already is not played again.
+RUN is a folder of `packit train`; folders whose names differ in a number at the end are seeds of
+one training. Each plays the 150 test tasks with its best weights, alone and with 4 beams. Prints a
+table of paired comparisons, and writes `learned.json`, and `learned.png` with the learning curves.
+Rollouts that are already in the folder are not played again.
 """
 
 from __future__ import annotations
 
 import argparse
 import bisect
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -22,13 +21,13 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from benchmarks.common import write_json
 from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import read_weights
 from packit_sim import Agent, ShapeLibrary
 from packit_sim.cli.console import console
 from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
-from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.evaluation.evaluation import SLACK
@@ -40,14 +39,15 @@ from packit_sim.rules import Rules
 RANDOM = "random/aligned/blbf"
 BEAMS = "+beam=4"
 LEVEL = 0.7
-"""The x of the Success@x that is told."""
+"""The x of the reported Success@x."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """An agent, or several seeds of one, whose return at a task is then their mean.
+    """An agent, or several seeds of one with their mean return at each task.
 
-    success: Success@0.7 in percent, of all seeds together. against: the agent it is compared with.
+    `success` is Success@0.7 in percent, of all seeds together; `against` names the agent that it is
+    compared with.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Row:
 
 
 def agent_of(run: Path) -> str:
-    """The agent that plays with a run's best weights, by all policies that it has learned."""
+    """Name the agent that plays with a run's best weights, by all policies it has learned."""
     file = run / "best.safetensors"
     network, _, _ = read_weights(file)
     learned = f"learned@{file}"
@@ -84,9 +84,9 @@ def agent_of(run: Path) -> str:
 
 
 def draw(runs: Mapping[str, Sequence[TrainingRecord]], heuristic: Estimate, path: Path) -> None:
-    """Validation by steps, a colour a training and a line a seed; dotted while PPO goes on.
+    """Draw validation by steps: a colour for each training, a line for each seed.
 
-    heuristic: what it gets on the validation tasks.
+    Lines are dotted where PPO follows imitation. `heuristic` is its reward on the same tasks.
     """
     with plots.drawn(path, [["curves"]], 8, 5) as (_, axes):
         ax = axes["curves"]
@@ -109,10 +109,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("runs", type=Path, nargs="+", help="folders of trainings")
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
-    parser.add_argument("--easy", action="store_true", help="by PackIt-Easy's rules, without beams")
-    parser.add_argument("--tasks", type=int, default=None, help="the first so many")
+    parser.add_argument(
+        "--easy", action="store_true", help="play by PackIt-Easy's rules, without beams"
+    )
+    parser.add_argument("--tasks", type=int, default=None, help="play only the first N tasks")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     library = ShapeLibrary.open("everyday")
@@ -132,10 +134,10 @@ def main() -> None:
     if not arguments.easy:
         beams = {"heuristic": [HEURISTIC], **trained}
         groups |= {name + BEAMS: [a + BEAMS for a in agents] for name, agents in beams.items()}
-    asked = list(dict.fromkeys(agent for agents in groups.values() for agent in agents))
+    names = list(dict.fromkeys(agent for agents in groups.values() for agent in agents))
     with Workers() as workers:
         rollouts = evaluate_shown(
-            [Agent.from_name(agent) for agent in asked],
+            [Agent.from_name(agent) for agent in names],
             tasks,
             0,
             rules,
@@ -185,7 +187,7 @@ def main() -> None:
             },
         },
     }
-    replace_text(arguments.out / "learned.json", json.dumps(content, indent=1) + "\n")
+    write_json(arguments.out / "learned.json", content)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,15 @@
-"""What networks cost: the time of a decision, and how fast they are trained.
+"""Measure the time of a network's decision, and the speed of training.
 
     .venv/bin/python -m benchmarks.learning
 
-Decisions are timed over the starter tasks, observation included, with weights of chance (the time
-does not depend on them). Training is timed over its last half, when what is known about pairs of
-items helps, and apart: in the environments, in updates. Prints a table, and writes
+Decisions are timed over the starter tasks, observation included, with random weights (the time does
+not depend on them). Training is timed over its last half, when the caches about pairs of items are
+filled, with separate shares for the environments and the updates. Prints a table, and writes
 `benchmarks/results/learning.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import tempfile
 import time
 from collections.abc import Callable
@@ -27,7 +23,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.placement import RESULTS
+from benchmarks.common import argument_parser, machine, write_json
 from packit_agents.learning.imitation import ImitationPPO
 from packit_agents.learning.learned_policies import LearnedShape
 from packit_agents.learning.networks import NetworkSettings, network
@@ -43,14 +39,14 @@ CASES: dict[str, tuple[NetworkSettings, str]] = {
     "packnn": (NetworkSettings(), "features"),
     "packnn, placement features": (NetworkSettings(), "placement-features"),
 }
-"""The network, and what it sees."""
+"""The network, and its observation."""
 
 
-def decisions(settings: NetworkSettings, observation: str, folder: Path) -> dict[str, float]:
-    """Milliseconds of a choice of a shape, on one core."""
+def time_decisions(settings: NetworkSettings, observation: str, folder: Path) -> dict[str, float]:
+    """Measure milliseconds of a choice of a shape, on one core."""
     torch.manual_seed(0)
     count = PLACEMENT_FEATURES if observation == "placement-features" else 0
-    file = folder / "chance.safetensors"
+    file = folder / "random.safetensors"
     write_weights(file, network(settings, count), settings, count, {})
     agent = Agent.from_name(f"learned@{file}/aligned/blbf")
     assert isinstance(agent.shape, LearnedShape)
@@ -70,9 +66,9 @@ def decisions(settings: NetworkSettings, observation: str, folder: Path) -> dict
     return {"decisions": len(times), "median": middle, "5%": low, "95%": high}
 
 
-def training(settings: NetworkSettings, observation: str, steps: int, folder: Path) -> Any:
-    """Steps a second, and the shares of the time."""
-    told = TrainingSettings(
+def time_training(settings: NetworkSettings, observation: str, steps: int, folder: Path) -> Any:
+    """Measure steps per second, and the shares of environments and updates in the time."""
+    training_settings = TrainingSettings(
         network=settings,
         observation=observation,  # type: ignore[arg-type]
         packs="starter",
@@ -83,7 +79,7 @@ def training(settings: NetworkSettings, observation: str, steps: int, folder: Pa
         validation_tasks=1,
     )
     spent: dict[str, float] = {"environments": 0.0, "updates": 0.0}
-    job = Training(told, folder, "cpu")
+    job = Training(training_settings, folder, "cpu")
     with ExitStack() as stack:
         for part, kind, name in (
             ("environments", type(job._envs), "step_wait"),
@@ -116,36 +112,32 @@ def _timed(kind: type, name: str, part: str, spent: dict[str, float]) -> Callabl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--steps", type=int, default=8192, help="of each training")
-    parser.add_argument("--threads", type=int, default=1, help="of torch")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    parser = argument_parser(__doc__)
+    parser.add_argument("--steps", type=int, default=8192, help="steps of each training")
+    parser.add_argument("--threads", type=int, default=1, help="threads of torch")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     table = Table("network", "ms a decision", "5% to 95%", "steps/s", "environments", "updates")
     result: dict[str, Any] = {
         "command": f"python -m benchmarks.learning --steps {arguments.steps}",
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
         "threads": arguments.threads,
     }
     for name, (settings, observation) in CASES.items():
         with tempfile.TemporaryDirectory() as folder:
-            asked = decisions(settings, observation, Path(folder))
-            trained = training(settings, observation, arguments.steps, Path(folder) / "run")
-        result[name] = {"decision": asked, "training": trained}
+            decision = time_decisions(settings, observation, Path(folder))
+            trained = time_training(settings, observation, arguments.steps, Path(folder) / "run")
+        result[name] = {"decision": decision, "training": trained}
         table.add_row(
             name,
-            f"{asked['median']:.1f}",
-            f"{asked['5%']:.1f} to {asked['95%']:.1f}",
+            f"{decision['median']:.1f}",
+            f"{decision['5%']:.1f} to {decision['95%']:.1f}",
             f"{trained['steps/s']:.0f}",
             f"{trained['environments']:.0%}",
             f"{trained['updates']:.0%}",
         )
     Console(width=100).print(table)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "learning.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "learning.json", result)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,15 @@
-"""What opening, importing and voxelising shapes costs, and how well volumes are known.
+"""Measure opening, importing and voxelising of shapes, and the accuracy of volumes.
 
     .venv/bin/python -m benchmarks.library
 
-One run of medians. Prints a table, and writes `benchmarks/results/library.json`.
+Medians of one run. Prints a table, and writes `benchmarks/results/library.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import resource
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,10 +17,16 @@ from typing import Any
 import numpy as np
 import trimesh
 from rich.console import Console
-from rich.table import Table
 from trimesh import creation
 
-from benchmarks.placement import RESULTS, summaries
+from benchmarks.common import (
+    argument_parser,
+    machine,
+    milliseconds,
+    summaries,
+    summary_table,
+    write_json,
+)
 from packit_sim import Item, Shape, ShapeLibrary
 from packit_sim.datasets.evolution_settings import SCALES
 from packit_sim.geometry.deviation import deviation
@@ -38,60 +39,53 @@ from packit_sim.libraries.importer import ImportSettings, import_library
 from packit_sim.libraries.sources import Candidate
 
 HUGE = 8
-"""Subdivisions of the icosphere that is imported: 1,310,720 triangles."""
+"""Subdivisions of the imported icosphere: 1,310,720 triangles."""
 
 
-def timed(function: Callable[[], Any]) -> float:
-    """Milliseconds."""
-    started = time.perf_counter()
-    function()
-    return (time.perf_counter() - started) * 1000
-
-
-def everyday(library: ShapeLibrary) -> dict[str, list[float]]:
-    """Milliseconds to open the library, load each shape, and voxelise it at each scale."""
+def time_everyday(library: ShapeLibrary) -> dict[str, list[float]]:
+    """Time opening the library, loading each shape, and voxelising it at each scale."""
     ShapeLibrary.open("everyday")
     times = {
-        "open": [timed(lambda: ShapeLibrary.open("everyday")) for _ in range(21)],
+        "open": [milliseconds(lambda: ShapeLibrary.open("everyday")) for _ in range(21)],
         "open, and a split": [
-            timed(lambda: ShapeLibrary.open("everyday").split("train")) for _ in range(21)
+            milliseconds(lambda: ShapeLibrary.open("everyday").split("train")) for _ in range(21)
         ],
-        "load a shape": [timed(partial(library.source.load, id)) for id in library],
+        "load a shape": [milliseconds(partial(library.source.load, id)) for id in library],
     }
     for scale in SCALES:
         items = [Item(library[id], scale) for id in library]
         triangles = [item.mesh.triangles for item in items]
         times[f"voxelise at scale {scale:g}"] = [
-            timed(partial(Voxels.of, corners, item.cells))
+            milliseconds(partial(Voxels.of, corners, item.cells))
             for corners, item in zip(triangles, items, strict=True)
         ]
     return times
 
 
 def bumpy(subdivisions: int) -> trimesh.Trimesh:
-    """A ball with waves on it: no two triangles alike."""
+    """Create a ball with waves on it, without two equal triangles."""
     ball = creation.icosphere(subdivisions=subdivisions)
     x, y, z = ball.vertices.T
     waves = 1 + 0.05 * np.sin(9 * x) * np.sin(11 * y) * np.sin(7 * z)
     return trimesh.Trimesh(ball.vertices * waves[:, None], ball.faces, process=False)
 
 
-def steps(mesh: trimesh.Trimesh, folder: Path) -> dict[str, list[float]]:
-    """Milliseconds of each step of an import."""
+def time_import_steps(mesh: trimesh.Trimesh, folder: Path) -> dict[str, list[float]]:
+    """Time each step of an import."""
     file = folder / "mesh.ply"
     mesh.export(file)
     shape, _ = Shape.repaired(mesh, "mesh")
     kept, _ = Simplification(eager=True)(shape)
     return {
-        "read": [timed(partial(mesh_files.read, file))],
-        "repair": [timed(partial(Shape.repaired, mesh, "mesh"))],
-        "reduce and bound": [timed(partial(Simplification(eager=True), shape))],
-        "bound alone": [timed(partial(deviation, shape.mesh, kept.mesh()))],
+        "read": [milliseconds(partial(mesh_files.read, file))],
+        "repair": [milliseconds(partial(Shape.repaired, mesh, "mesh"))],
+        "reduce and bound": [milliseconds(partial(Simplification(eager=True), shape))],
+        "bound alone": [milliseconds(partial(deviation, shape.mesh, kept.mesh()))],
     }
 
 
-def huge(folder: Path) -> dict[str, Any]:
-    """An import of a mesh of more than a million triangles, in a process of its own."""
+def import_huge(folder: Path) -> dict[str, Any]:
+    """Import a mesh of more than a million triangles, in a separate process."""
     result = {}
     mesh = bumpy(HUGE)
     for suffix in ("ply", "stl", "obj"):
@@ -115,8 +109,8 @@ def huge(folder: Path) -> dict[str, Any]:
     return result | {"peak memory, MB": peak}
 
 
-def volumes(library: ShapeLibrary) -> dict[str, Any]:
-    """Errors of volumes by voxels, of shapes whose volume is known exactly."""
+def volume_errors(library: ShapeLibrary) -> dict[str, Any]:
+    """Measure errors of volumes by voxels, for shapes whose exact volume is known."""
     ids = [id for id in library if library.info(id).solid]
     errors = {id: solid_volume(library[id].mesh.triangles) / library[id].volume - 1 for id in ids}
     worst = max(errors, key=lambda id: abs(errors[id]))
@@ -132,42 +126,33 @@ def volumes(library: ShapeLibrary) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
+    parser = argument_parser(__doc__)
     arguments = parser.parse_args()
     console = Console(width=100)
     library = ShapeLibrary.open("everyday")
     with console.status("measuring"), tempfile.TemporaryDirectory() as folder:
         Voxels.of(creation.box().triangles * 0.1, (12, 12, 12))  # compiles
         QuantizedMesh.of(library[library.ids[0]])
-        times = summaries(everyday(library))
+        times = summaries(time_everyday(library))
         step_times = {
             f"{20 * 4**subdivisions:,} triangles": summaries(
-                steps(bumpy(subdivisions), Path(folder))
+                time_import_steps(bumpy(subdivisions), Path(folder))
             )
             for subdivisions in (4, 6, HUGE)
         }
         result = {
             "command": "python -m benchmarks.library",
             "library": {"name": library.name, "shapes": len(library), "digest": library.digest},
-            "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+            "machine": machine(),
             "everyday, ms": times,
             "import steps, ms": step_times,
-            "huge": huge(Path(folder)),
-            "volume by voxels, relative error": volumes(library),
+            "huge": import_huge(Path(folder)),
+            "volume by voxels, relative error": volume_errors(library),
         }
-    table = Table("what", "median, ms", "10% to 90%", "n")
-    for name, row in times.items():
-        table.add_row(
-            name, f"{row['median']:.2f}", f"{row['p10']:.2f} to {row['p90']:.2f}", str(row["n"])
-        )
-    console.print(table)
+    console.print(summary_table(times, "measure", "median, ms", ".2f"))
     for part in ("import steps, ms", "huge", "volume by voxels, relative error"):
         console.print(part, result[part])
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "library.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "library.json", result)
 
 
 if __name__ == "__main__":

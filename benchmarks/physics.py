@@ -1,20 +1,16 @@
-"""What it costs to take shapes apart and to let packs settle, and how far one can trust it.
+"""Measure the cost and the accuracy of convex decomposition and of settling.
 
     .venv/bin/python -m benchmarks.physics
     .venv/bin/python -m benchmarks.physics --packs everyday-v1 --split test    # all 150, an hour
 
-Shapes that are new are decomposed first; what is kept from before is read. Times are of the
-processor, in seconds, so that they mean something on a machine that does other things as well.
-Prints tables, and writes `benchmarks/results/physics.json`; with --pictures FOLDER also how the
-least stable pack stands before and after, `packed.png` and `settled.png`.
+New shapes are decomposed first; pieces on disk are read. Times are CPU seconds, so that other work
+on the machine does not count. Prints tables, and writes `benchmarks/results/physics.json`; with
+--pictures FOLDER also pictures of the least stable pack before and after, `packed.png` and
+`settled.png`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import resource
 import time
 from collections import Counter
@@ -27,16 +23,20 @@ from typing import Any, TypeVar
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress, track
-from rich.table import Table
 
-from benchmarks.placement import RESULTS, summary
+from benchmarks.common import argument_parser, machine, summary, summary_table, write_json
 from packit_sim import Pack, Shape, ShapeLibrary, read_packs
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import dataset_file
 from packit_sim.engine.compaction import compact, drops
 from packit_sim.engine.disassembly import disassemble
-from packit_sim.physics.convex.decomposition import decompose, decompose_all, decompose_anew
+from packit_sim.physics.convex.decomposition import (
+    Decomposition,
+    decompose,
+    decompose_all,
+    decompose_anew,
+)
 from packit_sim.physics.penetration import penetrations, wall_penetrations
 from packit_sim.physics.quality import FLOATS
 from packit_sim.physics.settings import PhysicsSettings
@@ -49,13 +49,13 @@ from packit_sim.scene import Scene
 _T = TypeVar("_T")
 
 PENETRATION = 0.01
-"""Box units: how deep settled items may be in each other or in a wall, 5 mm of half a metre."""
+"""Largest accepted depth of an item in another or in a wall: 5 mm in a box of half a metre."""
 
 SECONDS = 3.0
 """The aim for settling a pack, in the median."""
 
 WEIGHTLESS = 1.0
-"""Seconds without gravity: what moves then is driven by pieces that overlap at the start."""
+"""Seconds without gravity: any motion is then due to pieces that overlap at the start."""
 
 MEASURED = (
     *("items", "settle, s", "simulated, s", "cut", "drift", "drift, not fitted"),
@@ -63,40 +63,46 @@ MEASURED = (
     *("ways, s", "insertable", "from above", "removable", "interlocked", "floating"),
     *("pushed, s", "filled", "filled, pushed"),
 )
-"""Of each pack; what is summed up over them."""
+"""The measures of a pack that are summarised."""
 
 
-def timed(function: Callable[[], _T]) -> tuple[float, _T]:
-    """Seconds of the processor, those of processes that ended meanwhile too; and the answer."""
+def cpu_timed(function: Callable[[], _T]) -> tuple[float, _T]:
+    """Measure the CPU seconds of a call, child processes included; also return its result."""
 
     def used() -> float:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         return time.process_time() + children.ru_utime + children.ru_stime
 
     before = used()
-    answer = function()
-    return used() - before, answer
+    result = function()
+    return used() - before, result
 
 
-def decompositions(
-    shapes: list[Shape], settings: PhysicsSettings, workers: int | None, anew: int
-) -> dict[str, Any]:
-    """What pieces come out, of all shapes; and what that costs, for some of them anew."""
+def decompose_with_progress(
+    shapes: list[Shape], settings: PhysicsSettings, workers: int | None
+) -> dict[str, Decomposition]:
+    """Decompose shapes, with a progress bar; return the decompositions by id."""
     with Progress() as progress:
         task = progress.add_task("decomposing", total=len(shapes))
-        all_found = decompose_all(
-            shapes,
-            settings.decomposition,
-            workers,
-            lambda shape, one: progress.advance(task),
+        found = decompose_all(
+            shapes, settings.decomposition, workers, lambda shape, one: progress.advance(task)
         )
-    found = {shape.id: one for shape, one in zip(shapes, all_found, strict=True)}
+    return {shape.id: one for shape, one in zip(shapes, found, strict=True)}
+
+
+def measure_decompositions(
+    shapes: list[Shape], settings: PhysicsSettings, workers: int | None, anew: int
+) -> dict[str, Any]:
+    """Summarise the pieces of all shapes; measure the cost of decomposing some of them anew."""
+    found = decompose_with_progress(shapes, settings, workers)
     reading = []
     for shape in shapes:
         caches.clear("decompositions")
-        reading.append(timed(partial(decompose, shape, settings.decomposition))[0])
-    hollow = [shape for shape in shapes if found[shape.id].method != "convex"]
-    making = [timed(partial(decompose_anew, s, settings.decomposition))[0] for s in hollow[:anew]]
+        reading.append(cpu_timed(partial(decompose, shape, settings.decomposition))[0])
+    concave = [shape for shape in shapes if found[shape.id].method != "convex"]
+    computing = [
+        cpu_timed(partial(decompose_anew, s, settings.decomposition))[0] for s in concave[:anew]
+    ]
     return {
         "shapes": len(shapes),
         "methods": dict(Counter(one.method for one in found.values())),
@@ -106,25 +112,25 @@ def decompositions(
         "volume error, size": summary([abs(one.volume_error) for one in found.values()]),
         "farthest out, canonical units": summary([max(one.distances) for one in found.values()]),
         "read, s": summary(reading),
-        "made, s": summary(making) if making else None,
+        "made, s": summary(computing) if computing else None,
     }
 
 
 def drift(box: BoxState[PlacedItem], settings: PhysicsSettings, fitted: bool) -> float:
-    """How far the farthest item is driven by overlaps alone, in box units."""
+    """Measure how far overlaps alone move the farthest item, in box units."""
     weightless = replace(settings, fitted=fitted, gravity=0.0, limit=WEIGHTLESS)
     return max(item.farthest for item in settle(box, weightless).items)
 
 
-def of_pack(
+def measure_pack(
     number: int, box: BoxState[PlacedItem], settings: PhysicsSettings
 ) -> tuple[int, dict[str, Any]]:
-    """All that is measured of one pack, with its number."""
-    seconds, settled = timed(lambda: settle(box, settings))
+    """Take all measures of one pack; return them with its number."""
+    seconds, settled = cpu_timed(lambda: settle(box, settings))
     depths = penetrations(settled)
     stable = stability(box, settings)
-    ways_seconds, ways = timed(lambda: disassemble(box))
-    pushed_seconds, pushed = timed(lambda: compact(box))
+    routes_seconds, routes = cpu_timed(lambda: disassemble(box))
+    pushed_seconds, pushed = cpu_timed(lambda: compact(box))
     return number, {
         "items": len(box.placed),
         "settle, s": seconds,
@@ -141,11 +147,11 @@ def of_pack(
         "too deep": [(*pair, depth) for pair, depth in depths.items() if depth > PENETRATION],
         "stability, whole": stable.whole,
         "stability, as packed": stable.as_packed,
-        "ways, s": ways_seconds,
-        "insertable": ways.insertable,
-        "from above": ways.insertable_from_above,
-        "removable": ways.removable,
-        "interlocked": len(ways.interlocked),
+        "ways, s": routes_seconds,
+        "insertable": routes.insertable,
+        "from above": routes.insertable_from_above,
+        "removable": routes.removable,
+        "interlocked": len(routes.interlocked),
         "floating": int((drops(box) > FLOATS).sum()),
         "pushed, s": pushed_seconds,
         "filled": pushed.filled[0],
@@ -159,7 +165,7 @@ def moves(settled: Settled) -> list[bytes]:
 
 
 def pictures(box: BoxState[PlacedItem], settings: PhysicsSettings, folder: Path) -> None:
-    """Before and after, by one camera that sees both whole."""
+    """Draw a pack before and after settling, by one camera that sees both."""
     with Scene(box) as scene:
         settled = settle(box, settings)
         packed, after = Layout.packed(box.placed, settled.size), Layout.settled(settled.items)
@@ -170,34 +176,36 @@ def pictures(box: BoxState[PlacedItem], settings: PhysicsSettings, folder: Path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--packs", default="starter", help="a dataset's name or path")
-    parser.add_argument("--split", help="of the dataset")
-    parser.add_argument("--limit", type=int, help="packs, from the first on")
-    parser.add_argument("--workers", type=int, help="shapes, and packs, at a time")
-    parser.add_argument("--anew", type=int, default=3, help="shapes to take apart for their time")
+    parser.add_argument("--split", help="split of the dataset")
+    parser.add_argument("--limit", type=int, help="evaluate only the first N packs")
+    parser.add_argument("--workers", type=int, help="number of processes")
+    parser.add_argument(
+        "--anew",
+        type=int,
+        default=3,
+        help="number of shapes to decompose anew, to measure the time",
+    )
     parser.add_argument("--pictures", type=Path, help="folder for two pictures")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
     packs: list[Pack] = read_packs(dataset_file(arguments.packs, arguments.split))
     boxes = [pack.contents(library) for pack in packs[: arguments.limit]]
     shapes = {p.item.shape.id: p.item.shape for box in boxes for p in box.placed}
     settings = PhysicsSettings()
-    pieces = decompositions(
+    pieces = measure_decompositions(
         [shapes[id] for id in sorted(shapes)], settings, arguments.workers, arguments.anew
     )
     jobs = [(n, box, settings) for n, box in enumerate(boxes)]
     with Workers(arguments.workers or 0) as workers:
-        found = dict(track(workers.as_done(of_pack, jobs), "settling", total=len(boxes)))
+        found = dict(track(workers.as_done(measure_pack, jobs), "settling", total=len(boxes)))
     rows = [found[n] for n in range(len(boxes))]
     result = {
         "command": "python -m benchmarks.physics",
         "packs": {"dataset": arguments.packs, "split": arguments.split, "count": len(boxes)},
         "library": library.digest,
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
         "settings": asdict(settings),
         "decompositions": pieces,
         "at rest": sum(row["at rest"] for row in rows),
@@ -209,17 +217,11 @@ def main() -> None:
     }
     console = Console(width=100)
     console.print(pieces)
-    table = Table("of a pack", "median", "10% to 90%", "n")
-    for name in MEASURED:
-        row = result[name]
-        table.add_row(
-            name, f"{row['median']:.3g}", f"{row['p10']:.3g} to {row['p90']:.3g}", str(row["n"])
-        )
-    console.print(table)
+    rows_shown = {name: result[name] for name in MEASURED}
+    console.print(summary_table(rows_shown, "measure of a pack", "median", ".3g"))
     console.print({key: result[key] for key in ("at rest", "same again", "items inside")})
     console.print("pairs deeper than", PENETRATION, ":", result["pairs too deep"])
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "physics.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "physics.json", result)
     if arguments.pictures is not None:
         least = min(range(len(rows)), key=lambda n: rows[n]["stability, whole"])
         pictures(boxes[least], settings, arguments.pictures)

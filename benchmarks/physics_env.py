@@ -1,22 +1,17 @@
-"""What `PackItPhysics-v0` costs, and how far the heuristics get where items settle.
+"""Measure the speed of `PackItPhysics-v0`, and the returns of heuristics where items settle.
 
     .venv/bin/python -m benchmarks.physics_env
     .venv/bin/python -m benchmarks.physics_env --tasks 150    # the whole test split
 
-The agents play the first tasks of a dataset by the rules of PackIt, and once more with physics;
-how many steps a second it makes is measured on a few of them, an episode each, one at a time.
-Shapes that are new are decomposed first. Times are of the processor, so that they mean something on
-a machine that does other things as well. Prints two tables, and writes
-`benchmarks/results/physics_env.json`; with --picture FILE also how the first agent leaves the first
-task's box.
+The agents play the first tasks of a dataset by the rules of PackIt, and again with physics. Steps
+per second are measured on a few of the tasks, one episode each. New shapes are decomposed first.
+Times are CPU seconds, so that other work on the machine does not count. Prints two tables, and
+writes `benchmarks/results/physics_env.json`; with --picture FILE also a picture of the first task
+after the first agent's episode.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import platform
 import time
 import zlib
 from collections.abc import Sequence
@@ -26,17 +21,18 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress, track
+from rich.progress import track
 from rich.table import Table
 
-from benchmarks.placement import RESULTS, summary
+from benchmarks.common import argument_parser, machine, summary, write_json
+from benchmarks.env import play_random
+from benchmarks.physics import decompose_with_progress
 from packit_sim import Agent, ShapeLibrary, Task
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.envs.env import PackItEnv
 from packit_sim.game.episode import Episode
-from packit_sim.physics.convex.decomposition import decompose_all
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.rules import Rules
@@ -59,23 +55,20 @@ CASES: dict[str, dict[str, Any]] = {
 def steps_a_second(
     tasks: tuple[Task, ...], physics: PhysicsSettings, seed: int, settings: dict[str, Any]
 ) -> tuple[float, float]:
-    """Steps and placements a second of the processor: random valid actions, an episode a task."""
+    """Measure steps and placements per CPU second: random valid actions, an episode a task."""
     env = PackItEnv(tasks, order="cycle", physics=physics, observation="features", **settings)
     rng = np.random.default_rng(seed)
     steps = placed = 0
     started = time.process_time()
     for _ in tasks:
-        env.reset(seed=int(rng.integers(2**31)))
-        while env.episode.end is None:
-            env.step(int(rng.choice(np.flatnonzero(env.action_masks()))))
-            steps += 1
+        steps += play_random(env, rng)
         placed += len(env.episode.box.placed)
     seconds = time.process_time() - started
     return steps / seconds, placed / seconds
 
 
-def played(task: Task, agent: Agent, number: int, physics: PhysicsSettings | None) -> Episode:
-    """An episode at its end; the same random numbers with physics and without."""
+def play_episode(task: Task, agent: Agent, number: int, physics: PhysicsSettings | None) -> Episode:
+    """Play an episode to its end, with the same random numbers with physics and without."""
     episode = Episode(task, Rules(physics=physics))
     agent.play(episode, np.random.default_rng((0, zlib.crc32(agent.name.encode()), number)))
     return episode
@@ -83,9 +76,9 @@ def played(task: Task, agent: Agent, number: int, physics: PhysicsSettings | Non
 
 @dataclass(frozen=True)
 class Play:
-    """What became of a task, on the grid and with physics; volumes as shares of the task's.
+    """The outcome of a task on the grid and with physics; volumes are shares of the task's.
 
-    drifts: of the items that came to rest, in box units. seconds: of the processor, with physics.
+    `drifts` are those of the items at rest, in box units; `seconds` are CPU seconds with physics.
     """
 
     agent: str
@@ -100,26 +93,26 @@ class Play:
 
 def play(name: str, number: int, task: Task, physics: PhysicsSettings) -> Play:
     agent = Agent.from_name(name)
-    on_the_grid = played(task, agent, number, None).total
+    on_the_grid = play_episode(task, agent, number, None).total
     started = time.process_time()
-    episode = played(task, agent, number, physics)
+    episode = play_episode(task, agent, number, physics)
     seconds = time.process_time() - started
     assert isinstance(episode.box, SettlingBox)
-    lying = episode.box.placed
+    placed = episode.box.placed
     return Play(
         name,
         number,
         on_the_grid,
         episode.total,
-        sum(one.item.volume for one in lying) / task.volume,
-        sum(one.item.volume for one in lying if one.inside) / task.volume,
-        tuple(one.drift for one in lying if np.isfinite(one.drift)),
+        sum(one.item.volume for one in placed) / task.volume,
+        sum(one.item.volume for one in placed if one.inside) / task.volume,
+        tuple(one.drift for one in placed if np.isfinite(one.drift)),
         seconds,
     )
 
 
-def of_agent(plays: Sequence[Play]) -> dict[str, Any]:
-    """What an agent gets on the grid and with physics, and what became of the items."""
+def summarise(plays: Sequence[Play]) -> dict[str, Any]:
+    """Summarise an agent's returns on the grid and with physics, and its items' drifts."""
     grid, returns = [one.on_the_grid for one in plays], [one.total for one in plays]
     return {
         "return on the grid": asdict(Estimate.of(grid)),
@@ -133,48 +126,42 @@ def of_agent(plays: Sequence[Play]) -> dict[str, Any]:
 
 
 def picture(task: Task, physics: PhysicsSettings, file: Path) -> None:
-    box = played(task, Agent.from_name(AGENTS[0]), 0, physics).box
+    box = play_episode(task, Agent.from_name(AGENTS[0]), 0, physics).box
     assert isinstance(box, SettlingBox)
     with Scene(box) as scene:
         scene.snapshot(800, 800).save(file)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__)
     parser.add_argument("--packs", default="everyday-v1", help="a dataset's name or path")
-    parser.add_argument("--split", default="test", help="of the dataset")
-    parser.add_argument("--tasks", type=int, default=10, help="from the first on")
+    parser.add_argument("--split", default="test", help="split of the dataset")
+    parser.add_argument("--tasks", type=int, default=10, help="play only the first N tasks")
     parser.add_argument("--agents", nargs="+", default=AGENTS, metavar="AGENT")
-    parser.add_argument("--method", choices=METHODS, default="coacd", help="of convex pieces")
-    parser.add_argument("--episodes", type=int, default=5, help="to count steps a second in")
-    parser.add_argument("--seed", type=int, default=0, help="of random actions")
-    parser.add_argument("--workers", type=int, default=0, help="tasks at a time; 0: one a core")
+    parser.add_argument(
+        "--method", choices=METHODS, default="coacd", help="method of convex decomposition"
+    )
+    parser.add_argument("--episodes", type=int, default=5, help="episodes for steps per second")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random actions")
+    parser.add_argument(
+        "--workers", type=int, default=0, help="number of processes; 0: one for each core"
+    )
     parser.add_argument("--picture", type=Path, help="file for a picture of the first task")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
     arguments = parser.parse_args()
     if arguments.tasks < 2:
-        parser.error(f"--tasks {arguments.tasks} tell no interval: choose 2 or more")
+        parser.error(f"--tasks {arguments.tasks}: an interval needs 2 tasks or more")
     library = ShapeLibrary.open("everyday")
     tasks = load_tasks(arguments.packs, library, arguments.split)[: arguments.tasks]
     physics = PhysicsSettings(decomposition=DecompositionSettings(method=arguments.method))
     shapes = {item.shape.id: item.shape for task in tasks for item in task.items}
-    with Progress() as progress:
-        bar = progress.add_task("decomposing", total=len(shapes))
-        decompose_all(
-            [shapes[id] for id in sorted(shapes)],
-            physics.decomposition,
-            arguments.workers,
-            lambda shape, one: progress.advance(bar),
-        )
+    decompose_with_progress([shapes[id] for id in sorted(shapes)], physics, arguments.workers)
     if arguments.picture is not None:
         picture(tasks[0], physics, arguments.picture)
     jobs = [(a, n, task, physics) for n, task in enumerate(tasks) for a in arguments.agents]
     with Workers(arguments.workers) as workers:
         plays = list(track(workers.as_done(play, jobs), "playing", total=len(jobs)))
     plays.sort(key=lambda one: one.number)
-    rows = {a: of_agent([one for one in plays if one.agent == a]) for a in arguments.agents}
+    rows = {a: summarise([one for one in plays if one.agent == a]) for a in arguments.agents}
     rates = {
         name: steps_a_second(tasks[: arguments.episodes], physics, arguments.seed, settings)
         for name, settings in CASES.items()
@@ -190,14 +177,13 @@ def main() -> None:
         "seed": arguments.seed,
         "settings": asdict(physics),
         "library": library.digest,
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
         "steps a second": {name: rate for name, (rate, _) in rates.items()},
         "placements a second": {name: rate for name, (_, rate) in rates.items()},
         "agents": rows,
     }
     report(Console(width=150), result)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "physics_env.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "physics_env.json", result)
 
 
 def report(console: Console, result: dict[str, Any]) -> None:

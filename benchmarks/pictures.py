@@ -1,20 +1,16 @@
-"""What pictures cost: by renderer, size and look; and whether many of them leak.
+"""Measure pictures by renderer, size and look, and look for memory leaks.
 
     .venv/bin/python -m benchmarks.pictures
 
 A box with twenty items of the built-in library: shapes and rotations drawn with seed 0, each at its
-bottom-left-back-fill location. Wall time means something on a machine that does nothing else; the
-time of the processor, all threads together, on any. Prints a table, and writes
-`benchmarks/results/pictures.json`.
+bottom-left-back-fill location. Wall times need an idle machine; CPU times, summed over all threads,
+do not. Prints a table, and writes `benchmarks/results/pictures.json`.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import os
-import platform
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -25,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.placement import RESULTS, summaries
+from benchmarks.common import Times, argument_parser, machine, summaries, write_json
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.render import renderers
 from packit_sim.render.looks import Cut, Look
@@ -33,16 +29,14 @@ from packit_sim.scene import Scene
 
 ITEMS, SEED = 20, 0
 AIM = 80.0
-"""Milliseconds for 512 x 512 pixels by EGL, in the median."""
+"""Aim of the median for 512 x 512 pixels by EGL, in milliseconds."""
 
 SNAPSHOTS = 1000
-"""Of the search for leaks."""
-
-Times = dict[str, list[float]]
+"""Number of snapshots in the search for leaks."""
 
 
 def filled(library: ShapeLibrary) -> Box:
-    """A box with so many items, uniform over shapes, of an eighth of their volume."""
+    """Fill a box with items, uniform over shapes, at an eighth of their volume."""
     rng, box = np.random.default_rng(SEED), Box()
     while len(box.placed) < ITEMS:
         shape = library[library.ids[rng.integers(len(library))]]
@@ -50,49 +44,49 @@ def filled(library: ShapeLibrary) -> Box:
     return box
 
 
-def timed(function: Callable[[], Any], repeats: int) -> Iterator[tuple[float, float]]:
-    """Milliseconds of wall time, and of the processor."""
+def wall_and_cpu(function: Callable[[], Any], repeats: int) -> Iterator[tuple[float, float]]:
+    """Yield milliseconds of wall time and of CPU time."""
     for _ in range(repeats):
         wall, processor = time.perf_counter(), time.process_time()
         function()
         yield (time.perf_counter() - wall) * 1000, (time.process_time() - processor) * 1000
 
 
-def resident() -> float:
-    """Megabytes of this process in memory."""
+def resident_memory() -> float:
+    """Measure the resident memory of this process, in megabytes."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGESIZE") / 2**20
 
 
 def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
-    """All of one renderer, in a process of its own."""
+    """Take all measures of one renderer, in a separate process."""
     os.environ[renderers.RENDERER_VARIABLE] = renderer
     box = filled(ShapeLibrary.open("everyday"))
     wall: Times = {}
     processor: Times = {}
 
-    def note(name: str, function: Callable[[], Any], count: int = repeats) -> None:
-        pairs = list(timed(function, count))
+    def record(name: str, function: Callable[[], Any], count: int = repeats) -> None:
+        pairs = list(wall_and_cpu(function, count))
         wall[name], processor[name] = map(list, zip(*pairs, strict=True))
 
     with Scene(box) as scene:  # compiles and probes
         scene.snapshot(64, 64)
     scenes: list[Scene] = []
-    note("scene load", lambda: scenes.append(Scene(box)), 1)
+    record("scene load", lambda: scenes.append(Scene(box)), 1)
     (scene,) = scenes
     try:
-        note("first picture", scene.snapshot, 1)
+        record("first picture", scene.snapshot, 1)
         for side in (128, 256, 512, 1024):
-            note(f"{side} x {side}", partial(scene.snapshot, side, side))
-        note("512 x 512, glass", partial(scene.snapshot, look=Look(box="ghost")))
+            record(f"{side} x {side}", partial(scene.snapshot, side, side))
+        record("512 x 512, glass", partial(scene.snapshot, look=Look(box="ghost")))
         cut = partial(scene.snapshot, look=Look(cut=Cut("y", 0.5)))
-        note("512 x 512, cut open for the first time", cut, 1)
-        note("512 x 512, cut open", cut)
-        memory = [resident()]
+        record("512 x 512, cut open for the first time", cut, 1)
+        record("512 x 512, cut open", cut)
+        memory = [resident_memory()]
         for n in range(snapshots):
             scene.snapshot(64, 64, Look(explode=n % 7 / 7))
             if (n + 1) % (snapshots // 10) == 0:
-                memory.append(resident())
+                memory.append(resident_memory())
     finally:
         scene.close()
     return {
@@ -104,18 +98,15 @@ def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the JSON")
-    parser.add_argument("--repeats", type=int, default=31, help="pictures of each kind")
+    parser = argument_parser(__doc__)
+    parser.add_argument("--repeats", type=int, default=31, help="number of pictures of each kind")
     arguments = parser.parse_args()
     console = Console(width=100)
     found: dict[str, Any] = {}
     for renderer in ("egl", "tiny"):
         with console.status(renderer), multiprocessing.get_context("spawn").Pool(1) as pool:
             found[renderer] = pool.apply(measure, (renderer, arguments.repeats, SNAPSHOTS))
-    table = Table("what", "renderer", "wall, ms (10% to 90%)", "processor, ms", "n")
+    table = Table("picture", "renderer", "wall, ms (10% to 90%)", "processor, ms", "n")
     for renderer, one in found.items():
         for name, row in one["wall, ms"].items():
             table.add_row(
@@ -134,12 +125,11 @@ def main() -> None:
     load = os.getloadavg()[0]
     result = {
         "command": "python -m benchmarks.pictures",
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count(), "load": load},
+        "machine": machine() | {"load": load},
         "items": ITEMS,
         "seed": SEED,
     } | found
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "pictures.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_json(arguments.out / "pictures.json", result)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,14 @@
-"""Which search finds the densest packs: the paper's, an elitist one, or DEAP's.
+"""Compare the densities that three searches find: the paper's, an elitist one, and DEAP's.
 
-    .venv/bin/python -m benchmarks.searches    (hours on two cores; a stopped run goes on)
+    .venv/bin/python -m benchmarks.searches    (hours on two cores; a stopped run resumes)
 
-The same pools, sizes and first hundred chromosomes for all, from the seeds, and as many packed.
-Finished runs are kept in `benchmarks/results/searches.json`; at the end the picture beside it is
-drawn, and tables are printed.
+All start from the same pools, sizes and first hundred chromosomes, which the seeds determine, and
+pack equally many chromosomes. Finished runs are kept in `benchmarks/results/searches.json`; at the
+end `searches.png` is drawn, and tables are printed.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,7 +20,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.placement import RESULTS
+from benchmarks.common import argument_parser
 from benchmarks.tournaments import Tournaments
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
@@ -44,10 +43,10 @@ STYLES = {
     "elitist": ("#0072B2", "--"),
     "tournaments (DEAP)": ("#009E73", ":"),
 }
-"""Colours of Okabe and Ito, which the colour-blind tell apart, and lines that differ too."""
+"""Colours of Okabe and Ito, safe for the colour-blind, and different line styles."""
 
 SIZE_RANGE = (0.62, 0.76)
-"""Of the datasets that come with the package: more items find room than at the default."""
+"""Size factors of the bundled datasets: more items fit than with the default."""
 
 RESAMPLES = 10_000
 
@@ -55,7 +54,7 @@ RESAMPLES = 10_000
 def run(
     library: ShapeLibrary, kind: str, seed: int, settings: EvolutionSettings
 ) -> tuple[str, int, list[float]]:
-    """The search's name, the seed, and the best density after each generation."""
+    """Run a search; return its name, the seed, and the best density after each generation."""
     caches.clear()
     rng = np.random.default_rng(seed)
     recipe = Recipe.drawn(library, settings, rng)
@@ -70,12 +69,12 @@ def run(
 
 
 def evaluations(settings: EvolutionSettings) -> npt.NDArray[np.int64]:
-    """(generations + 1,) chromosomes packed after each generation, in every search."""
+    """Count the chromosomes packed after each generation, (generations + 1,), in any search."""
     return settings.population + settings.children * np.arange(settings.generations + 1)
 
 
 def interval(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(3, ...) mean over the first axis, and the ends of its 95% bootstrap interval."""
+    """Compute means over the first axis and their 95% bootstrap intervals, (3, ...)."""
     rng = np.random.default_rng(0)
     drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
     weights = np.apply_along_axis(np.bincount, 1, drawn, minlength=len(values)) / len(values)
@@ -84,12 +83,12 @@ def interval(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def curves(runs: dict[str, Any], seeds: Sequence[int]) -> dict[str, npt.NDArray[np.float64]]:
-    """(seeds, generations + 1) densities of each search."""
+    """Collect the densities of each search, (seeds, generations + 1)."""
     return {kind: np.array([runs[kind][str(seed)] for seed in seeds]) for kind in KINDS}
 
 
-def compared(result: dict[str, Any], settings: EvolutionSettings) -> dict[str, Any]:
-    """Each search's density, and by how much it is more than the paper's, pool by pool."""
+def compare(result: dict[str, Any], settings: EvolutionSettings) -> dict[str, Any]:
+    """Compute each search's density, and its paired difference from the paper's search."""
     found = curves(result["runs"], result["seeds"])
     counts = evaluations(settings)
     aim = found[PAPERS].mean(axis=0)[-1]
@@ -117,7 +116,7 @@ def show(console: Console, result: dict[str, Any]) -> None:
     rows = result["compared"]
     for at in [name for name in rows[PAPERS] if name.startswith("after")]:
         table = Table(
-            "search", "mean density", "95%", "more than the paper's", "95%", "pools won",
+            "search", "mean density", "95%", "difference from the paper's", "95%", "pools won",
             title=f"{at} evaluations, {len(result['seeds'])} pools",
         )  # fmt: skip
         for kind, row in rows.items():
@@ -147,7 +146,7 @@ def draw(result: dict[str, Any], settings: EvolutionSettings, file: Path) -> Non
     for axis, lines, title, label in zip(
         figure.subplots(1, 2),
         (found, differences),
-        ("density of the best pack", "more than the paper's search, pool by pool"),
+        ("density of the best pack", "difference from the paper's search, pool by pool"),
         ("density", "difference of densities"),
         strict=True,
     ):
@@ -170,31 +169,28 @@ def draw(result: dict[str, Any], settings: EvolutionSettings, file: Path) -> Non
     figure.savefig(file, dpi=100)
 
 
-def begun(file: Path, order: dict[str, Any]) -> dict[str, Any]:
-    """What is kept of earlier runs; ends the command where they were of another order."""
+def resume(file: Path, job: dict[str, Any]) -> dict[str, Any]:
+    """Read finished runs; exit if they had other settings or another library."""
     if not file.exists():
-        return {**order, "runs": {kind: {} for kind in KINDS}}
+        return {**job, "runs": {kind: {} for kind in KINDS}}
     result: dict[str, Any] = json.loads(file.read_text())
     for name in ("settings", "library"):
-        if result[name] != order[name]:
+        if result[name] != job[name]:
             raise SystemExit(
                 f"{file} has runs with other {name}: move it away, or choose another folder"
             )
-    return {**order, "runs": {kind: result["runs"].get(kind, {}) for kind in KINDS}}
+    return {**job, "runs": {kind: result["runs"].get(kind, {}) for kind in KINDS}}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=8, help="how many pools, from seed 0 on")
+    parser = argument_parser(__doc__, "JSON and picture")
+    parser.add_argument("--seeds", type=int, default=8, help="number of pools, from seed 0 on")
     parser.add_argument("--generations", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2, help="runs at once")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for JSON and picture")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday").split("train")
     settings = EvolutionSettings(generations=arguments.generations, size_range=SIZE_RANGE)
-    order = {
+    job = {
         "command": "python -m benchmarks.searches",
         "library": {"name": library.name, "split": "train", "digest": library.digest},
         "settings": settings.to_json(),
@@ -202,7 +198,7 @@ def main() -> None:
     }
     arguments.out.mkdir(parents=True, exist_ok=True)
     file = arguments.out / "searches.json"
-    result = begun(file, order)
+    result = resume(file, job)
     runs = result["runs"]
     console = Console(width=100)
     jobs = [
@@ -215,7 +211,7 @@ def main() -> None:
         runs[kind][str(seed)] = found
         replace_text(file, json.dumps(result) + "\n")
         console.print(f"seed {seed}, {kind}: {found[-1]:.3f}")
-    result["compared"] = compared(result, settings)
+    result["compared"] = compare(result, settings)
     replace_text(file, json.dumps(result) + "\n")
     draw(result, settings, arguments.out / "searches.png")
     show(console, result)

@@ -1,4 +1,4 @@
-"""A search by the operators of DEAP, a library for evolution: what one gets off the shelf."""
+"""A search by the operators of DEAP, an off-the-shelf library for evolution."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from packit_sim.generation.strategies import Search
 from packit_sim.geometry import rotations
 
 TOURNAMENT = 3
-"""Chromosomes of which the densest is chosen, as in DEAP's examples."""
+"""Chromosomes in a tournament, as in DEAP's examples; the densest wins."""
 
 CROSSOVER = 0.7
-"""The share of children by crossover, as in DEAP's examples; the others are by mutation."""
+"""Share of children by crossover, as in DEAP's examples; the others are by mutation."""
 
 RATE = 0.02
-"""Chance of each place of the order, each scale and each rotation in a mutation, as in ours."""
+"""Probability that a mutation changes a gene (a place, scale or rotation), as in ours."""
 
 
 class Density(base.Fitness):  # type: ignore[misc] # DEAP has no hints
@@ -32,7 +32,7 @@ class Density(base.Fitness):  # type: ignore[misc] # DEAP has no hints
 
 @dataclass
 class Individual:
-    """A chromosome as DEAP's operators change it: three lists."""
+    """A chromosome as three lists, which DEAP's operators change in place."""
 
     genes: list[list[int]]
     fitness: Density
@@ -43,10 +43,10 @@ class Individual:
 
 
 class Tournaments(Search):
-    """DEAP's (mu + lambda): parents and children meet in tournaments, and the best is kept.
+    """DEAP's (mu + lambda): tournaments among parents and children; the best is kept.
 
-    Children come of partially matched crossover of the order and two-point crossover of scales and
-    rotations, or of shuffled places and genes drawn anew.
+    Children are created by partially matched crossover of the order and two-point crossover of
+    scales and rotations, or by shuffling places and redrawing genes.
     """
 
     def __init__(self, settings: EvolutionSettings) -> None:
@@ -62,7 +62,7 @@ class Tournaments(Search):
 
     @property
     def threshold(self) -> float:
-        """None: any density may win a tournament."""
+        """Always 0: any density may win a tournament."""
         return 0.0
 
     def _children(self, rng: np.random.Generator) -> list[Chromosome]:
@@ -99,7 +99,7 @@ def _mutate(individual: Individual, scales: int) -> tuple[Individual]:
 
 @contextmanager
 def _seeded(rng: np.random.Generator) -> Iterator[None]:
-    """DEAP draws from Python's own generator: seeded by ours, and afterwards as it was."""
+    """Seed Python's generator, which DEAP uses, from ours; restore it afterwards."""
     before = random.getstate()
     random.seed(int(rng.integers(2**63)))
     try:

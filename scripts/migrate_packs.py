@@ -2,8 +2,8 @@
 
     python scripts/migrate_packs.py assets/packs [FILE_OR_FOLDER ...]
 
-Items, locations, order, densities and provenance stay the same; files that are in the newest format
-stay as they are, byte for byte.
+Items, locations, order, densities and provenance stay the same. Files in the newest format do not
+change.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs what PyBullet needs to draw with OpenGL without a screen, libEGL and a Mesa driver, and
-# Chromium, in which the tests look at the viewer's page. Does nothing where all are there. Never
-# fails: pictures then come from the software renderer, and those tests are skipped.
+# Installs libEGL and a Mesa driver, which PyBullet needs to draw with OpenGL without a screen, and
+# Chromium, in which the tests open the viewer's page. Does nothing if all are installed. Never
+# fails: without them the software renderer draws pictures, and those tests are skipped.
 set -euo pipefail
 
 have_egl() {
@@ -34,10 +34,10 @@ if [ ${#missing[@]} -eq 0 ]; then
     exit 0
 fi
 if [ "$(id -u)" -eq 0 ] && command -v apt-get > /dev/null; then
-    echo "installing ${missing[*]} for pictures by OpenGL and tests of the viewer's page"
+    echo "installing ${missing[*]} for OpenGL pictures and tests of the viewer's page"
     if apt_install "${missing[@]}"; then
         exit 0
     fi
 fi
-echo "not everything is there to draw with OpenGL and to test the viewer's page: pictures may come" \
-    "from the slower software renderer, and tests be skipped; install ${missing[*]} for them"
+echo "${missing[*]} could not be installed: pictures may need the slower software renderer, and tests" \
+    "of the viewer's page are skipped"

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes assets/three: the part of three.js that the report's page carries, as one script. Needs npm.
+# Builds assets/three: the part of three.js that the report's page includes, as one script. Needs npm.
 set -euo pipefail
 
 root=$(cd "$(dirname "$0")/.." && pwd)

@@ -10,7 +10,7 @@ from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.generation.evolution import Evolution, evolve
 
 pytest.importorskip("torch")
-from benchmarks.evolution import Meter, stop
+from benchmarks.evolution import Meter, early_stop
 
 SMALL = EvolutionSettings(
     pool=8, population=8, elite=2, lucky=2, generations=4, patience=9, keep_every=2
@@ -30,7 +30,7 @@ def test_stopping_early_is_read_off_the_densities() -> None:
     settings = EvolutionSettings(pool=6, population=6, elite=1, lucky=1, generations=40, patience=3)
     stopped = evolve(library, 4, settings)
     through = evolve(library, 4, dataclasses.replace(settings, patience=41)).densities
-    assert stop(through, 3) == len(stopped.densities) - 1
+    assert early_stop(through, 3) == len(stopped.densities) - 1
     assert through[: len(stopped.densities)] == stopped.densities
 
 

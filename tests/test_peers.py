@@ -87,7 +87,7 @@ def test_a_ball_goes_into_a_ring(peer) -> None:
     task = ring_and_ball()
     packing = peer.pack(task)
     assert [posed.item.shape.id for posed in packing] == ["ring", "ball"]
-    assert QualityScores.of(packing, task.cells).holds
+    assert QualityScores.of(packing, task.cells).valid
 
 
 def test_cuboids_leave_the_ball_outside_the_ring() -> None:
@@ -103,7 +103,7 @@ def test_cuboids_fill_a_box_whatever_their_turn() -> None:
         task = task_of(*[Item(brick, scale)] * 4, cells=cells)
         packing = Cuboids().pack(task)
         assert len(packing) == 4
-        assert QualityScores.of(packing, task.cells).holds
+        assert QualityScores.of(packing, task.cells).valid
 
 
 def test_an_agent_stops_by_the_rules_or_goes_on() -> None:
@@ -142,7 +142,7 @@ def test_conservative_peers_are_always_valid(seed) -> None:
     for peer in CONSERVATIVE:
         packing = peer.pack(task)
         assert packing, peer.name
-        assert QualityScores.of(packing, task.cells).holds, peer.name
+        assert QualityScores.of(packing, task.cells).valid, peer.name
 
 
 def test_transforms_count_collisions_as_a_plain_loop_does() -> None:
@@ -211,7 +211,7 @@ def test_what_touches_holds_and_what_overlaps_by_more_than_the_tolerance_does_no
     first = Posed(cube_of(20), np.array((0.1, 0.1, 0.1)))
     for overlap, holds in ((-1e-3, True), (0.0, True), (0.9e-4, True), (2e-4, False)):
         second = Posed(cube_of(20), np.array((0.3 - overlap, 0.1, 0.1)))
-        assert QualityScores.of([first, second], BOX).holds == holds, overlap
+        assert QualityScores.of([first, second], BOX).valid == holds, overlap
 
 
 def test_rows_are_summed_up_written_and_read_again(tmp_path) -> None:

@@ -1,1 +1,1 @@
-"""Other ways of packing, on the tasks that PackIt-Sim's agents play; see `__main__`."""
+"""Other packing methods on the tasks that PackIt-Sim's agents play; see `__main__`."""

@@ -1,28 +1,25 @@
-"""Other ways of packing on the same tasks, and whether what they make holds.
+"""Compare other packing methods on the same tasks, and check whether their packings are valid.
 
     .venv/bin/python -m benchmarks.peers --packs everyday-v1 --split test --tasks 20
 
-Each peer packs what fits of a task's items, then of the items of two tasks together, of which no
-box holds all. Every packing, PackIt-Sim's own too, is checked by its meshes (see `validity`).
-Prints tables, and writes `benchmarks/results/peers.json` and `.png`; what the file holds already
-is not packed again, unless a peer's settings changed.
+Each peer packs the items of a task, then the items of two tasks together, which never all fit in
+one box. Every packing, also PackIt-Sim's own, is checked by its meshes (see `validity`). Prints
+tables, and writes `benchmarks/results/peers.json` and `.png`. Packings that are already in the file
+are not repeated unless the peer's settings changed.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import platform
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from benchmarks.common import argument_parser, machine
 from benchmarks.peers import picture
 from benchmarks.peers.cuboids import Cuboids
 from benchmarks.peers.heightmaps import Heightmaps
@@ -44,7 +41,7 @@ AGENTS = (
     "largest-first/lowest/blbf",
     "largest-first/aligned/blbf+lns=50",
 )
-"""The paper's heuristic, the same free to turn items as the others are, and with a search."""
+"""The paper's heuristic, with a free choice of rotations as other peers have, and with a search."""
 
 OTHERS: tuple[Peer, ...] = (
     VoxelHeuristic(1),
@@ -62,27 +59,25 @@ OTHERS: tuple[Peer, ...] = (
 )
 
 TOGETHER = (1, 2)
-"""How many tasks' items go to one box."""
-
-RESULTS = Path(__file__).parents[1] / "results"
+"""Numbers of tasks whose items share a box."""
 
 SAVE_SECONDS = 30.0
-"""Between writings: what a kill can lose, and the packing under way."""
+"""Time between saves, which is what an interrupted run can lose."""
 
 
-def joined(tasks: Sequence[Task], together: int) -> Iterator[Task]:
-    """So many neighbours at a time as one, with the first one's box; the rest is left over."""
+def join_tasks(tasks: Sequence[Task], together: int) -> Iterator[Task]:
+    """Join groups of consecutive tasks, with the box of the first; drop an incomplete group."""
     for n in range(0, len(tasks) - together + 1, together):
-        some = tasks[n : n + together]
+        group = tasks[n : n + together]
         items = sorted(
-            (item for task in some for item in task.items),
+            (item for task in group for item in task.items),
             key=lambda item: (item.shape.id, item.scale),
         )
-        yield replace(some[0], items=tuple(items), solution=()) if together > 1 else some[0]
+        yield replace(group[0], items=tuple(items), solution=()) if together > 1 else group[0]
 
 
-def packed(peer: Peer, task: Task, together: int) -> Row:
-    """One packing, from the meshes on, and what it is worth."""
+def measure(peer: Peer, task: Task, together: int) -> Row:
+    """Pack a task with cleared caches, and evaluate the packing."""
     caches.clear()
     started = time.process_time()
     packing = peer.pack(task)
@@ -90,21 +85,21 @@ def packed(peer: Peer, task: Task, together: int) -> Row:
     return Row.of(peer.name, together, task, packing, seconds)
 
 
-def table(made: Sequence[Summary]) -> Table:
-    """One peer a row, by its number."""
-    of = made[0]
-    alone = of.together == 1
-    boxes = "one task a box" if alone else f"items of {of.together} tasks a box"
+def summary_table(rows: Sequence[Summary]) -> Table:
+    """Tabulate one peer a row, by its number."""
+    first = rows[0]
+    alone = first.together == 1
+    boxes = "one task a box" if alone else f"items of {first.together} tasks a box"
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    table.title = f"{boxes}: {of.packings} packings"
+    table.title = f"{boxes}: {first.packings} packings"
     table.caption = (
-        "shares of the items' volume: packed, what of it holds, and that less the first's; "
+        "shares of the items' volume: packed, valid, and valid minus the first peer's; "
         "below each mean its 95% bootstrap interval; s: median processor seconds"
     )
     fourth = "all in %" if alone else "density"
-    for column in ("", "volume", "holds", "less 1's", fourth, "valid %", "pairs", "s"):
+    for column in ("", "volume", "valid", "minus 1's", fourth, "valid %", "pairs", "s"):
         table.add_column(column, justify="right", no_wrap=True)
-    for number, each in enumerate(made, start=1):
+    for number, each in enumerate(rows, start=1):
         table.add_row(
             str(number),
             interval(each.share, ".3f", ".2f"),
@@ -121,22 +116,19 @@ def table(made: Sequence[Summary]) -> Table:
 
 
 def settings(peer: Peer) -> Any:
-    """A peer's, as the file has them."""
+    """Describe a peer's settings as in the file."""
     return json.loads(json.dumps({"kind": type(peer).__name__, **vars(peer)}))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argument_parser(__doc__, "JSON and picture")
     parser.add_argument("--packs", default="everyday-v1", help="a dataset's name, folder or file")
-    parser.add_argument("--split", default="train", help="which of its splits")
-    parser.add_argument("--library", default="everyday", help="of its shapes")
-    parser.add_argument("--tasks", type=int, default=20, help="only so many, the first")
+    parser.add_argument("--split", default="train", help="split of the dataset")
+    parser.add_argument("--library", default="everyday", help="library of its shapes")
+    parser.add_argument("--tasks", type=int, default=20, help="pack only the first N tasks")
     parser.add_argument(
-        "--agent", action="append", help="PackIt-Sim's; the first is what others compare with"
+        "--agent", action="append", help="agent of PackIt-Sim; peers are compared with the first"
     )
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for JSON and picture")
     arguments = parser.parse_args()
     plots.require()
     library = ShapeLibrary.open(arguments.library)
@@ -149,25 +141,25 @@ def main() -> None:
         "command": f"python -m benchmarks.peers --packs {arguments.packs} "
         f"--split {arguments.split} --tasks {len(tasks)}{named}",
         "library": {"name": library.name, "digest": library.digest},
-        "machine": {"python": platform.python_version(), "cores": os.cpu_count()},
+        "machine": machine(),
         "peers": {peer.name: settings(peer) for peer in peers},
     }
     arguments.out.mkdir(parents=True, exist_ok=True)
     file = arguments.out / "peers.json"
     done = {(row.peer, row.together, row.task): row for row in read(file, head)}
-    boxes = [(task, together) for together in TOGETHER for task in joined(tasks, together)]
+    boxes = [(task, together) for together in TOGETHER for task in join_tasks(tasks, together)]
 
-    def keep() -> list[Summary]:
-        """Writes the rows that there are, and a summary of the tasks that every peer has packed."""
+    def save() -> list[Summary]:
+        """Write all rows, and a summary of the tasks that every peer has packed."""
         groups = [
             [done.get((peer.name, together, task.digest)) for peer in peers]
             for task, together in boxes
         ]
         rows = [row for group in groups for row in group if row is not None]
         whole = [row for group in groups if None not in group for row in group if row is not None]
-        made = summaries(whole, peers[0].name)
-        write(file, head, made, rows)
-        return made
+        means = summaries(whole, peers[0].name)
+        write(file, head, means, rows)
+        return means
 
     if not done:
         for peer in peers:
@@ -179,21 +171,21 @@ def main() -> None:
             for peer in peers:
                 progress.update(bar, note=f"{peer.name}, {len(task.items)} items")
                 if (peer.name, together, task.digest) not in done:
-                    row = packed(peer, task, together)
+                    row = measure(peer, task, together)
                     done[peer.name, together, task.digest] = row
                 progress.advance(bar)
                 if time.monotonic() - saved > SAVE_SECONDS:
-                    keep()
+                    save()
                     saved = time.monotonic()
         progress.update(bar, note="")
-    made = keep()
+    means = save()
     show_agents(peer.name for peer in peers)
     for together in TOGETHER:
-        some = [each for each in made if each.together == together]
-        if some:
-            console.print(table(some))
-    picture.save(made, arguments.out / "peers.png")
-    console.print(f"kept in {file} and beside it")
+        chosen = [each for each in means if each.together == together]
+        if chosen:
+            console.print(summary_table(chosen))
+    picture.save(means, arguments.out / "peers.png")
+    console.print(f"wrote {file} and peers.png next to it")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Bounding boxes, packed by a bin packer of the package index: packvium (MIT).
+"""Bounding boxes, packed by the bin packer packvium (PyPI, MIT).
 
-Of its profiles and objectives these did best on train packs: one pass, the most value placed. It
-chooses order, rotations and places; an item that does not fit is left outside.
+The chosen profile and objective did best on train packs: one pass, the most value placed. The
+packer chooses order, rotations and places; an item that does not fit is left outside.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL
 
 MILLIMETRES = 10**7
-"""A box unit as the packer sees it, which counts in whole ones; lengths are rounded up to them."""
+"""A box unit in the packer's whole millimetres, to which lengths are rounded up."""
 
 VALUES = 1e12
-"""Of a box unit cubed: it takes whole numbers."""
+"""Value of a volume of 1, since values are whole numbers."""
 
 SIDES = "LWH"
 
 
 @dataclass(frozen=True)
 class Cuboids:
-    """The items' bounding boxes as cuboids."""
+    """A packer of the items' bounding boxes."""
 
     @property
     def name(self) -> str:
         return "cuboids (packvium)"
 
     def pack(self, task: Task) -> list[Posed]:
-        """Places as much volume as it can."""
+        """Place as much volume as possible."""
         from packvium import Container, Dimensions, Item, Packer, PackingConfig
         from packvium.effort import EffortBudget
 
@@ -44,7 +44,7 @@ class Cuboids:
         config = PackingConfig.fast(
             objective="maximum_value",
             effort_budget=EffortBudget(max_candidates_evaluated=200_000),
-            time_limit_ms=60_000,  # never reached: else two runs could differ
+            time_limit_ms=60_000,  # must never be reached, or two runs could differ
         )
         items = [
             Item.create(

@@ -1,8 +1,8 @@
-"""Items as a voxel packer or a heightmap packer sees them, from their fine cells (1/400).
+"""Voxels and height profiles of items for other packers, computed from fine cells (1/400).
 
-Conservative: a voxel is full where the surface touches it or encloses any of it, so that what is
-free is free. Sampled: it is full where its centre is, or to be exact the fine cell beyond that, as
-voxels by points and depth images are; thin walls slip through.
+Conservative: a voxel is full if the surface touches it or encloses any part of it, so that empty
+voxels are free. Sampled: a voxel is full if its centre is (precisely, the fine cell beyond it), as
+in voxels from points and in depth images; thin walls are missed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Voxels = npt.NDArray[np.bool_]
 
 
 def voxels(item: Item, side: int, sampled: bool) -> Voxels:
-    """Bool over voxels of so many cells a side, in whose middle the item stands upright."""
+    """Compute voxels of `side` cells; the unrotated item is centred in the array."""
     edge = FINE_PER_CELL * side
     fine = item.turned(0).voxels.outer_fine
     x, y, z = (-(-size // edge) * edge for size in fine.shape)
@@ -30,25 +30,24 @@ def voxels(item: Item, side: int, sampled: bool) -> Voxels:
 
 
 def profiles(item: Item, sampled: bool) -> tuple[Voxels, Voxels, Voxels]:
-    """Bool over the upright item's cells, but fine cells along one axis: x, y and z in turn."""
+    """Compute the unrotated item's cells, with fine cells along x, along y and along z."""
     fine = item.turned(0).voxels.outer_fine
-    made = []
+    found = []
     for along in range(3):
         profile = fine
         for axis in {0, 1, 2} - {along}:
             profile = _coarser(profile, axis, FINE_PER_CELL, sampled)
-        made.append(profile)
-    return made[0], made[1], made[2]
+        found.append(profile)
+    return found[0], found[1], found[2]
 
 
-def profile_turned(made: tuple[Voxels, Voxels, Voxels], rotation: int) -> Voxels:
-    """Bool [x, y, z] over the turned item's cells, but fine cells along z."""
-    upright = made[rotations.AXES[rotation, 2]]
-    return rotations.turn_array(upright, rotation)
+def profile_turned(upright: tuple[Voxels, Voxels, Voxels], rotation: int) -> Voxels:
+    """Compute the rotated item's cells [x, y, z], with fine cells along z, from `profiles`."""
+    return rotations.turn_array(upright[rotations.AXES[rotation, 2]], rotation)
 
 
 def _coarser(cells: Voxels, axis: int, edge: int, sampled: bool) -> Voxels:
-    """One for each `edge` cells along an axis: full where the middle one is, or any."""
+    """Merge each `edge` cells along an axis: full if the middle one is, or if any is."""
     strided = np.moveaxis(cells, axis, 0)
     if sampled:
         coarse = strided[edge // 2 :: edge]

@@ -1,8 +1,8 @@
-"""A heightmap packer: items come straight down, to where the heightmap grows least.
+"""A heightmap packer: items move straight down, to where the heightmap grows least.
 
 Wang and Hauser, "Stable Bin Packing of Non-convex 3D Objects with a Robot Manipulator", ICRA 2019:
 their heightmap minimisation, by top and bottom heightmaps of the items. A small implementation of
-our own. Left out: whether an item stands, and whether a robot can bring it there.
+our own, without their tests of stability and of reachability by a robot.
 """
 
 from __future__ import annotations
@@ -24,10 +24,15 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Heightmaps:
-    """Pixels are cells, heights whole fine cells.
+    """A packer whose pixels are cells, and whose heights are whole fine cells.
 
-    sampled: heights at the pixels' centres, as a depth camera sees them, instead of the largest in
-    each pixel. turns: the rotations that are tried; of all their pixels the best is taken.
+    Parameters
+    ----------
+    sampled : bool
+        Whether heights are taken at the pixels' centres, as a depth camera does, instead of the
+        largest in each pixel.
+    turns : tuple[int, ...]
+        The rotations to try; the best pixel of all of them is chosen.
     """
 
     sampled: bool = False
@@ -38,7 +43,7 @@ class Heightmaps:
         return f"heightmaps, {'sampled' if self.sampled else 'conservative'}"
 
     def pack(self, task: Task) -> list[Posed]:
-        """Places every item that fits."""
+        """Place every item that fits."""
         x, y, z = task.cells
         heights = np.zeros((x, y), dtype=np.int64)
         packed = []
@@ -53,7 +58,7 @@ class Heightmaps:
         return packed
 
     def _lowest(self, heights: Ints, top: int, item: Item) -> tuple[Item, Triple, Ints] | None:
-        """The turned item, its min corner (in pixels, and fine cells along z), and its columns."""
+        """Find the rotated item, its min corner (pixels; fine cells in z) and its columns."""
         upright = profiles(item, self.sampled)
         best, found = np.inf, None
         for turn in self.turns:
@@ -68,7 +73,7 @@ class Heightmaps:
             fits = rests + turned.cells[2] * FINE_PER_CELL <= top
             if not fits.any():
                 continue
-            corner = np.add.outer(np.arange(nx), np.arange(ny)) / (nx + ny)  # decides ties
+            corner = np.add.outer(np.arange(nx), np.arange(ny)) / (nx + ny)  # breaks ties
             cost = np.where(fits, growth + corner, np.inf)
             if cost.min() < best:
                 best = float(cost.min())
@@ -78,7 +83,7 @@ class Heightmaps:
 
 
 def _columns(profile: npt.NDArray[np.bool_]) -> Ints:
-    """(n, 4): x, y, bottom and top of each column that has any; in fine cells along z."""
+    """List x, y, bottom and top of each filled column, (n, 4), in fine cells along z."""
     x, y = np.nonzero(profile.any(axis=2))
     low = profile.argmax(axis=2)[x, y]
     top = profile.shape[2] - profile[:, :, ::-1].argmax(axis=2)[x, y]
@@ -87,7 +92,7 @@ def _columns(profile: npt.NDArray[np.bool_]) -> Ints:
 
 @kernel
 def _drop(heights: Ints, columns: Ints, places: Ints) -> tuple[Ints, Ints]:
-    """(x, y) over places: where an item comes to rest, and how much the heightmap then grows."""
+    """Compute where an item comes to rest at each place (x, y), and the heightmap's growth."""
     rests = np.zeros((places[0], places[1]), np.int64)
     growth = np.zeros((places[0], places[1]), np.int64)
     for n in range(len(columns)):

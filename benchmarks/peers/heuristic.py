@@ -1,6 +1,6 @@
-"""The paper's heuristic with voxels in place of meshes: what exact collision alone is worth.
+"""The paper's heuristic with voxels instead of meshes, to isolate the value of exact collision.
 
-All else is as in "largest-first/aligned/blbf": order, rotation, grid, bottom-left-back fill.
+Order, rotation, grid and bottom-left-back fill are those of "largest-first/aligned/blbf".
 """
 
 from __future__ import annotations
@@ -20,7 +20,15 @@ from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 
 @dataclass(frozen=True)
 class VoxelHeuristic:
-    """side: of a voxel, in cells; a grid step is a multiple. sampled: as in `grids`."""
+    """A packer of voxels.
+
+    Parameters
+    ----------
+    side : int
+        Side of a voxel in cells; a grid step is a multiple of it.
+    sampled : bool
+        Whether voxels are sampled or conservative (see `grids`).
+    """
 
     side: int = 1
     sampled: bool = False
@@ -31,7 +39,7 @@ class VoxelHeuristic:
         return f"heuristic, voxels 1/{CELLS_PER_UNIT // self.side}, {rule}"
 
     def pack(self, task: Task) -> list[Posed]:
-        """Places every item that fits."""
+        """Place every item that fits."""
         x, y, z = (size // self.side for size in task.cells)
         filled = np.zeros((x, y, z), dtype=bool)
         packed = []
@@ -47,7 +55,7 @@ class VoxelHeuristic:
         return packed
 
     def _first(self, filled: Voxels, own: Voxels) -> Triple | None:
-        """In voxels, the first node of the grid in (z, x, y) at which nothing collides."""
+        """Find the first grid node without collision in (z, x, y) order, in voxels."""
         if any(n > size for n, size in zip(own.shape, filled.shape, strict=True)):
             return None
         metrics = Metrics(filled)

@@ -1,4 +1,4 @@
-"""The picture: what each peer packs, what of it holds, and what that takes."""
+"""The picture: the volume that each peer packs, the valid part of it, and the time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,13 @@ from benchmarks.peers.rows import Summary
 from packit_sim.core.confidence import Estimate
 from packit_sim.render import plots
 
-HOLDS, PACKED, SECONDS = plots.COLORS[:3]
+VALID, PACKED, SECONDS = plots.COLORS[:3]
 
 
-def save(made: Sequence[Summary], path: Path) -> None:
-    """A row of dots for each peer, the first peer on top; a column for each measure.
-
-    Raises MissingMatplotlibError, and RenderError where the path can't be written.
-    """
+def save(rows: Sequence[Summary], path: Path) -> None:
+    """Draw a row of dots for each peer, the first peer on top, and a column for each measure."""
     one, *more = (
-        [each for each in made if each.together == n] for n in sorted({e.together for e in made})
+        [each for each in rows if each.together == n] for n in sorted({e.together for e in rows})
     )
     columns = ["share", *(f"density {n}" for n in range(len(more))), "pairs", "seconds"]
     height = 1.6 + 0.34 * len(one)
@@ -41,24 +38,24 @@ def save(made: Sequence[Summary], path: Path) -> None:
         _dots(axes["seconds"], seconds, SECONDS, "D", filled=True)
         axes["seconds"].set(title="Time", xlabel="processor seconds a task", xscale="log")
         for column in columns:
-            rows = [each.peer for each in one]
-            axes[column].set(yticks=range(len(rows)), ylim=(len(rows) - 0.5, -0.5))
-            axes[column].set_yticklabels(rows if column == columns[0] else [])
+            names = [each.peer for each in one]
+            axes[column].set(yticks=range(len(names)), ylim=(len(names) - 0.5, -0.5))
+            axes[column].set_yticklabels(names if column == columns[0] else [])
             axes[column].tick_params(axis="y", length=0)
         figure.legend(
             *axes["share"].get_legend_handles_labels(), loc="outside upper center", ncols=2
         )
 
 
-def _pairs_of_dots(axes: Any, packed: Sequence[Estimate], holds: Sequence[Estimate]) -> None:
+def _pairs_of_dots(axes: Any, packed: Sequence[Estimate], valid: Sequence[Estimate]) -> None:
     _dots(axes, packed, PACKED, "o", filled=False, label="packed")
-    _dots(axes, holds, HOLDS, "s", filled=True, label="what of it holds, by the meshes")
+    _dots(axes, valid, VALID, "s", filled=True, label="valid by the meshes")
 
 
 def _dots(
     axes: Any, estimates: Sequence[Estimate], color: str, marker: str, filled: bool, **named: Any
 ) -> None:
-    """Means with their intervals, one a row, from the top."""
+    """Draw means with their intervals, one a row, from the top."""
     rows = range(len(estimates))
     low = [e.mean if e.low is None else e.low for e in estimates]
     high = [e.mean if e.high is None else e.high for e in estimates]

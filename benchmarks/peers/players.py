@@ -1,4 +1,4 @@
-"""PackIt-Sim's own agents, by the rules of the game and by those that the other peers follow."""
+"""PackIt-Sim's agents, by the rules of the game or skipping items as the other peers do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,15 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Player:
-    """An agent by its name. skipping: goes on after an item that has no room, as the others do."""
+    """An agent as a peer.
+
+    Parameters
+    ----------
+    agent : str
+        Name of the agent.
+    skipping : bool
+        Whether it skips an item that does not fit, as the other peers do, instead of stopping.
+    """
 
     agent: str
     skipping: bool = True
@@ -26,7 +34,7 @@ class Player:
         return f"{self.agent}{'' if self.skipping else ', stopping'}"
 
     def pack(self, task: Task) -> list[Posed]:
-        """Plays an episode, to its end by the rules or until nothing more has room."""
+        """Play an episode to its end by the rules, or until no item fits."""
         agent, rng = Agent.from_name(self.agent), np.random.default_rng(SEED)
         episode = Episode(task)
         agent.play(episode, rng)
@@ -37,7 +45,7 @@ class Player:
 
 
 def _skip(episode: Episode) -> bool:
-    """Puts the shape away that has no room, and whether there is another to go on with."""
+    """Drop the shape that does not fit; return whether another one is left."""
     if episode.end is not End.NO_LOCATION:
         return False
     outside = episode.outside.copy()

@@ -1,4 +1,4 @@
-"""What a peer is, and what it makes of a task: items in their poses, on no grid but its own."""
+"""The protocol of a peer, and its result: items in poses that need not be on the grid."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from packit_sim.geometry.shapes import Item
 AXIS_ORDERS: tuple[int, ...] = tuple(
     sorted(np.unique(rotations.AXES, axis=0, return_index=True)[1].tolist())
 )
-"""Six of the 24 rotations, the first of each order of the axes: all the ways a cuboid can lie."""
+"""Six of the 24 rotations, the first of each order of the axes: all orientations of a cuboid."""
 
 ALL_ROTATIONS = tuple(range(rotations.COUNT))
 
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """An item in its rotation. centre: (3,) of its bounding box, in box units."""
+    """An item in its rotation, with the centre (3,) of its bounding box in box units."""
 
     item: Item
     centre: npt.NDArray[np.float64]
 
     @property
     def pose(self) -> npt.NDArray[np.float64]:
-        """(4, 4) shape-to-box matrix."""
+        """Matrix (4, 4) from shape to box coordinates."""
         pose = np.eye(4)
         pose[:3, :3] = self.item.linear
         pose[:3, 3] = self.centre
@@ -37,16 +37,16 @@ class Posed:
 
 
 class Peer(Protocol):
-    """Packs what fits of a task's items, in an order and in rotations of its own choice."""
+    """A method that packs the items of a task that fit, choosing their order and rotations."""
 
     @property
     def name(self) -> str: ...
 
     def pack(self, task: Task) -> list[Posed]:
-        """The items that it placed, in that order."""
+        """Pack a task; return the placed items in their order."""
         ...
 
 
 def largest_first(task: Task) -> list[Item]:
-    """The items by volume, as they come where that ties."""
+    """Sort the items by decreasing volume; ties keep their order."""
     return sorted(task.items, key=lambda item: -item.volume)

@@ -1,4 +1,4 @@
-"""What was measured: a row for each packing, a summary for each peer, and the file of both."""
+"""Measures: a row for each packing, a summary for each peer, and the file of both."""
 
 from __future__ import annotations
 
@@ -19,18 +19,35 @@ from packit_sim.evaluation.evaluation import SLACK
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 
 DIGITS = 6
-"""Of shares and seconds, in the file."""
+"""Decimals of shares and seconds in the file."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A packing.
+    """The measures of one packing.
 
-    together: how many tasks its items are of. task: their digest. items, placed: how many.
-    share: of the items' volume that was placed. density: placed volume over the box's.
-    kept, kept_density: the same of what is left when conflicts are resolved (see `QualityScores`).
-    pairs: of items in conflict. outside: items beyond a wall. seconds: of processor time, with all
-    that is made of the meshes for it.
+    Attributes
+    ----------
+    peer : str
+        Name of the peer.
+    together : int
+        Number of tasks whose items share the box.
+    task : str
+        Digest of the (joined) task.
+    items, placed : int
+        Number of items, and of those that were placed.
+    share : float
+        Placed volume over the items' volume.
+    density : float
+        Placed volume over the box's volume.
+    kept, kept_density : float
+        The same after conflicts are resolved (see `QualityScores`).
+    pairs : int
+        Number of pairs of items in conflict.
+    outside : int
+        Number of items beyond a wall.
+    seconds : float
+        CPU seconds, including everything computed from the meshes.
     """
 
     peer: str
@@ -50,9 +67,9 @@ class Row:
     def of(
         cls, peer: str, together: int, task: Task, packing: Sequence[Posed], seconds: float
     ) -> Row:
-        verdict = QualityScores.of(packing, task.cells)
+        scores = QualityScores.of(packing, task.cells)
         placed = sum(posed.item.volume for posed in packing)
-        kept = sum(packing[n].item.volume for n in verdict.kept)
+        kept = sum(packing[n].item.volume for n in scores.kept)
         box = float(np.prod(np.array(task.cells) / CELLS_PER_UNIT))
         return cls(
             peer,
@@ -64,8 +81,8 @@ class Row:
             round(placed / box, DIGITS),
             round(kept / task.volume, DIGITS),
             round(kept / box, DIGITS),
-            len(verdict.pairs),
-            len(verdict.outside),
+            len(scores.pairs),
+            len(scores.outside),
             round(seconds, DIGITS),
         )
 
@@ -76,11 +93,26 @@ class Row:
 
 @dataclass(frozen=True)
 class Summary:
-    """A peer over some tasks.
+    """A peer's measures over some tasks.
 
-    packings: how many. share, density, kept, kept_density, pairs: means of what `Row` has.
-    valid, complete: percent of packings without conflict, and without conflict and with every item.
-    seconds: the median. difference: of kept from the reference's, task by task.
+    Attributes
+    ----------
+    peer : str
+        Name of the peer.
+    together : int
+        Number of tasks whose items share a box.
+    packings : int
+        Number of packings.
+    share, density, kept, kept_density, pairs : Estimate
+        Means of the measures of `Row`.
+    valid, complete : Estimate
+        Percentages of packings without conflict, and of those that also have every item.
+    outside : int
+        Number of items beyond a wall.
+    seconds : float
+        Median CPU seconds.
+    difference : Comparison
+        Paired difference of `kept` from the reference.
     """
 
     peer: str
@@ -99,7 +131,7 @@ class Summary:
 
     @classmethod
     def of(cls, rows: Sequence[Row], reference: Sequence[Row]) -> Summary:
-        """Of one peer's rows, and another's for the same tasks in the same order."""
+        """Summarise a peer's rows, and compare them with a reference's for the same tasks."""
         assert [row.task for row in rows] == [row.task for row in reference]
 
         def mean(values: Iterable[float]) -> Estimate:
@@ -123,7 +155,7 @@ class Summary:
 
 
 def summaries(rows: Iterable[Row], reference: str) -> list[Summary]:
-    """One for each peer and number of tasks together, in the order of their first rows."""
+    """Summarise each peer for each number of joined tasks, in the order of their first rows."""
     groups: dict[tuple[int, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row.together, row.peer), []).append(row)
@@ -133,15 +165,15 @@ def summaries(rows: Iterable[Row], reference: str) -> list[Summary]:
     ]
 
 
-def write(file: Path, head: Mapping[str, Any], made: Sequence[Summary], rows: list[Row]) -> None:
-    """The file, whole or not at all: JSON with a row a line."""
-    text = json.dumps({**head, "summary": [asdict(each) for each in made]}, indent=1)
+def write(file: Path, head: Mapping[str, Any], means: Sequence[Summary], rows: list[Row]) -> None:
+    """Write the file atomically, as JSON with one row per line."""
+    text = json.dumps({**head, "summary": [asdict(each) for each in means]}, indent=1)
     lines = ",\n".join(f"  {json.dumps(asdict(row))}" for row in rows)
     replace_text(file, f'{text.removesuffix("}").rstrip()},\n "rows": [\n{lines}\n ]\n}}\n')
 
 
 def read(file: Path, head: Mapping[str, Any]) -> list[Row]:
-    """The rows of a file that was made with the same settings, of a peer that is unchanged."""
+    """Read the rows of a file for the same library, of peers with unchanged settings."""
     if not file.exists():
         return []
     raw = json.loads(file.read_text())

@@ -1,12 +1,13 @@
 """A voxel packer by Fourier transforms, in the manner of spectral packing.
 
 Cui, Rong, Chen and Matusik, "Dense, Interlocking-Free and Scalable Spectral Packing of Generic 3D
-Objects", SIGGRAPH 2023. Items go in one after the other, largest first; for each, correlations of
-its voxels with the box's say at all offsets at once how many voxels collide, and how near it comes
-to what is there. It goes to the offset without collision that is nearest, and not too high.
+Objects", SIGGRAPH 2023. Items are placed one after the other, largest first. For each item,
+correlations of its voxels with the box's give the number of colliding voxels and the proximity to
+filled voxels at all offsets at once. The item is placed at the nearest offset without collision,
+with a penalty for height.
 
-A small implementation of our own. Left out: the test that an item can be taken out again (a flood
-fill through free offsets), orientations off the axes, an adaptive resolution, and graphics cards.
+A small implementation of our own, without the test that an item can be removed again (a flood fill
+through free offsets), orientations off the axes, adaptive resolution, and GPU support.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, Triple
 from packit_sim.geometry.shapes import Item
 
 HEIGHT_WEIGHT = 10.0
-"""Of the cube of an item's bottom height, against its mean distance from what is there, both in box
-units. Their cost has such a term too; on train packs weights from 0 to 100 made no difference."""
+"""Weight of the cube of an item's bottom height, relative to its mean distance from filled voxels,
+both in box units. The paper's cost has such a term as well; on train packs weights from 0 to 100
+gave the same result."""
 
 Floats = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
@@ -37,9 +39,18 @@ Spectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True)
 class Spectral:
-    """side: of a voxel, in cells. sampled: voxels by their centres, instead of conservative ones.
+    """A packer by correlations of voxels.
 
-    turns: the rotations that are tried; of all their offsets the cheapest is taken.
+    Parameters
+    ----------
+    side : int
+        Side of a voxel, in cells.
+    sampled : bool
+        Whether voxels are sampled or conservative (see `grids`).
+    turns : tuple[int, ...]
+        The rotations to try; the cheapest offset of all of them is chosen.
+    height_weight : float
+        Weight of the height in the cost (see `HEIGHT_WEIGHT`).
     """
 
     side: int = 1
@@ -53,7 +64,7 @@ class Spectral:
         return f"spectral 1/{CELLS_PER_UNIT // self.side}, {rule}"
 
     def pack(self, task: Task) -> list[Posed]:
-        """Places every item that fits."""
+        """Place every item that fits."""
         x, y, z = (size // self.side for size in task.cells)
         filled = np.zeros((x, y, z), dtype=bool)
         metrics = Metrics(filled)
@@ -72,7 +83,7 @@ class Spectral:
         return packed
 
     def _cheapest(self, metrics: Metrics, item: Item) -> tuple[int, Triple, Voxels] | None:
-        """The best turn, the offset in voxels, and the turned item's voxels."""
+        """Find the best rotation, the offset in voxels, and the rotated item's voxels."""
         upright = voxels(item, self.side, self.sampled)
         unit = self.side * CELL
         best, found = np.inf, None
@@ -95,12 +106,22 @@ class Spectral:
 
 
 class Metrics:
-    """A box of voxels in the frequency domain. shape: voxels an axis.
+    """A box of voxels in the frequency domain.
 
-    Items are no larger than the box, so at offsets that keep them inside it nothing wraps around,
-    and the arrays need no padding. In single precision counts of collisions are off by 0.1 at most
-    (box of 100^3, items of 200,000 voxels). Axes are transformed one after the other: the item's
-    empty lines, and the offsets that are not asked for, cost nothing.
+    Items are no larger than the box, so that at offsets inside the box nothing wraps around, and
+    the arrays need no padding. In single precision, counts of collisions are off by 0.1 at most
+    (box of 100^3, items of 200,000 voxels). Axes are transformed one after the other, which saves
+    the transforms of the item's empty lines and of unused offsets.
+
+    Parameters
+    ----------
+    filled : Voxels
+        Bool (x, y, z), the filled voxels of the box.
+
+    Attributes
+    ----------
+    shape : Triple
+        Number of voxels along each axis.
     """
 
     def __init__(self, filled: Voxels) -> None:
@@ -109,18 +130,18 @@ class Metrics:
         self._voxels = filled.copy()
 
     def spectrum(self, array: npt.NDArray[Any]) -> Spectrum:
-        """Of an array no larger than the box."""
+        """Transform an array that is no larger than the box."""
         half = scipy.fft.rfft(array.astype(np.float32), self.shape[2], axis=2)
         for axis in (1, 0):
             half = scipy.fft.fft(half, self.shape[axis], axis=axis)
         return np.asarray(half)
 
     def collisions(self, item: Spectrum, size: tuple[int, ...]) -> Floats:
-        """How many of an item's voxels are filled, at each offset that keeps it inside."""
+        """Count an item's colliding voxels at each offset inside the box."""
         return self._correlation(self._filled, item, size)
 
     def proximity(self, item: Spectrum, size: tuple[int, ...]) -> Floats:
-        """The sum of its voxels' distances from what is there."""
+        """Sum the distances of an item's voxels from filled voxels, at each offset."""
         return self._correlation(self._distances, item, size)
 
     @cached_property
@@ -139,7 +160,7 @@ class Metrics:
 
 
 def distances(filled: Voxels) -> npt.NDArray[np.int32]:
-    """Of each voxel from the nearest that is filled, or that is a wall or the floor: in steps."""
+    """Compute each voxel's distance, in steps, from the nearest filled voxel, wall or floor."""
     free = np.pad(~filled, ((1, 1), (1, 1), (1, 0)), constant_values=False)
     steps = ndimage.distance_transform_cdt(free, metric="taxicab")
     return np.asarray(steps[1:-1, 1:-1, 1:])

@@ -1,4 +1,4 @@
-"""Whether a packing holds, by the meshes themselves: one rule for all, those of PackIt-Sim too.
+"""The validity of a packing by its meshes, with the same rule for all peers.
 
 It is the rule for packings of other tools (see `packings.verify_packing`): each mesh is inside the
 box, crosses no other, and lies in no closed shell of another, within the contact tolerance.
@@ -21,11 +21,17 @@ from packit_sim.geometry.shapes import Shape
 
 @dataclass(frozen=True)
 class QualityScores:
-    """What is wrong with a packing.
+    """The conflicts in a packing, by the numbers of its items.
 
-    outside: numbers of the items that reach beyond a wall. pairs: of those that can't both be.
-    kept: of the items that are left when, in the order of placing, each is taken out that is
-    outside or in conflict with one before it that was left.
+    Attributes
+    ----------
+    outside : tuple[int, ...]
+        Items that reach beyond a wall.
+    pairs : tuple[tuple[int, int], ...]
+        Pairs of items in conflict.
+    kept : tuple[int, ...]
+        The valid items: in the order of placing, each item is removed that is outside or in
+        conflict with an earlier valid one.
     """
 
     outside: tuple[int, ...]
@@ -34,7 +40,7 @@ class QualityScores:
 
     @classmethod
     def of(cls, packing: Sequence[Posed], cells: Triple) -> QualityScores:
-        """Of items in a box of so many cells."""
+        """Check the items in a box of the given number of cells."""
         bodies = [_Body("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
         extents = np.array(cells) * CELL
         outside = [n for n, body in enumerate(bodies) if any(_wall_problems(body, extents, 1.0))]
@@ -51,7 +57,8 @@ class QualityScores:
         return cls(tuple(outside), tuple(pairs), tuple(kept))
 
     @property
-    def holds(self) -> bool:
+    def valid(self) -> bool:
+        """Whether no item is outside or in conflict."""
         return not (self.outside or self.pairs)
 
 
