@@ -13,13 +13,13 @@ import pytest
 
 from packit_sim.datasets.pack_files import (
     builtin_datasets,
+    dataset_files,
     dataset_path,
     load_tasks,
     manifest_path,
     read_packs,
     write_packs,
 )
-from packit_sim.datasets.statistics import dataset_files
 from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.generation.jobs import work_folder
 from packit_sim.libraries.library import ShapeLibrary, assets_folder

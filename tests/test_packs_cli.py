@@ -20,10 +20,10 @@ from packit_sim.core.errors import PackFormatError, PackItError
 from packit_sim.datasets import datasheet
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.original import read_original
-from packit_sim.datasets.pack_files import load_tasks, read_packs, write_packs
+from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
 from packit_sim.datasets.provenance import UNKNOWN, Evolved, Other, Provenance
-from packit_sim.datasets.statistics import DatasetStatistics, dataset_files, take
+from packit_sim.datasets.statistics import DatasetStatistics, take
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render.plots import COLORS, MissingMatplotlibError

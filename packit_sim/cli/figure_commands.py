@@ -20,8 +20,7 @@ from packit_sim.cli.generation_commands import evolve_shown
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.picture_commands import PackOption, picked
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import STARTER_PACKS, load_tasks, read_packs
-from packit_sim.datasets.statistics import dataset_files
+from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_files, load_tasks, read_packs
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.paper import figures

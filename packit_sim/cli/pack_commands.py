@@ -84,7 +84,7 @@ def datasheet_command(
     text = datasheet.page(
         packs, parts, opened, picture=picture.name, licence=licence, opened_as=library
     )
-    statistics_plot.save([part.census for part in parts], picture)
+    statistics_plot.save([part.statistics for part in parts], picture)
     replace_text(out, text)
     print_written(out, f" and {picture}")
 

@@ -26,8 +26,7 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.core.version import __version__
-from packit_sim.datasets import statistics
-from packit_sim.datasets.pack_files import load_tasks, read_packs
+from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.results import Rollout
@@ -174,7 +173,7 @@ def _tables(names: Sequence[str], packs: str, split: str | None, run: Run) -> No
 
 
 def _evolution(dataset: str, run: Run) -> None:
-    file = statistics.dataset_files(dataset)[0]
+    file = dataset_files(dataset)[0]
     evolutions = hardness.by_evolution(read_packs(file), file)
     if run.quick:
         evolutions = dict(list(evolutions.items())[:QUICK_EVOLUTIONS])

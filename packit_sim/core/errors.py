@@ -5,6 +5,9 @@ raises has changed nothing. Errors that only one module raises are defined there
 `PackItError`.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 __all__ = [
     "ArgumentError",
     "BusyError",
@@ -17,6 +20,7 @@ __all__ = [
     "RenderError",
     "StateError",
     "UnknownShapeError",
+    "located",
 ]
 
 
@@ -65,3 +69,30 @@ class RenderError(PackItError, RuntimeError):
 
 class PhysicsError(PackItError, RuntimeError):
     """A simulation that can't run, or a shape that can't be decomposed for one."""
+
+
+@contextmanager
+def located(where: object, kind: type[PackItError]) -> Iterator[None]:
+    """Put a place in front of the message of an error that is raised within the block.
+
+    Parameters
+    ----------
+    where : object
+        The place, such as a file, or a file and a line.
+    kind : type of PackItError
+        The type of error.
+
+    Yields
+    ------
+    None
+        To the block.
+
+    Raises
+    ------
+    PackItError
+        Of the same type, with the longer message.
+    """
+    try:
+        yield
+    except kind as error:
+        raise kind(f"{where}: {error}") from None

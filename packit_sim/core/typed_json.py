@@ -61,6 +61,15 @@ def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it")
         raise error(_sentence(str(problem), raw, kind, what)) from None
 
 
+class _Header(msgspec.Struct):
+    format: Any = None
+
+
+def format_of(data: bytes | str, error: type[PackItError], what: str = "it") -> Any:
+    """Read the field "format" of a JSON object, unchecked; the rest is as of `decode`."""
+    return decode(data, _Header, error, what).format
+
+
 def builtins(record: Any) -> Any:
     """Return a record in JSON's types."""
     return msgspec.to_builtins(record)

@@ -1,4 +1,4 @@
-"""A dataset's page: how it was made, what is in it, and what it is not good for."""
+"""The page of a dataset: provenance, content and limits."""
 
 from __future__ import annotations
 
@@ -15,10 +15,17 @@ from typing import Any
 from packit_sim.core import templates
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import WHOLE, Manifest, dataset_path, manifest_path, read_packs
+from packit_sim.datasets.pack_files import (
+    WHOLE,
+    Manifest,
+    dataset_files,
+    dataset_path,
+    manifest_path,
+    read_packs,
+)
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.datasets.statistics import DatasetStatistics, dataset_files
+from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 
 OPTIONS = {
@@ -29,50 +36,64 @@ OPTIONS = {
     "size_range": "--size",
     "search": "--search",
 }
-"""Options of `packit generate` by the setting that they choose."""
+"""Options of `packit generate` by the setting that they change."""
 
 PAPER = "Goyal and Deng, *PackIt: A Virtual Environment for Geometric Planning*, ICML 2020"
 
 EVERYDAY = "everyday"
-"""The built-in library; the page says what its shapes mean for a dataset."""
+"""The built-in library; the page says more about its shapes."""
 
 TEMPLATE = Path(__file__).with_name("datasheet.md.jinja")
 
 WIDTH = 100
-"""Characters of a line of text."""
+"""Characters in a line of text."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One split of a dataset, read and counted. version: of PackIt-Sim, as its manifest tells."""
+    """One split of a dataset, with its statistics.
+
+    Attributes
+    ----------
+    file : Path
+        The file.
+    packs : sequence of Pack
+        Its packs.
+    statistics : DatasetStatistics
+        Their statistics.
+    sha256 : str
+        The SHA-256 of the file, in hex.
+    version : str or None
+        The version of PackIt-Sim that its manifest records.
+    """
 
     file: Path
     packs: Sequence[Pack]
-    census: DatasetStatistics
+    statistics: DatasetStatistics
     sha256: str
     version: str | None
 
     @classmethod
     def read(cls, file: Path, library: ShapeLibrary) -> Part:
-        """Raises what `read_packs` and `DatasetStatistics.of` raise."""
+        """Read a file; errors are those of `read_packs` and `DatasetStatistics.of`."""
         packs = read_packs(file)
-        census = DatasetStatistics.of(file.stem, packs, library)
-        return cls(
-            file, packs, census, hashlib.sha256(file.read_bytes()).hexdigest(), _version(file)
-        )
+        statistics = DatasetStatistics.of(file.stem, packs, library)
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        return cls(file, packs, statistics, digest, _version(file))
 
     @property
     def split(self) -> str:
-        return self.census.split
+        """The name of the split."""
+        return self.statistics.split
 
     @property
     def seeds(self) -> list[int]:
-        """Of the evolutions, sorted; none where the packs did not evolve."""
+        """The seeds of the evolutions, sorted; empty if the packs did not evolve."""
         return sorted({one.seed for one in self._evolved})
 
     @property
     def settings(self) -> Mapping[str, Any] | None:
-        """Of the evolutions, where all are the same and all that these packs are of."""
+        """The settings of the evolutions; None if packs differ in them or did not evolve."""
         different = {one.settings for one in self._evolved}
         if len(self._evolved) < len(self.packs) or len(different) != 1:
             return None
@@ -82,14 +103,14 @@ class Part:
     def file_row(self) -> list[str]:
         """The file's name, its number of packs, their seeds and its digest."""
         seeds = f"{self.seeds[0]} to {self.seeds[-1]}" if self.seeds else "unknown"
-        return [f"`{self.file.name}`", str(self.census.packs), seeds, f"`{self.sha256}`"]
+        return [f"`{self.file.name}`", str(self.statistics.packs), seeds, f"`{self.sha256}`"]
 
     @property
     def _evolved(self) -> list[Evolved]:
         return [one.provenance for one in self.packs if isinstance(one.provenance, Evolved)]
 
     def command(self, library: str, out: str) -> str | None:
-        """The `packit generate` that makes this part anew; None where there is no such."""
+        """Return the `packit generate` that regenerates this part; None if there is none."""
         settings, seeds = self.settings, self.seeds
         usual = EvolutionSettings().to_json()
         if settings is None or not seeds or seeds != list(range(seeds[0], seeds[0] + len(seeds))):
@@ -110,7 +131,7 @@ class Part:
 
 
 def read(source: Path | str, library: ShapeLibrary) -> tuple[Part, ...]:
-    """The splits of a dataset that there are."""
+    """Read the splits of a dataset."""
     return tuple(Part.read(file, library) for file in dataset_files(source))
 
 
@@ -123,17 +144,34 @@ def page(
     licence: str = "",
     opened_as: str = EVERYDAY,
 ) -> str:
-    """The page as Markdown; the same for the same dataset.
+    """Write the page as Markdown, which is the same for the same dataset.
 
-    source: the dataset's name or path. picture: where its picture is, from the page. licence: of
-    the packs, where it is known. opened_as: what the library is opened by, for commands.
+    Parameters
+    ----------
+    source : Path or str
+        The dataset's name or path.
+    parts : sequence of Part
+        Its splits.
+    library : ShapeLibrary
+        The library of its shapes.
+    picture : str
+        The path of its picture, from the page.
+    licence : str
+        The licence of the packs, if it is known.
+    opened_as : str
+        The library's name or path, for commands.
+
+    Returns
+    -------
+    str
+        The Markdown text.
     """
     path = dataset_path(source)
     settings = {part.split: part.settings for part in parts if part.settings is not None}
     paper = {name: _plain(value) for name, value in EvolutionSettings().to_json().items()}
     used = {name: dict.fromkeys(_plain(s.get(name)) for s in settings.values()) for name in paper}
-    columns = [part.census.rows() for part in parts]
-    shapes = sorted(set().union(*(part.census.shapes for part in parts)))
+    columns = [part.statistics.rows() for part in parts]
+    shapes = sorted(set().union(*(part.statistics.shapes for part in parts)))
     licences = Counter(library.info(id).licence or "unknown" for id in shapes if _known(library))
     licensed = ["--licence", licence] if licence else []
     name = path.name if path.is_dir() else path.stem
@@ -143,7 +181,7 @@ def page(
         "library": LibraryRef.of(library),
         "parts": parts,
         "splits": [part.split for part in parts],
-        "packs": sum(part.census.packs for part in parts),
+        "packs": sum(part.statistics.packs for part in parts),
         "versions": list(dict.fromkeys(part.version or "of unknown version" for part in parts)),
         "commands": {part.split: part.command(opened_as, name) for part in parts},
         "settings": settings,
@@ -173,21 +211,21 @@ def page(
 
 
 def _known(library: ShapeLibrary) -> bool:
-    """Whether a library knows the licence and the object of each shape."""
+    """Whether a library records the licence and the object of each shape."""
     return library.source.is_catalogued
 
 
 def _shared_objects(parts: Sequence[Part], library: ShapeLibrary) -> set[str]:
-    """The objects, or else the shapes, that more than one split holds."""
+    """Return the objects, or else the shapes, that more than one split contains."""
     held = [
-        {library.info(id).group if _known(library) else id for id in part.census.shapes}
+        {library.info(id).group if _known(library) else id for id in part.statistics.shapes}
         for part in parts
     ]
     return set().union(*(one & other for one, other in combinations(held, 2)))
 
 
 def _version(file: Path) -> str | None:
-    """The manifest's, where there is one."""
+    """Return the version in the manifest, if there is one."""
     try:
         return Manifest.read(manifest_path(file)).version
     except PackFormatError:

@@ -1,7 +1,7 @@
-"""Pack files of the original PackIt (Goyal and Deng, 2020) read into tasks, by a shape library.
+"""Pack files of the original PackIt (Goyal and Deng, 2020), read as tasks of a shape library.
 
-What their fields mean is told by the Unity scripts that write them (github.com/princeton-vl/
-PackIt_Extra); `docs/paper-compat.md` says how their packs differ from ours.
+The meaning of their fields follows from the Unity scripts that write them (github.com/princeton-vl/
+PackIt_Extra); `docs/paper-compat.md` lists how their packs differ from ours.
 """
 
 from __future__ import annotations
@@ -10,20 +10,28 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import UNSET, Meta, Struct, UnsetType, field
+from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 
 from packit_sim.core import typed_json
-from packit_sim.core.errors import MeshError, PackFormatError, PackItError, UnknownShapeError
+from packit_sim.core.errors import (
+    MeshError,
+    PackFormatError,
+    PackItError,
+    UnknownShapeError,
+    located,
+)
+from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import FromOriginal
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
@@ -31,31 +39,41 @@ from packit_sim.libraries.shapenet import CATEGORIES
 from packit_sim.libraries.sources import listed
 
 SMALLEST, LARGEST = CELL, 1.75
-"""Linear factors that can be: a diagonal of a cell, and a little more than that of the box."""
+"""Range of linear factors: a diagonal of one cell, and a little more than the box's diagonal."""
 
 MOST = 1e6
-"""Any other number of a pack is far smaller."""
+"""Bound on the absolute value of other numbers."""
 
 UNEQUAL = 1e-4
-"""How far the factors along the three axes may differ, as a share: rounding of their text."""
+"""Largest relative difference between the factors along the three axes: rounding of their text."""
 
 SKEW = 1e-3
-"""How far an entry of a rotation's matrix may be from 0 or 1: rounding of single precision."""
+"""Largest error of a rotation matrix's entry: rounding of single precision."""
 
 _UNITY_TO_OURS = np.array(((-1, 0, 0), (0, 0, -1), (0, 1, 0)))
 """From Unity's left-handed, y-up axes to a canonical shape's: Unity reads an OBJ file with its x
 reversed, and we turn the file's y up."""
 
 _LOG = "_log"
-"""Ending of what their generator writes beside a pack file."""
+"""Ending of the log file next to a pack file."""
 
 
 @dataclass(frozen=True)
 class Unresolved:
-    """An item of a pack that can't be had from the library.
+    """An item of a pack whose shape the library does not have.
 
-    file: the pack file's name. pack, item: numbers from 0, theirs. source: as the file has it.
-    reason: why there is no shape.
+    Attributes
+    ----------
+    file : str
+        The name of the pack file.
+    pack : int
+        The number of the pack in the file, from 0.
+    item : int
+        The number of the item in the pack, from 0.
+    source : str
+        The shape's name in the file.
+    reason : str
+        Why there is no shape.
     """
 
     file: str
@@ -67,10 +85,16 @@ class Unresolved:
 
 @dataclass(frozen=True)
 class Original:
-    """What became of the packs of one file or folder.
+    """The tasks of one file or folder, and the items without a shape.
 
-    tasks: one for each pack that was kept, in order. packs: how many were read. unresolved: every
-    item without a shape, in order.
+    Attributes
+    ----------
+    tasks : tuple of Task
+        One for each pack that was kept, in order.
+    packs : int
+        The number of packs that were read.
+    unresolved : tuple of Unresolved
+        Every item without a shape, in order.
     """
 
     tasks: tuple[Task, ...]
@@ -80,37 +104,25 @@ class Original:
     COLUMNS = ("file", "pack", "item", "source", "reason")
     """Headings of `rows`."""
 
-    def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """A row of text for each item without a shape; what can't be printed is escaped."""
-        return [
-            (
-                _printable(u.file),
-                str(u.pack),
-                str(u.item),
-                _printable(u.source),
-                _printable(u.reason),
-            )
-            for u in self.unresolved
-        ]
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return a row of text for each item without a shape; unprintable text is escaped."""
+        return [tuple(_printable(str(value)) for value in astuple(u)) for u in self.unresolved]
 
     def summary(self) -> str:
-        """One line: how many packs were read, kept whole, kept in part and left out."""
-        partial = sum(
-            1
-            for task in self.tasks
-            if isinstance(task.pack.provenance, FromOriginal) and task.pack.provenance.left_out
-        )
+        """Say in one line how many packs were read, kept whole, kept in part and left out."""
+        origins = [task.pack.provenance for task in self.tasks]
+        partial = sum(isinstance(one, FromOriginal) and one.left_out > 0 for one in origins)
         counts = {
             "whole": len(self.tasks) - partial,
             "without some of their items": partial,
             "left out": self.packs - len(self.tasks),
         }
-        told = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        outcome = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
         items = len(self.unresolved)
-        return f"{_count(self.packs, 'pack')}: {told}; {_count(items, 'item')} without a shape"
+        return f"{_count(self.packs, 'pack')}: {outcome}; {_count(items, 'item')} without a shape"
 
     def report(self) -> str:
-        """The summary, and below it a line for each item without a shape."""
+        """Return the summary, and below it a line for each item without a shape."""
         lines = (
             f"{file}, pack {pack}, item {item}: {source}: {reason}"
             for file, pack, item, source, reason in self.rows()
@@ -125,31 +137,53 @@ def read_original(
     partial: bool = False,
     on_pack: Callable[[str, int], None] = lambda file, pack: None,
 ) -> Original:
-    """Tasks of the original PackIt's pack file, or of all those in a folder.
+    """Read a pack file of the original PackIt, or all in a folder, as tasks.
 
-    A task holds our items in canonical orientation, and the benchmark's box. It has no solution,
-    and all items of its pack are outside: the original's places are not on our grid. The pack's
-    provenance, `FromOriginal`, has what else was recorded. Written by `write_packs`, the packs of
-    the tasks are a dataset that `load_tasks` reads.
+    Parameters
+    ----------
+    path : Path or str
+        The file or the folder.
+    library : ShapeLibrary
+        The library of its shapes, ShapeNetCore for the paper's packs.
+    partial : bool, default: False
+        Whether to keep a pack if some of its items have no shape; otherwise it is left out.
+    on_pack : callable
+        Called with the name of the file and the number of each pack that was read.
 
-    partial: whether a pack is kept where some of its items have no shape; else it is left out.
-    on_pack is called with the name of the file and the number of each pack that was read.
+    Returns
+    -------
+    Original
+        The tasks, and the items without a shape.
 
-    An item's scale is the product of its three recorded factors. Their generator writes the linear
-    factor in full, 2^((g - 2) / 3) * shapeScale with g in 0..4, so that shapeScale must not be
-    applied again; and it applies it to the mesh as ShapeNetCore has it, which is taken to have a
-    bounding-box diagonal of 1, as our canonical shapes have.
+    Raises
+    ------
+    PackFormatError
+        If a file is not of this form; the message names the file, the pack, the field and its
+        value.
 
-    Raises PackFormatError that names the file, the pack, the field and its value.
+    Notes
+    -----
+    A task has our items in canonical orientation, and the benchmark's box. It has no solution, and
+    all items of its pack are outside, because the original's locations are not on our grid. The
+    pack's provenance, `FromOriginal`, has what else was recorded. `write_packs` writes the packs of
+    the tasks as a dataset that `load_tasks` reads.
+
+    An item's scale is the product of its three recorded factors. Their generator writes the whole
+    linear factor, 2^((g - 2) / 3) * shapeScale with g in 0..4, so shapeScale must not be applied
+    again; and it applies it to the mesh of ShapeNetCore, assumed to have a bounding-box diagonal of
+    1, as our canonical shapes have.
     """
     shapes = _Shapes(library)
     tasks: list[Task] = []
     unresolved: list[Unresolved] = []
     packs = 0
     for file in _files(Path(path)):
-        for number, (recorded, entries) in enumerate(_recorded_packs(file)):
+        for number, raw in enumerate(_raw_packs(file)):
             packs += 1
-            task, problems = shapes.task(recorded, entries, file.name, number)
+            with located(f"{file}, pack {number}", PackFormatError):
+                recorded = typed_json.convert(raw, _RecordedPack, PackFormatError, "a pack")
+                items = recorded.items()
+            task, problems = shapes.task(recorded, items, file.name, number)
             unresolved += problems
             if task.items and (partial or not problems):
                 tasks.append(task)
@@ -167,21 +201,18 @@ class _Position(Struct):
     z: Number
 
 
+class _Quaternion(_Position):
+    w: Number
+
+
 class _Factors(Struct):
     x: Factor
     y: Factor
     z: Factor
 
 
-class _Quaternion(Struct):
-    x: Number
-    y: Number
-    z: Number
-    w: Number
-
-
 class _RecordedPack(Struct):
-    """A pack as the file has it: an entry of each list for each item."""
+    """A pack in the file, with an entry of each list for each item."""
 
     sources: Annotated[tuple[str, ...], Meta(min_length=1)]
     scales: tuple[_Factors, ...]
@@ -191,7 +222,7 @@ class _RecordedPack(Struct):
     shape_scale: Factor | UnsetType = field(default=UNSET, name="shapeScale")
 
     def items(self) -> list[_RecordedItem]:
-        """Its items, in our terms. Raises PackFormatError that names the field that is wrong."""
+        """Return the items, or raise PackFormatError that names the wrong field."""
         for name in ("scales", "rotations", "positions"):
             entries = getattr(self, name)
             if len(entries) != len(self.sources):
@@ -199,25 +230,24 @@ class _RecordedPack(Struct):
                     f"field {name!r} has {_count(len(entries), 'entry', 'entries')}, "
                     f"'sources' has {len(self.sources)}: they must be as many"
                 )
+        rows = zip(self.sources, self.scales, self.rotations, strict=True)
         return [
             _RecordedItem(
-                source,
-                _scale(self.scales[n], f"scales[{n}]"),
-                _rotation(self.rotations[n], f"rotations[{n}]"),
+                source, _scale(factors, f"scales[{n}]"), _rotation(turn, f"rotations[{n}]")
             )
-            for n, source in enumerate(self.sources)
+            for n, (source, factors, turn) in enumerate(rows)
         ]
 
 
 class _PackFile(Struct):
-    """What a file holds: its packs, read one by one."""
+    """The content of a file; its packs are converted one by one."""
 
     data: Annotated[list[Any], Meta(min_length=1)]
 
 
 @dataclass(frozen=True)
 class _RecordedItem:
-    """An item of a pack, its scale and rotation already ours."""
+    """An item of a pack, with our scale and rotation."""
 
     source: str
     scale: float
@@ -225,7 +255,7 @@ class _RecordedItem:
 
 
 class _Shapes:
-    """The shapes of a library by what the original calls them."""
+    """The shapes of a library by their names in the original."""
 
     def __init__(self, library: ShapeLibrary) -> None:
         self._library = library
@@ -238,7 +268,7 @@ class _Shapes:
     def task(
         self, recorded: _RecordedPack, entries: list[_RecordedItem], file: str, number: int
     ) -> tuple[Task, list[Unresolved]]:
-        """The task of what there are shapes for, and what there are none for."""
+        """Return the task of the items that have shapes, and the other items."""
         items: list[tuple[Item, int]] = []
         problems: list[Unresolved] = []
         for n, entry in enumerate(entries):
@@ -260,20 +290,20 @@ class _Shapes:
         return pack.task(self._library), problems
 
     def _item(self, entry: _RecordedItem) -> Item:
-        """Raises UnknownShapeError or MeshError, and whatever loading the shape raises."""
+        """Load an item; raises UnknownShapeError, MeshError and other errors of loading."""
         item = Item(self._library[self._id(entry.source)], entry.scale)
         if max(item.cells) > max(BOX_CELLS):
             raise MeshError(f"at its scale it needs {item.cells} cells: the box has {BOX_CELLS}")
         return item
 
     def _id(self, source: str) -> str:
+        """Return the id of a shape by its name in the file, or raise UnknownShapeError."""
         match = re.fullmatch(r"[^/]+/([^/]+)/([^/]+)/model\.obj", source)
         if match is None:
             raise UnknownShapeError("it is not of the form Shapes_SPLIT/CATEGORY/MODEL/model.obj")
         category, model = match.groups()
-        names = dict.fromkeys(
-            _plain(name) for name in (category, CATEGORIES.get(category, ""), *_synsets(category))
-        )
+        synsets = (synset for synset, name in CATEGORIES.items() if name == _plain(category))
+        names = dict.fromkeys(map(_plain, (category, CATEGORIES.get(category, ""), *synsets)))
         known = [name for name in names if name and name in self._models]
         found = [id for name in known for id in self._models[name].get(_plain(model), ())]
         if len(found) > 1:
@@ -295,24 +325,19 @@ class _Shapes:
 
 
 def _plain(name: str) -> str:
-    """A name without what differs between spellings: case, spaces, underscores."""
+    """Remove what differs between spellings of a name: case, spaces, underscores."""
     return re.sub(r"(?:[^\w/]|_)+", "-", name.casefold()).strip("-")
 
 
 def _model(id: str) -> str:
-    """The last part of an id, without the ending that folders keep where two files share a name."""
+    """Return the last part of an id, without the suffix of two files with the same name."""
     name = id.rpartition("/")[2]
     stem, dot, ending = name.rpartition(".")
     return stem if stem and dot + ending.lower() in mesh_files.SUFFIXES else name
 
 
-def _synsets(category: str) -> list[str]:
-    """ShapeNet's numbers for a category by our name."""
-    return [synset for synset, name in CATEGORIES.items() if name == _plain(category)]
-
-
 def _files(path: Path) -> list[Path]:
-    """The file itself, or the pack files of a folder: 2_tr before 10_tr."""
+    """Return the file itself, or the pack files of a folder: 2_tr before 10_tr."""
     if not path.is_dir():
         return [path]
     try:
@@ -329,40 +354,27 @@ def _files(path: Path) -> list[Path]:
 
 
 def _natural(name: str) -> list[int | str]:
-    """Orders names by the numbers in them: text and numbers alternate."""
+    """Return a key that orders names by the numbers in them: text and numbers alternate."""
     parts = re.split(r"([0-9]+)", name)
     return [int(part) if n % 2 else part for n, part in enumerate(parts)]
 
 
-def _recorded_packs(file: Path) -> Iterator[tuple[_RecordedPack, list[_RecordedItem]]]:
-    """The packs of a file, each with its items. Raises PackFormatError that names the file."""
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise PackFormatError(f"packs can't be read from {file}: {error.strerror}") from None
-    except ValueError as error:
-        raise PackFormatError(f"packs can't be read from {file}: {error}") from None
-    if not text.strip():
+def _raw_packs(file: Path) -> list[Any]:
+    """Return the packs of a file in JSON's types, or raise PackFormatError that names the file."""
+    data = read_bytes(file)
+    if not data.strip():
         raise PackFormatError(f"{file} is empty")
-    try:
-        raw = json.loads(text)  # the packs of a foreign tool: unknown fields may hold NaN
+    try:  # not by msgspec: unknown fields of another tool's file may be NaN
+        raw = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise PackFormatError(f"{file} is not JSON: {error}") from None
-    try:
-        packs = typed_json.convert(raw, _PackFile, PackFormatError, "the file").data
-    except PackFormatError as error:
-        raise PackFormatError(f"{file}: {error}") from None
-    for number, pack in enumerate(packs):
-        try:
-            recorded = typed_json.convert(pack, _RecordedPack, PackFormatError, "a pack")
-            yield recorded, recorded.items()
-        except PackFormatError as error:
-            raise PackFormatError(f"{file}, pack {number}: {error}") from None
+    with located(file, PackFormatError):
+        return typed_json.convert(raw, _PackFile, PackFormatError, "the file").data
 
 
 def _scale(recorded: _Factors, field: str) -> float:
-    """The ratio of volumes of what is scaled by so much along Unity's axes."""
-    factors = recorded.x, recorded.y, recorded.z
+    """Return the ratio of volumes for the factors along Unity's axes."""
+    factors = structs.astuple(recorded)
     if max(factors) - min(factors) > UNEQUAL * max(factors):
         raise PackFormatError(
             f"field {field!r} is {factors}: the three must be equal, an item has one scale"
@@ -371,20 +383,13 @@ def _scale(recorded: _Factors, field: str) -> float:
 
 
 def _rotation(recorded: _Quaternion, field: str) -> int:
-    """The index of the rotation that is a quaternion of Unity's."""
-    x, y, z, w = quaternion = recorded.x, recorded.y, recorded.z, recorded.w
-    unity = np.array(
-        (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-    )
-    ours = _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T
-    errors = np.abs(rotations.MATRICES - ours).max(axis=(1, 2))
-    nearest = int(errors.argmin())
-    unit = abs(math.hypot(*quaternion) - 1) <= SKEW
-    if not (unit and errors[nearest] <= SKEW):
+    """Return the index of our rotation for a quaternion of Unity's."""
+    x, y, z, w = quaternion = structs.astuple(recorded)
+    unity = Pose.from_xyzw(np.zeros(3), (x, y, z, w)).axes
+    errors = np.abs(rotations.MATRICES - _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T)
+    worst = errors.max(axis=(1, 2))
+    nearest = int(worst.argmin())
+    if abs(math.hypot(*quaternion) - 1) > SKEW or worst[nearest] > SKEW:
         raise PackFormatError(
             f"field {field!r} is {quaternion}: it must be a unit quaternion of one of the "
             f"{rotations.COUNT} rotations"
@@ -393,7 +398,7 @@ def _rotation(recorded: _Quaternion, field: str) -> int:
 
 
 def _printable(text: str) -> str:
-    """Text on one line, with escapes for what a terminal or a file may refuse."""
+    """Escape what a terminal or a file may refuse, so that the text is on one line."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 

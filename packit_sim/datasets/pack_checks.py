@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from packit_sim import placement
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
-from packit_sim.datasets.packs import Pack, PackedItem
+from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
@@ -21,21 +21,21 @@ from packit_sim.physics.settings import INSIDE
 from packit_sim.placement import PlacedItem, PosedItem
 
 DENSITY_SLACK = 1e-9
-"""How far a recorded density may be from the replayed one: rounding of sums."""
+"""Largest difference between a recorded and a replayed density: rounding of sums."""
 
 SCALE_SLACK = 1e-12
-"""How far, relatively, an item's scale may be from one of its settings': rounding of products."""
+"""Largest relative difference between an item's scale and its settings': rounding of products."""
 
 WITNESSES = 512
-"""Cells of an item, of either kind, that are asked about all locations before the oracle is."""
+"""Cells of an item, inner and outer each, that are tested at all locations before the oracle is."""
 
 
 def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     """Check a pack.
 
     Items on the grid are replayed one by one against the oracle, without the engine that packed
-    them. Of items that settled off the grid it is checked that those that count are inside the
-    box; whether they overlap, or rest, is not judged.
+    them. Items that settled off the grid must be inside the box if they count; whether they overlap
+    or rest is not judged.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each problem; empty for a pack that holds.
+        A sentence for each problem; empty for a correct pack.
     """
     try:
         items = pack.placed(library)
@@ -57,7 +57,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     before: dict[int, PlacedItem] = {}
     size = np.array(pack.cells) * CELL
     for n, candidate in enumerate(items):
-        what = f"item {n} ({candidate.item.shape.id!r})"
+        what = named(n, candidate.item.shape.id)
         if isinstance(candidate, PosedItem):
             vertices = candidate.vertices
             inside = (vertices > -INSIDE).all() and (vertices < size + INSIDE).all()
@@ -71,9 +71,8 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
         before[n] = candidate
-    volume = sum(
-        p.item.volume for p, record in zip(items, pack.items, strict=True) if record.counted
-    )
+    counted = [p.item for p, record in zip(items, pack.items, strict=True) if record.counted]
+    volume = sum(item.volume for item in counted)
     density = volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if not abs(density - pack.density) <= DENSITY_SLACK:
         problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")
@@ -81,7 +80,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
 
 
 def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
-    """Where a pack contradicts the settings of its evolution."""
+    """Yield where a pack contradicts the settings of its evolution."""
     settings, size = evolved.settings, evolved.size
     if len(pack.items) > settings.pool:
         yield f"it holds {len(pack.items)} items, more than its pool of {settings.pool}"
@@ -90,23 +89,30 @@ def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
     least, most = settings.size_range
     if not least <= size <= most:
         yield f"its size {size!r} is outside its settings' range {list(settings.size_range)}"
-    yield from _scale_problems(pack.items, settings.scales, size)
-
-
-def _scale_problems(
-    items: Sequence[PackedItem], scales: Sequence[float], size: float
-) -> Iterator[str]:
-    possible = [scale * size**3 for scale in scales]
-    for n, item in enumerate(items):
+    possible = [scale * size**3 for scale in settings.scales]
+    for n, item in enumerate(pack.items):
         if not any(math.isclose(item.scale, scale, rel_tol=SCALE_SLACK) for scale in possible):
             yield (
                 f"{named(n, item.shape)} has scale {item.scale!r}, "
-                f"which is none of its settings' {list(scales)} at size {size!r}"
+                f"which is none of its settings' {list(settings.scales)} at size {size!r}"
             )
 
 
 def order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]:
-    """Which items could have stood before where they do, in the order of bottom-left-back fill."""
+    """Yield the items for which bottom-left-back fill has an earlier location.
+
+    Parameters
+    ----------
+    cells : tuple of int
+        The box's cells along x, y and z.
+    placed : sequence of PlacedItem
+        The items, in the order of placing.
+
+    Yields
+    ------
+    str
+        A sentence for each such item.
+    """
     outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
     before: list[PlacedItem] = []
     for n, candidate in enumerate(placed):
@@ -118,9 +124,7 @@ def order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]
                 f"{named(n, candidate.item.shape.id)} stands at {candidate.location}, "
                 f"but bottom-left-back fill puts it at {free}"
             )
-        where = tuple(
-            slice(start, stop) for start, stop in zip(candidate.start, candidate.stop, strict=True)
-        )
+        where = tuple(map(slice, candidate.start, candidate.stop))
         outer[where] |= candidate.item.outer
         inner[where] |= candidate.item.inner
         before.append(candidate)
@@ -132,11 +136,12 @@ def _earlier(
     placed: Sequence[PlacedItem],
     candidate: PlacedItem,
 ) -> Triple | None:
-    """The first location before the candidate's in (z, x, y) that the oracle finds feasible.
+    """Return the first location before the candidate's in (z, x, y) that the oracle finds feasible.
 
-    outer, inner: bool over the box's cells, those of the items placed. A cell that is inner for one
-    item and outer for another holds a fine cell that is so, and proves a conflict; which of the
-    item's cells are asked has no part in the answer, since where they prove none the oracle is.
+    `outer` and `inner` are bool over the box's cells, for the items placed. A cell that is inner
+    for one item and outer for another contains a fine cell of both, and proves a conflict. The
+    choice of the item's cells has no influence on the answer: if they prove no conflict, the oracle
+    decides.
     """
     item, (i, j, k) = candidate.item, candidate.location
     nx, ny = ((outer.shape[axis] - item.cells[axis]) // STEP + 1 for axis in (0, 1))
@@ -162,5 +167,5 @@ def _earlier(
 
 
 def named(number: int, name: str) -> str:
-    """An item as problems name it."""
+    """Name an item in a problem."""
     return f"item {number} ({name!r})"

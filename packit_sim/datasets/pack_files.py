@@ -1,32 +1,32 @@
-"""Files of packs: datasets in JSON Lines with a manifest, found by name or path."""
+"""Files of packs: JSON Lines with a manifest, found by a dataset's name or a path."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from msgspec import Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.errors import PackFormatError
+from packit_sim.core.errors import PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
 from packit_sim.datasets.packs import FORMAT, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import Count
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
-from packit_sim.libraries.splits import Split
+from packit_sim.libraries.splits import SPLITS, Split
 
 STARTER_PACKS = "starter"
-"""Name of the dataset that comes with the package."""
+"""The name of the small built-in dataset."""
 
 WHOLE = "packs"
-"""The split of a dataset that has none: the name of its file."""
+"""The name of the only file, "packs.jsonl", of a dataset without splits."""
 
 
 class Manifest(Struct, frozen=True, omit_defaults=True):
-    """What is recorded next to a file of packs.
+    """The record next to a file of packs.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
     packs : int
         The number of packs.
     sha256 : str
-        The SHA-256 of the file.
+        The SHA-256 of the file, in hex.
     libraries : tuple of LibraryRef
         The libraries of the packs, in the order of their first pack.
     split : Split, optional
-        The split of the library whose shapes the packs hold.
+        The split of the library that the packs' shapes belong to.
     """
 
     format: int
@@ -63,12 +63,12 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
         Returns
         -------
         Manifest
-            What it records.
+            The record.
 
         Raises
         ------
         PackFormatError
-            If it can't be read, or is no manifest; the message does not name the file.
+            If the file can't be read or is not a manifest; the message does not name the file.
         """
         try:
             data = path.read_bytes()
@@ -77,19 +77,41 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
         return typed_json.decode(data, cls, PackFormatError, "a manifest")
 
 
-def load_tasks(
-    source: Path | str, library: ShapeLibrary, split: str | None = None
-) -> tuple[Task, ...]:
-    """The tasks of a dataset, or of one of its splits (see `dataset_file`)."""
-    return tuple(pack.task(library) for pack in read_packs(dataset_file(source, split)))
+def manifest_path(path: Path) -> Path:
+    """Return the path of a dataset's manifest."""
+    return path.with_suffix(".manifest.json")
+
+
+def builtin_datasets() -> tuple[str, ...]:
+    """Return the names of the built-in datasets."""
+    return tuple(sorted(path.name for path in (assets_folder() / "packs").iterdir()))
+
+
+def dataset_path(source: Path | str) -> Path:
+    """Return the folder of a built-in dataset by its name, or else the path itself."""
+    built_in = assets_folder() / "packs" / str(source)
+    return built_in if str(source) in builtin_datasets() else Path(source)
 
 
 def dataset_file(source: Path | str, split: str | None = None) -> Path:
-    """The JSON Lines file of a dataset.
+    """Find the JSON Lines file of a dataset.
 
-    source: the name of one that comes with the package, such as "starter", or a path, of the file
-    itself or of a folder. split: which of the folder's files; "packs" where it has that one alone.
-    Raises PackFormatError where the split does not go with it.
+    Parameters
+    ----------
+    source : Path or str
+        The name of a built-in dataset, such as "starter", or the path of a file or a folder.
+    split : str, optional
+        Which file of the folder; by default "packs", if it is the only one.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    PackFormatError
+        If there is no such dataset, or it does not have the split.
     """
     path = dataset_path(source)
     if not path.exists():
@@ -112,19 +134,59 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
     return path / f"{split}.jsonl"
 
 
-def dataset_path(source: Path | str) -> Path:
-    """The folder of a dataset that comes with the package, or the path itself."""
-    built_in = assets_folder() / "packs" / str(source)
-    return built_in if str(source) in builtin_datasets() else Path(source)
+def dataset_files(source: Path | str, split: str | None = None) -> tuple[Path, ...]:
+    """Find the files of a dataset: train, test, validation, and others.
+
+    Parameters
+    ----------
+    source : Path or str
+        The name of a built-in dataset, or a path.
+    split : str, optional
+        A split, for its file alone.
+
+    Returns
+    -------
+    tuple of Path
+        One file or more.
+
+    Raises
+    ------
+    PackFormatError
+        If there is none.
+    """
+    path = dataset_path(source)
+    if split is not None or not path.is_dir():
+        return (dataset_file(source, split),)
+    known = {name: n for n, name in enumerate(SPLITS)}
+    files = folder_files(path)
+    return tuple(sorted(files, key=lambda file: (known.get(file.stem, len(known)), file.stem)))
 
 
-def builtin_datasets() -> tuple[str, ...]:
-    """Names of the datasets that come with PackIt-Sim."""
-    return tuple(sorted(path.name for path in (assets_folder() / "packs").iterdir()))
+def folder_files(folder: Path) -> list[Path]:
+    """Find the files of packs in a folder, sorted by name, or raise PackFormatError."""
+    files = sorted(folder.glob("*.jsonl"))
+    if not files:
+        raise PackFormatError(f"{folder} is a folder without packs: it has no .jsonl file")
+    return files
+
+
+def load_tasks(
+    source: Path | str, library: ShapeLibrary, split: str | None = None
+) -> tuple[Task, ...]:
+    """Load the tasks of a dataset, or of one of its splits (see `dataset_file`)."""
+    return tuple(pack.task(library) for pack in read_packs(dataset_file(source, split)))
 
 
 def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
-    """Writes a dataset, whole or not at all: the JSON Lines file and its manifest beside it."""
+    """Write a JSON Lines file of packs and its manifest; the file is written whole or not at all.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file; its folder is created.
+    packs : iterable of Pack
+        The packs.
+    """
     path = Path(path)
     packs = list(packs)
     text = "".join(pack.to_json() + "\n" for pack in packs)
@@ -137,41 +199,56 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
 
 
 def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
-    """Reads a dataset. Raises PackFormatError that names the file, the line and what is wrong.
+    """Read a file of packs.
 
-    manifest: whether the file must be the one that its manifest describes, where it has one.
+    Parameters
+    ----------
+    path : Path or str
+        The JSON Lines file.
+    manifest : bool, default: True
+        Whether to compare the file with its manifest, if it has one.
+
+    Returns
+    -------
+    list of Pack
+        One pack or more.
+
+    Raises
+    ------
+    PackFormatError
+        If the file can't be read, a line is not a pack, or the manifest has another digest. The
+        message names the file, the line and the field.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise PackFormatError(f"packs can't be read from {path}: {error.strerror}") from None
+    data = read_bytes(path)
     packs = []
-    for number, line in enumerate(data.split(b"\n"), start=1):
-        if not line.strip():
-            continue
-        try:
+    for number, line in numbered_lines(data):
+        with located(f"{path}, line {number}", PackFormatError):
             packs.append(Pack.from_json(line))
-        except PackFormatError as error:
-            raise PackFormatError(f"{path}, line {number}: {error}") from None
     if not packs:
         raise PackFormatError(f"{path} holds no packs")
-    if manifest and manifest_path(path).exists():
-        _check_manifest(manifest_path(path), path, data)
+    described = manifest_path(path)
+    if manifest and described.exists():
+        with located(f"{described} is no manifest", PackFormatError):
+            digest = Manifest.read(described).sha256
+        if digest != hashlib.sha256(data).hexdigest():
+            raise PackFormatError(
+                f"{path} is not the file that {described.name} describes: its SHA-256 differs"
+            )
     return packs
 
 
-def _check_manifest(manifest: Path, path: Path, data: bytes) -> None:
+def read_bytes(path: Path) -> bytes:
+    """Read a file, or raise PackFormatError."""
     try:
-        digest = Manifest.read(manifest).sha256
-    except PackFormatError as error:
-        raise PackFormatError(f"{manifest} is no manifest: {error}") from None
-    if digest != hashlib.sha256(data).hexdigest():
-        raise PackFormatError(
-            f"{path} is not the file that {manifest.name} describes: its SHA-256 differs"
-        )
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else error
+        raise PackFormatError(f"packs can't be read from {path}: {problem}") from None
 
 
-def manifest_path(path: Path) -> Path:
-    """Where the manifest of a dataset stands."""
-    return path.with_suffix(".manifest.json")
+def numbered_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the lines that are not blank, with their numbers from 1."""
+    for number, line in enumerate(data.split(b"\n"), start=1):
+        if line.strip():
+            yield number, line

@@ -1,4 +1,4 @@
-"""Packings that other tools made, off any grid, checked by the meshes themselves."""
+"""Packings of other tools, off any grid, checked by the meshes themselves."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from msgspec import Meta, Struct
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import MeshError, PackFormatError
+from packit_sim.core.errors import MeshError, PackFormatError, located
 from packit_sim.datasets.pack_checks import named
+from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.verification import Problem, Report
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
@@ -28,16 +27,16 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import read
 
 POSE_SLACK = 1e-6
-"""How far a pose may be from a turn and one scale, relatively: what single precision leaves."""
+"""Largest relative error of a pose's rotation and scale: rounding of single precision."""
 
 MAX_LENGTH = 1e30
-"""Of boxes, meshes and poses of other tools, in any unit; none may be below its inverse."""
+"""Largest length of boxes, meshes and poses, in any unit; its inverse is the smallest."""
 
 SAMPLES = 9
-"""Points of a part that vote on whether another shell holds it."""
+"""Points of a part that vote on whether it is inside another shell."""
 
 WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
-"""The walls of a box by axis, that at 0 first."""
+"""The walls of a box by axis, the one at 0 first."""
 
 Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
 Extent = Annotated[float, Meta(gt=1 / MAX_LENGTH, lt=MAX_LENGTH)]
@@ -48,29 +47,44 @@ Ints = npt.NDArray[np.int64]
 
 
 def verify_packing(file: Path | str) -> Report:
-    """Checks a packing that another tool made, off any grid, by its meshes themselves.
+    """Check a packing of another tool, off any grid, by its meshes themselves.
 
-    The file is a JSON object; fields that are not named here are the tool's own:
+    Parameters
+    ----------
+    file : Path or str
+        The JSON file (see Notes).
+
+    Returns
+    -------
+    Report
+        The problems. They include meshes that can't be used, and poses that shear or mirror.
+
+    Raises
+    ------
+    PackFormatError
+        If the file is not of this form; the message names the file and the field.
+
+    Notes
+    -----
+    The file is a JSON object, which may have other fields as well:
 
         {"box": [600, 400, 300], "unit": "mm",
          "items": [{"mesh": "parts/mug.stl",
                     "pose": [[1, 0, 0, 50], [0, 1, 0, 50], [0, 0, 1, 60], [0, 0, 0, 1]]}]}
 
-    box: its extents, from (0, 0, 0). unit: the name of the unit of length, which nothing depends
-    on. mesh: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
-    "/" between folders, and inside that folder. pose: (4, 4) by rows, takes the coordinates in the
-    mesh's file as they are, with no axis turned up and no unit converted, to those of the box; a
-    turn, one scale for all axes and a shift.
+    - `box`: its extents, from (0, 0, 0).
+    - `unit`: the name of the unit of length; it has no influence.
+    - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
+      "/" between folders, and inside that folder.
+    - `pose`: (4, 4) by rows, a rotation, one scale for all axes and a translation. It maps the
+      coordinates in the mesh's file to those of the box, regardless of the file's up axis and unit.
 
-    An item holds where its mesh is inside the box, crosses no other's, and has no part that lies in
-    a shell of another, be it in a cavity. A shell is a part that is closed, once holes that the
-    importer would fill are (`repair.repair_mesh`): what an open one holds is unknown. Tolerance is
-    the contact tolerance, with the box's longest extent as the unit; in that measure meshes are
-    drawn in as on the grid, along their file's axes. The volume is the closed body's, or the
-    solid's by voxels (see `Shape`).
-
-    Raises PackFormatError that names the file and the field where it is not of this form; a mesh
-    that can't be used, and a pose that shears or mirrors, is a problem in the report.
+    The mesh of an item must be inside the box, must not cross that of another item, and must have
+    no part inside a shell of another item, not even in a cavity. A shell is a part that is closed,
+    after filling the holes that the importer would fill (`repair_mesh`): the inside of an open part
+    is unknown. The tolerance is the contact tolerance, with the box's longest extent as the unit;
+    meshes shrink by it as on the grid, along their file's axes. The volume is that of the closed
+    body, or of the solid by voxels (see `Shape`).
     """
     file = Path(file)
     extents, items = _packing(file)
@@ -101,14 +115,14 @@ def verify_packing(file: Path | str) -> Report:
 
 
 class _Loaded:
-    """A mesh file's mesh. vertices: (n, 3) in the file's coordinates. volume: in its unit cubed.
+    """The mesh of a file, in the file's coordinates and unit.
 
-    middle, extents: (3,) of its bounding box.
-    part: (m,) which connected part a triangle is of. shells: vertices and faces of each closed one.
+    vertices: (n, 3). volume: in the unit cubed. middle, extents: (3,) of the bounding box. part:
+    (m,) the number of each triangle's connected part.
     """
 
     def __init__(self, mesh: trimesh.Trimesh, name: str) -> None:
-        Shape.from_mesh(mesh, name)  # refuses what is empty, not finite or flat
+        Shape.from_mesh(mesh, name)  # refuses a mesh that is empty, not finite or flat
         vertices = np.asarray(mesh.vertices, dtype=float)
         faces = np.asarray(mesh.faces, dtype=np.int64)
         used = vertices[np.unique(faces)]
@@ -129,7 +143,7 @@ class _Loaded:
 
     @cached_property
     def shells(self) -> tuple[Floats, tuple[Ints, ...]]:
-        """Vertices (n, 3), and the faces of each closed part."""
+        """The vertices (n, 3), and the faces of each closed part."""
         whole, _ = repair_mesh(self._clean)
         size, middle = self._frame
         faces: Ints = np.asarray(whole.faces, dtype=np.int64)
@@ -143,9 +157,9 @@ def _loaded(path: Path) -> _Loaded:
 
 
 class _Body:
-    """A mesh in its pose, drawn in; lengths are in units of the box's longest extent.
+    """A mesh in its pose, shrunk by the tolerance; the unit is the box's longest extent.
 
-    low, high: (3,) its bounds before that. volume: of the solid.
+    low, high: (3,) the bounds before shrinking. volume: of the solid.
     """
 
     def __init__(self, what: str, loaded: _Loaded, pose: Floats, unit: float) -> None:
@@ -184,7 +198,7 @@ class _Body:
         return [corners[faces] for faces in shells]
 
     def holds(self, other: _Body) -> bool:
-        """Whether a part of another, whose surface crosses none of this one's, is in a shell."""
+        """Whether a part of another body is in a shell; their surfaces must not cross."""
         for shell in self.shells:
             low, high = shell.min(axis=(0, 1)), shell.max(axis=(0, 1))
             for part in other.parts:
@@ -198,9 +212,19 @@ class _Body:
 
 
 def winding_number(triangles: Floats, point: Floats) -> float:
-    """How often a surface goes around a point: a share of the full solid angle, signed.
+    """Compute how often a surface winds around a point: the signed share of the solid angle.
 
-    triangles: (m, 3, 3) corners. point: (3,). About 0 outside a closed surface, 1 or -1 inside.
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (m, 3, 3)
+        The corners of the surface's triangles.
+    point : ndarray of float64, shape (3,)
+        The point.
+
+    Returns
+    -------
+    float
+        About 0 outside a closed surface, 1 or -1 inside.
     """
     a, b, c = np.moveaxis(triangles - point, 1, 0)
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
@@ -232,16 +256,15 @@ def _pair_problems(one: _Body, other: _Body) -> Iterator[str]:
 
 
 def _parts(faces: Ints, vertices: int) -> Ints:
-    """(m,) the number of the connected part that each triangle is of."""
-    ends = np.concatenate([faces[:, :2], faces[:, 1:]]).T
-    graph = coo_array((np.ones(len(ends[0])), tuple(ends)), shape=(vertices, vertices))
-    labels = connected_components(graph, directed=False)[1][faces[:, 0]]
-    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
+    """Return the number (m,) of each triangle's connected part."""
+    edges = trimesh.geometry.faces_to_edges(faces)
+    labels = trimesh.graph.connected_component_labels(edges, node_count=vertices)
+    return np.unique(labels[faces[:, 0]], return_inverse=True)[1].astype(np.int64)
 
 
 def _is_closed(faces: Ints) -> bool:
-    """Whether each edge is run through once in either direction, or as often in both."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    """Whether the triangles run through each edge equally often in both directions."""
+    edges = trimesh.geometry.faces_to_edges(faces)
     _, forward = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     signs = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     return not np.bincount(forward.ravel(), signs).any()
@@ -253,7 +276,7 @@ class _PackingItem(Struct):
 
 
 class _Packing(Struct):
-    """The content of a packing's file; other fields are the tool's own."""
+    """The content of a packing's file; other fields are ignored."""
 
     box: tuple[Extent, Extent, Extent]
     items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
@@ -261,19 +284,16 @@ class _Packing(Struct):
 
 
 def _packing(file: Path) -> tuple[Floats, list[tuple[str, Floats]]]:
-    """The box's extents (3,), and of each item the mesh's path and its pose (4, 4)."""
-    try:
-        packing = typed_json.decode(file.read_bytes(), _Packing, PackFormatError, "a packing")
-    except OSError as error:
-        raise PackFormatError(f"{file}: can't be read: {error.strerror}") from None
-    except PackFormatError as error:
-        raise PackFormatError(f"{file}: {error}") from None
-    for n, item in enumerate(packing.items):
-        if not _is_inside(item.mesh):
-            raise PackFormatError(
-                f"{file}: field 'items[{n}].mesh' is {item.mesh!r}: "
-                "it must be a path inside the packing's folder"
-            )
+    """Read the box's extents (3,), and the mesh's path and the pose (4, 4) of each item."""
+    data = read_bytes(file)
+    with located(file, PackFormatError):
+        packing = typed_json.decode(data, _Packing, PackFormatError, "a packing")
+        for n, item in enumerate(packing.items):
+            if not _is_inside(item.mesh):
+                raise PackFormatError(
+                    f"field 'items[{n}].mesh' is {item.mesh!r}: "
+                    "it must be a path inside the packing's folder"
+                )
     return np.array(packing.box), [(item.mesh, np.array(item.pose)) for item in packing.items]
 
 
@@ -284,7 +304,7 @@ def _is_inside(path: str) -> bool:
 
 
 def _pose_fault(pose: Floats) -> str | None:
-    """Why a finite (4, 4) matrix is no turn with one scale and a shift; None where it is one."""
+    """Return why a finite (4, 4) matrix is not a rotation with one scale and a translation."""
     if pose[3].tolist() != [0, 0, 0, 1]:
         return f"has the last row {pose[3].tolist()}: it must be 0, 0, 0, 1"
     linear = pose[:3, :3]

@@ -133,10 +133,6 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         return PosedItem.at(item, Pose(np.array(self.pose.position), self.pose.wxyz))
 
 
-class _Header(Struct):
-    format: Any = None
-
-
 @dataclass(frozen=True)
 class Pack:
     """A packed box: its items in the order of placing, and its provenance.
@@ -326,7 +322,7 @@ class Pack:
         PackFormatError
             If the line is not a pack; the message names the field that is wrong.
         """
-        number = typed_json.decode(line, _Header, PackFormatError, "a pack").format
+        number = typed_json.format_of(line, PackFormatError, "a pack")
         if number not in FORMATS or isinstance(number, bool):
             known = " and ".join(map(str, FORMATS))
             raise PackFormatError(f"field 'format' is {number!r:.40}: this version reads {known}")

@@ -1,4 +1,4 @@
-"""What the packs of a dataset hold, counted split by split."""
+"""Statistics of datasets, split by split."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ import numpy.typing as npt
 
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.pack_files import dataset_file, dataset_path, read_packs
+from packit_sim.datasets.pack_files import dataset_files, read_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved, Sampled
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.splits import SPLITS
 
 MOST_FREQUENT = 5
-"""Categories that are named in `DatasetStatistics.rows`."""
+"""Number of categories that `DatasetStatistics.rows` names."""
 
 MOST_SCALES = 8
-"""Scales that are listed one by one in `DatasetStatistics.rows`."""
+"""Number of scales that `DatasetStatistics.rows` lists one by one."""
 
 DIGITS = 6
 """Significant digits to which scales must agree to count as one: rounding of products."""
 
 UPRIGHT = rotations.COUNT // 6
-"""The rotations below this leave the canonical shape's bottom down."""
+"""Number of rotations, the first ones, that keep the canonical shape upright."""
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -40,7 +39,19 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Summary:
-    """How a number differs from pack to pack: mean with 95% interval, median, extremes."""
+    """The distribution of a number over packs.
+
+    Attributes
+    ----------
+    mean : Estimate
+        The mean, with its 95% interval.
+    median : float
+        The median.
+    least : float
+        The smallest value.
+    most : float
+        The largest value.
+    """
 
     mean: Estimate
     median: float
@@ -49,7 +60,7 @@ class Summary:
 
     @classmethod
     def of(cls, values: npt.NDArray[Any]) -> Summary:
-        """Of one value or more."""
+        """Summarise one value or more."""
         return cls(
             Estimate.of(values), float(np.median(values)), float(values.min()), float(values.max())
         )
@@ -57,13 +68,30 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """The packs of one split, counted. Each counts for itself, also where one evolution kept more.
+    """The statistics of one split's packs, all of them, even if they have an evolution in common.
 
-    split: its name. items: (packs,) how many each holds; densities: (packs,). generations: in which
-    each was found, sizes: the linear size factor of each, both of the packs that record it.
-    volumes: (items,) shares of the box. scales: items by their scale before the size factor.
-    shapes, categories: items by the id of their shape, and by its category; most frequent first.
-    rotations: (24,) items in each.
+    Attributes
+    ----------
+    split : str
+        The name of the split.
+    items : ndarray of int64, shape (packs,)
+        The number of items of each pack.
+    densities : ndarray of float64, shape (packs,)
+        The density of each pack.
+    generations : ndarray of int64
+        The generation in which each pack was found, of the packs that record it.
+    sizes : ndarray of float64
+        The linear size factor of each pack, of the packs that record it.
+    volumes : ndarray of float64, shape (items,)
+        The volume of each item, as a share of the box.
+    scales : Counter of float
+        Items by their scale before the size factor, most frequent first.
+    shapes : Counter of str
+        Items by the id of their shape, most frequent first.
+    categories : Counter of str
+        Items by category, most frequent first.
+    rotations : ndarray of int64, shape (24,)
+        The number of items in each rotation.
     """
 
     split: str
@@ -79,10 +107,28 @@ class DatasetStatistics:
 
     @classmethod
     def of(cls, split: str, packs: Sequence[Pack], library: ShapeLibrary) -> DatasetStatistics:
-        """Counts packs.
+        """Compute the statistics of packs.
 
-        Raises PackFormatError where they are of another library or all of them are empty, and
-        UnknownShapeError for an id that the library doesn't hold.
+        Parameters
+        ----------
+        split : str
+            The name of the split.
+        packs : sequence of Pack
+            The packs.
+        library : ShapeLibrary
+            Their library.
+
+        Returns
+        -------
+        DatasetStatistics
+            The statistics.
+
+        Raises
+        ------
+        PackFormatError
+            If the packs are of another library, or all of them are empty.
+        UnknownShapeError
+            If the library does not have a shape.
         """
         volumes = [
             placed.item.volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
@@ -113,10 +159,11 @@ class DatasetStatistics:
 
     @property
     def packs(self) -> int:
+        """The number of packs."""
         return len(self.items)
 
     def spreads(self) -> dict[str, Summary]:
-        """Summarise what differs from pack to pack, by name; only what the packs record."""
+        """Summarise the numbers that the packs record, by name."""
         values = {
             "items a pack": self.items,
             "density": self.densities,
@@ -126,12 +173,12 @@ class DatasetStatistics:
         return {name: Summary.of(found) for name, found in values.items() if len(found)}
 
     def volume_quantiles(self) -> dict[str, float]:
-        """Of the items' shares of the box: the extremes, the median, and where four fifths are."""
+        """Compute quantiles of the items' shares of the box: 0, 10, 50, 90 and 100%."""
         shares = {"least": 0.0, "10%": 0.1, "median": 0.5, "90%": 0.9, "most": 1.0}
         return {name: float(np.quantile(self.volumes, q)) for name, q in shares.items()}
 
     def rows(self) -> dict[str, str]:
-        """A column of the table of a dataset: text by the heading of its row."""
+        """Return a column of a dataset's table: text by the heading of its row."""
         total = len(self.volumes)
         rows = {"packs": f"{self.packs:,}", "items": f"{total:,}"}
         for name, spread in self.spreads().items():
@@ -164,7 +211,7 @@ class DatasetStatistics:
         return rows
 
     def to_json(self) -> dict[str, Any]:
-        """Return all that is in `rows`, and the whole counts, in JSON's types."""
+        """Return the content of `rows` and the whole counts, in JSON's types."""
         return {
             "packs": self.packs,
             "items": len(self.volumes),
@@ -177,26 +224,10 @@ class DatasetStatistics:
         }
 
 
-def dataset_files(source: Path | str, split: str | None = None) -> tuple[Path, ...]:
-    """The files of a dataset, or that of one of its splits: train, test, validation, and others.
-
-    Raises PackFormatError where there is none.
-    """
-    path = dataset_path(source)
-    if split is not None or not path.is_dir():
-        return (dataset_file(source, split),)
-    known = {name: n for n, name in enumerate(SPLITS)}
-    files = path.glob("*.jsonl")
-    found = sorted(files, key=lambda file: (known.get(file.stem, len(known)), file.stem))
-    if not found:
-        raise PackFormatError(f"{path} is a folder without packs: it has no .jsonl file")
-    return tuple(found)
-
-
 def take(
     source: Path | str, library: ShapeLibrary, split: str | None = None
 ) -> tuple[DatasetStatistics, ...]:
-    """Count a dataset: each of its splits, or one. Raises what its parts raise."""
+    """Compute the statistics of each split of a dataset, or of one (see `dataset_files`)."""
     return tuple(
         DatasetStatistics.of(file.stem, read_packs(file), library)
         for file in dataset_files(source, split)
@@ -204,7 +235,7 @@ def take(
 
 
 def _size(pack: Pack) -> float | None:
-    """The linear size factor on all of a pack's items, if it is recorded."""
+    """Return the linear size factor on all items of a pack, if it is recorded."""
     return pack.provenance.size if isinstance(pack.provenance, Evolved | Sampled) else None
 
 
@@ -213,10 +244,10 @@ def _rounded(scale: float) -> float:
 
 
 def _ranked(things: Any) -> Counter[Any]:
-    """Counts, the most frequent first, ties by name."""
+    """Count things, most frequent first, ties by name."""
     return Counter(dict(sorted(Counter(things).items(), key=lambda entry: (-entry[1], entry[0]))))
 
 
 def _percent(share: float) -> str:
-    """A share in percent, to two digits that mean something."""
+    """Format a share in percent, with two significant digits."""
     return f"{100 * share:.0f}%" if share >= 0.1 else f"{100 * share:.2g}%"

@@ -1,4 +1,4 @@
-"""The picture of a dataset: how its packs differ, and what is in them."""
+"""The picture of a dataset: histograms of its packs, and frequencies of categories."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from packit_sim.libraries.splits import SPLITS
 from packit_sim.render import plots
 
 LEAST_BINS, MOST_BINS = 7, 24
-"""Of a histogram; how many in between goes by the number of packs."""
+"""Range of the number of bins of a histogram, which grows with the number of packs."""
 
 FILL = 0.45
-"""How opaque the bars of a histogram are, all splits together."""
+"""Total opacity of the bars of a histogram, shared by the splits."""
 
 MOST_CATEGORIES = 30
-"""That are shown, the most frequent."""
+"""Number of categories that are shown, the most frequent."""
 
 MARKERS = "osD^v"
 """Markers of splits, for readers who see no colours."""
@@ -30,9 +30,21 @@ Numbers = npt.NDArray[Any]
 
 
 def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
-    """Draws the splits of a dataset over each other: histograms, and frequencies of categories.
+    """Draw the splits of a dataset over each other: histograms, and frequencies of categories.
 
-    Raises MissingMatplotlibError, and RenderError where the path can't be written.
+    Parameters
+    ----------
+    splits : sequence of DatasetStatistics
+        The statistics of each split.
+    path : Path or str
+        The picture to write.
+
+    Raises
+    ------
+    MissingMatplotlibError
+        If matplotlib is not installed.
+    RenderError
+        If the path can't be written.
     """
     layout = [["items", "categories"], ["density", "categories"], ["volume", "categories"]]
     with plots.drawn(path, layout, 10, 9) as (figure, axes):
@@ -54,7 +66,7 @@ def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
 
 
 def _styles(splits: Sequence[DatasetStatistics]) -> list[tuple[str, str]]:
-    """Color and marker of each; the three splits have theirs whichever are there."""
+    """Return the color and marker of each; those of the three usual splits are fixed."""
     others = [split.split for split in splits if split.split not in SPLITS]
     names = others if len(others) == len(splits) else [*SPLITS, *others]
     places = [names.index(split.split) for split in splits]
@@ -62,7 +74,7 @@ def _styles(splits: Sequence[DatasetStatistics]) -> list[tuple[str, str]]:
 
 
 def _histogram(axes: Any, splits: Sequence[DatasetStatistics], samples: Sequence[Numbers]) -> None:
-    """Shares of a sample of each split, so that splits of different size compare."""
+    """Draw relative frequencies, so that splits of different size compare."""
     edges = _edges(samples, log=axes.get_xscale() == "log")
     for (color, _), sample in zip(_styles(splits), samples, strict=True):
         shares = 100 * np.histogram(sample, edges)[0] / len(sample)
@@ -73,7 +85,7 @@ def _histogram(axes: Any, splits: Sequence[DatasetStatistics], samples: Sequence
 
 
 def _edges(samples: Sequence[Numbers], log: bool) -> Numbers:
-    """Of bins that hold all values: between whole numbers, or evenly spaced."""
+    """Return the edges of bins for all values: between whole numbers, or evenly spaced."""
     values = np.concatenate(samples)
     low, high = values.min(), values.max()
     bins = int(np.clip(2 * np.sqrt(min(map(len, samples))), LEAST_BINS, MOST_BINS))
@@ -87,7 +99,7 @@ def _edges(samples: Sequence[Numbers], log: bool) -> Numbers:
 
 
 def _categories(axes: Any, splits: Sequence[DatasetStatistics]) -> None:
-    """A dot for each split and category."""
+    """Draw a dot for each split and category."""
     total: Counter[str] = Counter()
     for split in splits:
         total.update({k: n / len(split.volumes) for k, n in split.categories.items()})

@@ -1,7 +1,7 @@
-"""Checks of whole datasets, by none of the code that generates them.
+"""Checks of whole datasets, independent of the code that generates them.
 
-Of the geometry only the oracle decides (`placement.conflicts`): no mask and no search of the
-engine, no `Box`.
+The oracle (`placement.conflicts`) decides about the geometry: no mask or search of the engine, and
+no `Box`, is used.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +18,14 @@ from typing import Any
 
 from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
 from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
-from packit_sim.datasets.pack_files import WHOLE, Manifest, manifest_path
+from packit_sim.datasets.pack_files import (
+    WHOLE,
+    Manifest,
+    folder_files,
+    manifest_path,
+    numbered_lines,
+    read_bytes,
+)
 from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.provenance import Evolved, Played, Provenance
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
@@ -28,9 +36,17 @@ from packit_sim.placement import PlacedItem
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong, as a sentence that names the item where it is about one.
+    """A problem of a dataset.
 
-    pack: its number in the file from 0, as `read_packs` counts; None where it is about the file.
+    Attributes
+    ----------
+    file : Path
+        The file.
+    pack : int or None
+        The number of the pack in the file, from 0 as `read_packs` counts; None for a problem of the
+        whole file.
+    sentence : str
+        What is wrong; the sentence names the item if it concerns one.
     """
 
     file: Path
@@ -44,12 +60,25 @@ class Problem:
 
 @dataclass(frozen=True)
 class Report:
-    """What was checked, and all that is wrong with it.
+    """The result of a check: how much was checked, and all problems.
 
-    files, packs, items: how many; a pack that can't be read counts, its items don't.
-    volume: of the items whose shapes could be had, space: of their boxes, in box units cubed, or in
-    those of the packing's file. settled: how many items are off the grid: of these it is not judged
-    whether they overlap, or rest where they are.
+    Attributes
+    ----------
+    problems : tuple of Problem
+        All problems.
+    files : int
+        The number of files.
+    packs : int
+        The number of packs, including unreadable ones.
+    items : int
+        The number of items of the readable packs.
+    volume : float
+        The volume of the items whose shapes could be loaded, in box units cubed, or in the unit of
+        a packing's file cubed.
+    space : float
+        The volume of their boxes, in the same unit.
+    settled : int
+        The number of items off the grid. Whether these overlap or rest is not judged.
     """
 
     problems: tuple[Problem, ...]
@@ -62,12 +91,12 @@ class Report:
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there is no problem."""
         return not self.problems
 
     @property
     def not_judged(self) -> str:
-        """What the check leaves open, as a sentence; empty where it leaves nothing open."""
+        """What the check leaves open, as a sentence; empty if it leaves nothing open."""
         if not self.settled:
             return ""
         return (
@@ -77,12 +106,12 @@ class Report:
 
     @property
     def broken(self) -> int:
-        """How many packs have a problem of their own."""
+        """The number of packs with a problem."""
         return len({(p.file, p.pack) for p in self.problems if p.pack is not None})
 
     @property
     def density(self) -> float:
-        """The volume over the space: the mean density, if the boxes are alike."""
+        """The volume over the space: the mean density if all boxes have the same size."""
         return self.volume / self.space if self.space else 0.0
 
 
@@ -93,59 +122,75 @@ def verify_dataset(
 ) -> Report:
     """Check a dataset, and continue after each problem, so that one run reports them all.
 
-    path: one JSON Lines file, or a folder with one for each split ("train.jsonl") or "packs.jsonl".
-    library: that of its shapes, whole. on_pack is called with how many packs are checked, and of
-    how many.
+    Parameters
+    ----------
+    path : Path or str
+        A JSON Lines file, or a folder with one for each split ("train.jsonl") or "packs.jsonl".
+    library : ShapeLibrary
+        The whole library of its shapes.
+    on_pack : callable
+        Called after each pack with the number of checked packs and of all packs.
 
-    - Each line is a pack, no field of which comes twice; the manifest has the file's digest,
-      number of packs and libraries, and no manifest stands without its file.
-    - Each pack holds by `packs.verify`: library, items inside and without conflict, density.
-    - It has no more items than its recorded pool, each at one of its recorded scales, in the box
-      of its recorded settings.
-    - Evolved packs: no item could have stood at any location before its own in the order of
-      bottom-left-back fill, among those placed before it. Cells that prove a conflict are asked
-      first, and the oracle about each location that is left.
-    - No two packs are the same, within a file or between two, in whatever order their items are;
-      no seed comes twice in a file. Packs of one evolution's history may be the same, and so may
-      what agents left of a task.
-    - The shapes are of the split that a folder's file is named for, or that the manifest or the
-      pack's provenance records.
+    Returns
+    -------
+    Report
+        The problems, and how much was checked.
 
-    Raises PackFormatError where there is no such file, or a folder without any.
+    Raises
+    ------
+    PackFormatError
+        If there is no such file, or the folder has none.
+
+    Notes
+    -----
+    What is checked:
+
+    - Each line is a pack without a duplicate field; the manifest has the file's digest, number of
+      packs and libraries, and each manifest has its file.
+    - Each pack passes `verify`: library, items inside and without conflict, density.
+    - It has at most as many items as its recorded pool, each at one of its recorded scales, in the
+      box of its recorded settings.
+    - Evolved packs: each item is at its bottom-left-back-fill location, the first feasible one
+      given the items placed before it. Cells that prove a conflict rule locations out, and the
+      oracle decides about the others.
+    - No two packs have the same items in any order, within a file or in two files, and no seed
+      occurs twice in a file. The packs of one evolution's history may be the same, and so may
+      rollouts.
+    - The shapes belong to the split that the file's name, the manifest or the pack's provenance
+      records.
     """
     path = Path(path)
-    files = sorted(path.glob("*.jsonl")) if path.is_dir() else [path]
-    if not files:
-        raise PackFormatError(f"{path} is a folder without packs: it has no .jsonl file")
-    checking = _Checking(library)
-    read_in = [_ReadIn(file, checking) for file in files]
+    files = folder_files(path) if path.is_dir() else [path]
+    check = _DatasetCheck(library)
+    parts = [_PackFile(file, check) for file in files]
     if path.is_dir():
-        _check_folder(path, files, checking)
-    total = sum(len(found.packs) for found in read_in)
+        _check_folder(path, files, check)
+    total = sum(len(part.packs) for part in parts)
     done = 0
-    for found in read_in:
-        manifest = _check_manifest(found, checking)
-        name = found.file.stem if path.is_dir() and found.file.stem in SPLITS else None
+    for part in parts:
+        manifest = _check_manifest(part, check)
+        name = part.file.stem if path.is_dir() and part.file.stem in SPLITS else None
         recorded = manifest.split if manifest is not None else None
-        for number, pack in found.packs:
-            for sentence in checking.pack_problems(pack, (name, recorded)):
-                checking.add(found.file, number, sentence)
-            for sentence in checking.repeated(found.file, number, pack):
-                checking.add(found.file, number, sentence)
+        for number, pack in part.packs:
+            for sentence in check.pack_problems(pack, (name, recorded)):
+                check.add(part.file, number, sentence)
+            for sentence in check.duplicate_problems(part.file, number, pack):
+                check.add(part.file, number, sentence)
             done += 1
             on_pack(done, total)
+    items = [item for part in parts for _, pack in part.packs for item in pack.items]
     return Report(
-        tuple(checking.problems),
+        tuple(check.problems),
         len(files),
-        sum(found.count for found in read_in),
-        sum(len(pack.items) for found in read_in for _, pack in found.packs),
-        checking.volume,
-        checking.space,
-        sum(item.pose is not None for f in read_in for _, pack in f.packs for item in pack.items),
+        sum(part.count for part in parts),
+        len(items),
+        check.volume,
+        check.space,
+        sum(item.pose is not None for item in items),
     )
 
 
-class _Checking:
+class _DatasetCheck:
     """What a check of a dataset has found so far."""
 
     def __init__(self, library: ShapeLibrary) -> None:
@@ -160,7 +205,7 @@ class _Checking:
         self.problems.append(Problem(file, pack, sentence))
 
     def pack_problems(self, pack: Pack, recorded: Iterable[str | None]) -> Iterator[str]:
-        """All that is wrong with one pack. recorded: its split, by each source that knows it."""
+        """Yield the problems of one pack, given its split as the file's name and manifest say."""
         evolved = pack.provenance if isinstance(pack.provenance, Evolved) else None
         if not pack.items:
             yield "it holds no items"
@@ -175,7 +220,7 @@ class _Checking:
             yield from verify(pack, self.library)
             placed = pack.placed(self.library)
         except (PackFormatError, UnknownShapeError):
-            return  # verify has said so
+            return  # reported by verify
         except PackItError as error:
             yield str(error)
             return
@@ -185,24 +230,21 @@ class _Checking:
             on_grid = [one for one in placed if isinstance(one, PlacedItem)]
             yield from order_problems(pack.cells, on_grid)
 
-    def repeated(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
-        """Which pack before it is the same, or has its seed."""
+    def duplicate_problems(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
+        """Yield which earlier pack has the same items, or the same seed."""
         origin = pack.provenance
-        items = sorted(pack.items, key=repr)
-        same = self._same.setdefault((pack.library, pack.cells, *items), [])
+        same = self._same.setdefault((pack.library, pack.cells, *sorted(pack.items, key=repr)), [])
         for other_file, other, other_origin in same:
-            if _may_be_alike(origin, other_origin):
-                continue
-            where = f"pack {other}" if other_file == file else f"pack {other} of {other_file.name}"
-            yield f"it is the same as {where}"
-            break
+            if not _may_be_alike(origin, other_origin):
+                of = "" if other_file == file else f" of {other_file.name}"
+                yield f"it is the same as pack {other}{of}"
+                break
         same.append((file, number, origin))
         if isinstance(origin, Evolved | Played):
-            of = origin.after if isinstance(origin, Evolved) else origin.task
-            key = file, origin.producer, origin.seed, of
-            if key in self._seeds:
-                yield f"its seed {origin.seed} is that of pack {self._seeds[key]}"
-            self._seeds.setdefault(key, number)
+            part = origin.after if isinstance(origin, Evolved) else origin.task
+            first = self._seeds.setdefault((file, origin.producer, origin.seed, part), number)
+            if first != number:
+                yield f"its seed {origin.seed} is that of pack {first}"
 
     def _split_problems(self, pack: Pack, split: str) -> Iterator[str]:
         try:
@@ -219,85 +261,76 @@ class _Checking:
                 )
 
 
-class _ReadIn:
-    """A dataset's file as it was read. packs: each readable one and its number. count: of all."""
+class _PackFile:
+    """A file: its readable packs with their numbers, and the number of all packs."""
 
-    def __init__(self, file: Path, checking: _Checking) -> None:
+    def __init__(self, file: Path, check: _DatasetCheck) -> None:
         self.file = file
-        try:
-            self.data = file.read_bytes()
-        except OSError as error:
-            raise PackFormatError(f"packs can't be read from {file}: {error.strerror}") from None
+        self.data = read_bytes(file)
         self.packs: list[tuple[int, Pack]] = []
         self.count = 0
-        for number, line in enumerate(self.data.split(b"\n"), start=1):
-            if not line.strip():
-                continue
+        for number, line in numbered_lines(self.data):
             try:
                 pack = Pack.from_json(line)
-                json.loads(line, object_pairs_hook=_refuse_doubles)
+                json.loads(line, object_pairs_hook=_refuse_duplicates)
             except (ValueError, RecursionError) as error:
-                checking.add(file, self.count, f"line {number}: {error}")
+                check.add(file, self.count, f"line {number}: {error}")
             else:
                 self.packs.append((self.count, pack))
             self.count += 1
         if not self.count:
-            checking.add(file, None, "it holds no packs")
+            check.add(file, None, "it holds no packs")
         elif not self.data.endswith(b"\n"):
-            checking.add(file, None, "its last line has no end")
+            check.add(file, None, "its last line has no end")
 
 
-def _check_folder(folder: Path, files: Sequence[Path], checking: _Checking) -> None:
+def _check_folder(folder: Path, files: Sequence[Path], check: _DatasetCheck) -> None:
+    """Check the names of a folder's files and manifests."""
     names = SPLITS if any(file.stem in SPLITS for file in files) else (WHOLE,)
     for file in files:
         if file.stem not in names:
             choices = ", ".join(names)
-            checking.add(file, None, f"a file of this folder can't have this name: {choices}")
-    described = {manifest_path(file) for file in files}
-    for manifest in sorted(folder.glob("*.manifest.json")):
-        if manifest not in described:
-            checking.add(manifest, None, "there is no file that this manifest describes")
+            check.add(file, None, f"a file of this folder can't have this name: {choices}")
+    for manifest in sorted({*folder.glob("*.manifest.json")} - {*map(manifest_path, files)}):
+        check.add(manifest, None, "there is no file that this manifest describes")
 
 
-def _check_manifest(found: _ReadIn, checking: _Checking) -> Manifest | None:
-    """Compare a manifest with its file; None where there is no manifest."""
-    path = manifest_path(found.file)
+def _check_manifest(part: _PackFile, check: _DatasetCheck) -> Manifest | None:
+    """Compare a manifest with its file; None if there is no manifest."""
+    path = manifest_path(part.file)
     if not path.exists():
-        checking.add(found.file, None, f"it has no manifest {path.name}")
+        check.add(part.file, None, f"it has no manifest {path.name}")
         return None
     try:
         manifest = Manifest.read(path)
     except PackFormatError as error:
-        checking.add(path, None, str(error))
+        check.add(path, None, str(error))
         return None
     if manifest.format not in FORMATS:
         known = " and ".join(map(str, FORMATS))
-        checking.add(path, None, f"field 'format' is {manifest.format}: this version reads {known}")
+        check.add(path, None, f"field 'format' is {manifest.format}: this version reads {known}")
     expected: dict[str, Any] = {
-        "packs": found.count,
-        "sha256": hashlib.sha256(found.data).hexdigest(),
+        "packs": part.count,
+        "sha256": hashlib.sha256(part.data).hexdigest(),
     }
-    if len(found.packs) == found.count:
-        expected["libraries"] = tuple(dict.fromkeys(pack.library for _, pack in found.packs))
+    if len(part.packs) == part.count:
+        expected["libraries"] = tuple(dict.fromkeys(pack.library for _, pack in part.packs))
     for name, value in expected.items():
-        recorded = getattr(manifest, name)
-        if recorded != value:
-            sentence = f"field {name!r} is {recorded!r}, of {found.file.name} it is {value!r}"
-            checking.add(path, None, sentence)
+        if (recorded := getattr(manifest, name)) != value:
+            sentence = f"field {name!r} is {recorded!r}, of {part.file.name} it is {value!r}"
+            check.add(path, None, sentence)
     return manifest
 
 
-def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    fields: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in fields:
+def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> None:
+    """Raise PackFormatError if a JSON object has a field twice."""
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
             raise PackFormatError(f"field {key!r} comes twice")
-        fields[key] = value
-    return fields
 
 
 def _may_be_alike(one: Provenance, other: Provenance) -> bool:
-    """Whether two packs may have the same items: of one history, or of agents at one task."""
+    """Whether two packs may have the same items: those of one history, and rollouts."""
     if isinstance(one, Evolved) and isinstance(other, Evolved):
         return one.seed == other.seed and None not in (one.after, other.after)
     return isinstance(one, Played) and isinstance(other, Played)

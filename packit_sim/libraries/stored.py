@@ -15,14 +15,14 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 from zipfile import BadZipFile
 
 from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import LibraryError
+from packit_sim.core.errors import LibraryError, located
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
@@ -42,10 +42,6 @@ _UNFIT = re.compile(r"[^\w./-]+")
 
 
 T = TypeVar("T")
-
-
-class _Header(Struct):
-    format: Any = None
 
 
 class _Catalogue(Struct):
@@ -252,12 +248,10 @@ def _read(file: Path, kind: type[T]) -> T:
         data = file.read_bytes()
     except OSError as error:
         raise LibraryError(f"{file}: can't be read as a shape library: {error.strerror}") from error
-    try:
-        number = typed_json.decode(data, _Header, LibraryError, "a library").format
+    with located(f"{file}: damaged", LibraryError):
+        number = typed_json.format_of(data, LibraryError, "a library")
         if number == FORMAT:
             return typed_json.decode(data, kind, LibraryError, "a library")
-    except LibraryError as error:
-        raise LibraryError(f"{file}: damaged: {error}") from None
     raise LibraryError(
         f"{file}: not a shape library of format {FORMAT}, its format is {number!r:.40}"
     )
