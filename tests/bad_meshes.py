@@ -101,7 +101,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "words.ply": (text("once upon a time"), "no end_header"),
     "words.off": (text("OFF\nonce upon a time"), "no line of counts"),
     "words.gltf": (text("once upon a time"), "can't be read as GLTF"),
-    "list.gltf": (text("[]"), "its JSON is no object"),
+    "list.gltf": (text("[]"), "its JSON is not an object"),
     "points.obj": (text("v 0 0 0\nv 1 2 3\n"), "no faces"),
     "nan.stl": (stl(np.where(np.arange(108) == 50, np.nan, BOX.ravel())), "not finite"),
     "infinite.obj": (text(OBJ.replace("v 1 0 0", "v inf 0 0")), "not finite"),

@@ -74,7 +74,7 @@ def test_all_that_was_recorded_of_a_rollout_is_kept() -> None:
             known = {"weights": played.weights, "pieces": played.pieces}
             assert before == {
                 "results": 1,
-                "by": played.agent,
+                "by": played.agent.replace("packnn-placement", "packnn-prospects"),  # renamed since
                 "task": played.task,
                 "task_digest": played.task_digest,
                 "seed": played.seed,

@@ -17,6 +17,18 @@ _log = logging.getLogger("packit_sim")
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of numbers and arrays at its first call, without Python objects.
 
+    Parameters
+    ----------
+    function : callable
+        The function.
+
+    Returns
+    -------
+    callable
+        The compiled function.
+
+    Notes
+    -----
     The machine code is cached next to the module, or else in the user's cache folder (or
     `NUMBA_CACHE_DIR`). If neither is writable, each process compiles again.
     """

@@ -27,24 +27,24 @@ class _Record(
     forbid_unknown_fields=True,
     tag_field="kind",
 ):
-    """What all records have.
+    """The fields of all records.
 
     Attributes
     ----------
     split : Split, optional
-        The split of the library whose shapes the pack holds, if it is known.
+        The split of the library that the shapes belong to, if it is known.
     """
 
     split: Split | None = None
 
     @property
     def producer(self) -> str:
-        """What or who packed it, as tables name it."""
+        """The name, in tables, of what or who packed it."""
         return str(self.__struct_config__.tag)
 
 
 class Evolved(_Record, frozen=True, kw_only=True, tag="evolution"):
-    """A pack found by evolution: each item stands at its bottom-left-back-fill location.
+    """A pack found by evolution: each item is at its bottom-left-back-fill location.
 
     Attributes
     ----------
@@ -153,12 +153,12 @@ class FromOriginal(_Record, frozen=True, kw_only=True, tag="the original PackIt"
 
 
 class Other(_Record, frozen=True, kw_only=True, tag="other"):
-    """Any other pack, made by hand or by another tool.
+    """Any other pack, such as one of another tool.
 
     Attributes
     ----------
     author : str
-        Who or what made the pack.
+        The person or the tool that packed it.
     notes : str
         Anything else that is known of it.
     """
@@ -174,4 +174,4 @@ class Other(_Record, frozen=True, kw_only=True, tag="other"):
 Provenance: TypeAlias = Evolved | Sampled | Played | FromOriginal | Other
 
 UNKNOWN = Other()
-"""The provenance of a pack of which nothing is known."""
+"""The provenance of a pack without a record."""

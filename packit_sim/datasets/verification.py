@@ -309,10 +309,8 @@ def _check_manifest(part: _PackFile, check: _DatasetCheck) -> Manifest | None:
     if manifest.format not in FORMATS:
         known = " and ".join(map(str, FORMATS))
         check.add(path, None, f"field 'format' is {manifest.format}: this version reads {known}")
-    expected: dict[str, Any] = {
-        "packs": part.count,
-        "sha256": hashlib.sha256(part.data).hexdigest(),
-    }
+    digest = hashlib.sha256(part.data).hexdigest()
+    expected: dict[str, Any] = {"packs": part.count, "sha256": digest}
     if len(part.packs) == part.count:
         expected["libraries"] = tuple(dict.fromkeys(pack.library for _, pack in part.packs))
     for name, value in expected.items():

@@ -1,1 +1,1 @@
-"""How packs are generated: chromosomes, the Pack Creator, evolution, generation jobs."""
+"""Generation of packs: chromosomes, the Pack Creator, evolution, generation jobs."""

@@ -1,4 +1,4 @@
-"""Chromosomes, and what evolution does with them: crossover and mutation (paper, section 3)."""
+"""Chromosomes, their crossover and their mutation (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ from packit_sim.geometry import rotations
 
 @dataclass(frozen=True, eq=False)
 class Chromosome:
-    """How to pack a pool of n shapes.
+    """A way to pack a pool of n shapes.
 
-    order: (n,) a permutation of the pool. scales: (n,) indices into the settings' scales, and
-    rotations: (n,) 0 to 23, both by shape of the pool, not by order.
+    Attributes
+    ----------
+    order : ndarray of int64, shape (n,)
+        The order of packing, a permutation of the pool.
+    scales : ndarray of int64, shape (n,)
+        For each shape of the pool, the index of its scale in the settings.
+    rotations : ndarray of int64, shape (n,)
+        For each shape of the pool, its rotation, 0 to 23.
     """
 
     order: npt.NDArray[np.int64]
@@ -26,6 +32,7 @@ class Chromosome:
 
     @classmethod
     def random(cls, settings: EvolutionSettings, rng: np.random.Generator) -> Chromosome:
+        """Draw a chromosome uniformly."""
         return cls(
             rng.permutation(settings.pool),
             rng.integers(len(settings.scales), size=settings.pool),
@@ -33,17 +40,18 @@ class Chromosome:
         )
 
     def to_json(self) -> list[list[int]]:
-        """The three arrays as lists."""
+        """Return the three arrays as lists."""
         return [self.order.tolist(), self.scales.tolist(), self.rotations.tolist()]
 
     @classmethod
     def from_json(cls, genes: Sequence[Sequence[int]]) -> Chromosome:
+        """Create a chromosome from the lists of `to_json`."""
         order, scales, turns = (np.array(gene, dtype=np.int64) for gene in genes)
         return cls(order, scales, turns)
 
 
 def crossover(a: Chromosome, b: Chromosome, rng: np.random.Generator) -> Chromosome:
-    """A child: order crossover on the order, single-point crossover on scales and rotations."""
+    """Combine parents: order crossover of the order, single-point crossover of the rest."""
     n = len(a.order)
     start, stop = sorted(rng.integers(n + 1, size=2).tolist())
     scale_point, rotation_point = rng.integers(n + 1, size=2).tolist()
@@ -57,9 +65,23 @@ def crossover(a: Chromosome, b: Chromosome, rng: np.random.Generator) -> Chromos
 def order_crossover(
     a: npt.NDArray[np.int64], b: npt.NDArray[np.int64], start: int, stop: int
 ) -> npt.NDArray[np.int64]:
-    """Davis' order crossover: a's part [start, stop) in its place, around it the rest in b's order.
+    """Combine two permutations by Davis' order crossover.
 
-    The rest is filled in from `stop` on, cyclically, in the order in which b has it from `stop` on.
+    Parameters
+    ----------
+    a : ndarray of int64, shape (n,)
+        The parent whose places `start` to `stop` are kept.
+    b : ndarray of int64, shape (n,)
+        The parent that gives the order of the rest.
+    start : int
+        The first place to keep.
+    stop : int
+        The end of the places to keep.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        The child. The rest follows from `stop` on, cyclically, in b's order from `stop` on.
     """
     n = len(a)
     rest = np.roll(b, -stop)
@@ -73,7 +95,7 @@ def order_crossover(
 def mutate(
     chromosome: Chromosome, settings: EvolutionSettings, rng: np.random.Generator
 ) -> Chromosome:
-    """Ordered mutation (two places of the order exchanged) and point mutation of the rest."""
+    """Exchange two places of the order, and draw some scales and rotations again, by chance."""
     n = len(chromosome.order)
     order = chromosome.order.copy()
     if rng.random() < settings.swap_rate:

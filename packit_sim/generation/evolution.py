@@ -23,14 +23,23 @@ if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers
 
 BATCHES_PER_WORKER = 4
-"""Into so many parts a generation's children are cut for each worker, so that none waits long."""
+"""Batches of a generation's children for each worker; more than one, so that none waits long."""
 
 
 @dataclass(frozen=True)
 class Generation:
-    """Where evolution stands.
+    """A generation of an evolution.
 
-    number: 0 for the first. evaluated: chromosomes so far. best: the best density. pack: of it.
+    Attributes
+    ----------
+    number : int
+        The number of the generation, from 0.
+    evaluated : int
+        The number of chromosomes evaluated so far.
+    best : float
+        The best density so far.
+    pack : Pack
+        The pack with this density.
     """
 
     number: int
@@ -51,11 +60,11 @@ class EvolutionState(Struct, frozen=True):
     random : dict
         The state of the random generator.
     search : SearchState
-        The chromosomes that the search continues from.
+        The state of the search.
     stale : int
         Generations without improvement.
     evaluated : int
-        Chromosomes so far.
+        The number of chromosomes evaluated so far.
     densities : list of float
         The best density after each generation.
     kept : list of Pack
@@ -78,10 +87,26 @@ class EvolutionState(Struct, frozen=True):
 class Evolution:
     """The evolution of one pack, generation by generation.
 
-    The same library, seed and settings lead to the same packs, in however many parts, on however
-    many workers. best: the densest pack. kept: the best after generation 0 and every
-    `keep_every`, see `Evolved`.
-    densities: the best one after each generation. evaluated: chromosomes so far.
+    The same library, seed and settings lead to the same packs, with any number of workers, and also
+    if the evolution is stopped and resumed.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits.
+    seed : int
+        The seed.
+    settings : EvolutionSettings, optional
+        The settings; by default the paper's.
+
+    Attributes
+    ----------
+    densities : list of float
+        The best density after each generation.
+    kept : list of Pack
+        The best pack after generation 0 and every `keep_every` generations (see `Evolved`).
+    evaluated : int
+        The number of chromosomes evaluated so far.
     """
 
     def __init__(
@@ -99,19 +124,25 @@ class Evolution:
 
     @property
     def size(self) -> float:
-        """The linear factor on all items of its packs."""
+        """The linear factor on all items of the packs."""
         return self._recipe.size
 
     @property
     def best(self) -> Pack:
-        """Raises StateError before the first step."""
+        """The densest pack.
+
+        Raises
+        ------
+        StateError
+            If `step` was not called yet.
+        """
         if not self.densities:
             raise StateError("nothing is packed yet: call step() first")
         return self._best
 
     @property
     def is_over(self) -> bool:
-        """Whether there were enough generations, or enough without improvement."""
+        """Whether the limit on generations, or on those without improvement, is reached."""
         return (
             len(self.densities) > self.settings.generations or self._stale >= self.settings.patience
         )
@@ -203,7 +234,26 @@ def evolve(
     *,
     workers: Workers | None = None,
 ) -> Evolution:
-    """Evolves a pack to the end; on_generation is called after each generation."""
+    """Evolve a pack to the end.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits.
+    seed : int
+        The seed.
+    settings : EvolutionSettings, optional
+        The settings; by default the paper's.
+    on_generation : callable
+        Called with each `Generation`.
+    workers : Workers, optional
+        Where chromosomes are evaluated; by default in this process.
+
+    Returns
+    -------
+    Evolution
+        The evolution, whose `best` is the densest pack.
+    """
     evolution = Evolution(library, seed, settings)
     while not evolution.is_over:
         on_generation(evolution.step(workers))
@@ -213,12 +263,12 @@ def evolve(
 def densities(
     recipe: Recipe, chromosomes: Sequence[Chromosome], threshold: float = 0.0
 ) -> list[float]:
-    """The density of each chromosome's pack, 0 for those below the threshold."""
+    """Compute the density of each chromosome's pack, 0 for those below the threshold."""
     creator = _creator(recipe)
     return [creator.density(chromosome, threshold) for chromosome in chromosomes]
 
 
 @lru_cache(maxsize=1)
 def _creator(recipe: Recipe) -> PackCreator:
-    """A process packs for one pool at a time."""
+    """Return the Pack Creator of a pool; a process packs for one pool at a time."""
     return recipe.creator()

@@ -300,7 +300,7 @@ def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
 def _locked(folder: Path) -> Iterator[None]:
     """Lock the folder for this process; the lock ends with the process.
 
-    A folder without a checkpoint is removed at the end, with the folders above that this created.
+    If the folder has no checkpoint at the end, it is removed, with the parents created here.
     """
     created = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The Pack Creator: packs a pool of shapes as a chromosome says (paper, section 3.1)."""
+"""The Pack Creator, which packs a pool of shapes by a chromosome (paper, section 3.1)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import ORIGIN
 
 _SLACK = 1e-9
-"""Rounding of sums of volumes."""
+"""Tolerance for the rounding of sums of volumes."""
 
 
 def draw_pool(library: ShapeLibrary, count: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """Ids of shapes of a uniform category, then a uniform shape of it; one may come more often."""
+    """Draw ids: a uniform category, then a uniform shape of it, with replacement."""
     categories = list(library.categories.values())
     drawn = []
     for _ in range(count):
@@ -32,10 +32,22 @@ def draw_pool(library: ShapeLibrary, count: int, rng: np.random.Generator) -> tu
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a Pack Creator is made of, here or in another process.
+    """The ingredients of a Pack Creator, which can be sent to another process.
 
-    pool: ids of shapes of the library, which `digest` tells from others. size: one linear factor on
-    all items. scales: ratios of volumes to choose from, without it. cells: the box's, an axis.
+    Attributes
+    ----------
+    pool : tuple of str
+        The ids of the shapes.
+    size : float
+        The linear factor on all items.
+    scales : tuple of float
+        The scales of items without it, ratios of volumes.
+    cells : tuple of int
+        The box's cells along x, y and z.
+    digest : str
+        The digest of the library; recipes with different libraries are not equal.
+    library : ShapeLibrary
+        The library.
     """
 
     pool: tuple[str, ...]
@@ -49,41 +61,65 @@ class Recipe:
     def drawn(
         cls, library: ShapeLibrary, settings: EvolutionSettings, rng: np.random.Generator
     ) -> Recipe:
-        """A pool and a size by chance."""
+        """Draw a pool and a size."""
         pool = draw_pool(library, settings.pool, rng)
         size = float(rng.uniform(*settings.size_range))
         return cls(pool, size, settings.scales, settings.cells, library.digest, library)
 
     def creator(self) -> PackCreator:
-        """Raises what loading a shape does."""
+        """Create the Pack Creator; errors are those of loading a shape."""
         scales = [scale * self.size**3 for scale in self.scales]
         return PackCreator([self.library[id] for id in self.pool], scales, self.cells)
 
 
 class PackCreator:
-    """Packs a pool of shapes: each in its turn at its bottom-left-back-fill location.
+    """Packs a pool of shapes, one by one, at their bottom-left-back-fill locations.
 
-    pool: the shapes. scales: to choose from, the pack's size factor included. box: reused.
+    Parameters
+    ----------
+    pool : sequence of Shape
+        The shapes.
+    scales : sequence of float
+        The scales of items, including the pack's size factor.
+    cells : tuple of int
+        The box's cells along x, y and z.
+
+    Attributes
+    ----------
+    box : Box
+        The box, which every pack reuses.
     """
 
     def __init__(self, pool: Sequence[Shape], scales: Sequence[float], cells: Triple) -> None:
-        self.pool = pool
-        self.scales = scales
         self.box = Box(cells)
         self._volume = float(self.box.size.prod())
         self._item = cache(lambda n, scale, rotation: Item(pool[n], scales[scale], rotation))
 
     def pack(self, chromosome: Chromosome) -> Box:
-        """The box with every item that has a feasible location when its turn comes."""
+        """Pack every item that has a feasible location in its turn, and return the box."""
         self.density(chromosome)
         return self.box
 
     def density(self, chromosome: Chromosome, threshold: float = 0.0) -> float:
-        """The density of that box, or 0 where it is below the threshold.
+        """Compute the density of the box of `pack`.
 
-        It is given up as soon as even all items that are left could not lift it there. Room that is
-        gone never comes back: so the largest of them is asked early whether there is room for it,
-        and where it was found to have some its search goes on when its turn comes.
+        Parameters
+        ----------
+        chromosome : Chromosome
+            The chromosome.
+        threshold : float, default: 0.0
+            The density below which the result does not matter.
+
+        Returns
+        -------
+        float
+            The density, or 0 if it is below the threshold.
+
+        Notes
+        -----
+        Packing stops as soon as all remaining items together could not reach the threshold. An item
+        that fits nowhere now will not fit later, so the largest remaining item is tested early. If
+        it fits, its location is where its search starts in its turn.
         """
         self.box.clear()
         genes = zip(

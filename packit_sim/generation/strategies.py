@@ -1,8 +1,8 @@
-"""Which chromosomes to try next: the paper's generations, or an elitist search.
+"""Searches, which choose the next chromosomes: the paper's generations, or an elitist search.
 
 Searches have the ask-and-tell interface of evolutionary optimisation: `ask` returns chromosomes,
 and `tell` takes their densities, batch by batch. A density below the search's `threshold` may be
-given as 0, since it can't matter.
+given as 0, because it does not matter.
 """
 
 from __future__ import annotations
@@ -54,25 +54,25 @@ class Search(ABC):
         self.densities: list[float] = []
 
     def ask(self, rng: np.random.Generator) -> list[Chromosome]:
-        """The chromosomes to pack next: first a random population, then children."""
+        """Return the chromosomes to pack next: first a random population, then children."""
         if not self.population:
             return [Chromosome.random(self.settings, rng) for _ in range(self.settings.population)]
         return self._children(rng)
 
     @abstractmethod
     def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
-        """Takes the densities of what was asked for; 0 for one below the threshold."""
+        """Take the densities of the chromosomes that `ask` returned, 0 if below the threshold."""
 
     @property
     @abstractmethod
     def threshold(self) -> float:
-        """A density that a child must have to be of any use."""
+        """The density below which a child can't survive."""
 
     @abstractmethod
     def _children(self, rng: np.random.Generator) -> list[Chromosome]: ...
 
     def _child(self, parents: Sequence[Chromosome], rng: np.random.Generator) -> Chromosome:
-        """Of two parents by chance, who are one where there is only one."""
+        """Create a child of two random parents, or of a single one twice."""
         a, b = rng.choice(len(parents), size=2, replace=len(parents) < 2)
         return mutate(crossover(parents[a], parents[b], rng), self.settings, rng)
 
@@ -89,10 +89,10 @@ class Search(ABC):
 
 
 class Generational(Search):
-    """The paper's: the best survive, and some others by chance; children fill the rest.
+    """The paper's search: the best survive, and some others by chance; children fill the rest.
 
-    Those others are drawn whatever their densities are, so that a density below the best ones'
-    never matters.
+    The others are drawn regardless of their densities, so a density below the elite's never
+    matters.
     """
 
     def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
@@ -101,7 +101,7 @@ class Generational(Search):
 
     @property
     def threshold(self) -> float:
-        """The least density of the elite, which never falls."""
+        """The lowest density of the elite, which never falls."""
         if not self.densities:
             return 0.0
         return sorted(self.densities, reverse=True)[self.settings.elite - 1]
@@ -114,9 +114,9 @@ class Generational(Search):
 
 
 class Elitist(Search):
-    """Parents and children compete: the best of all survive, no two of them equally dense.
+    """The best parents and children survive, no two of them with the same density.
 
-    A (mu + lambda) strategy with the same operators; what is equally dense is mostly the same pack.
+    A (mu + lambda) strategy with the same operators; equal densities are mostly equal packs.
     """
 
     def tell(self, chromosomes: Sequence[Chromosome], densities: Sequence[float]) -> None:
@@ -136,7 +136,7 @@ class Elitist(Search):
 
 
 def search_of(settings: EvolutionSettings) -> Search:
-    """A new search of the kind that the settings name."""
+    """Create the search that the settings name."""
     kinds: dict[str, Callable[[EvolutionSettings], Search]] = {
         "generational": Generational,
         "elitist": Elitist,
@@ -147,7 +147,7 @@ def search_of(settings: EvolutionSettings) -> Search:
 def select(
     densities: Sequence[float], settings: EvolutionSettings, rng: np.random.Generator
 ) -> list[int]:
-    """Who survives: the best `elite`, the best first, and `lucky` of the others by chance."""
+    """Select the survivors: the best `elite`, best first, and `lucky` of the others by chance."""
     elite = np.argsort(-np.asarray(densities), kind="stable")[: settings.elite]
     others = np.setdiff1d(np.arange(len(densities)), elite)
     lucky = rng.choice(others, size=settings.lucky, replace=False)

@@ -1,4 +1,4 @@
-"""Tasks made on the fly: no dataset, no two alike, and yet each can be packed whole."""
+"""Tasks generated on the fly, without a dataset; all items of each fit into the box."""
 
 from __future__ import annotations
 
@@ -16,18 +16,24 @@ from packit_sim.libraries.library import ShapeLibrary
 
 @dataclass(frozen=True)
 class TaskSampler:
-    """Makes tasks: what the Pack Creator gets into a box by a random chromosome (paper, section 3).
+    """Generates tasks: what the Pack Creator packs by a random chromosome (paper, section 3).
 
-    Such packs are looser than evolved ones, and their tasks easier. settings: pool, scales,
-    size_range and cells count, the rest is about evolution. A task costs what its items do that the
-    process has not seen at their size yet, some 15 ms each.
+    Such packs are looser than evolved ones, and their tasks easier. A task takes about 15 ms for
+    each item that is new to the process at its size.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits.
+    settings : EvolutionSettings
+        The settings; only pool, scales, size_range and cells have an effect.
     """
 
     library: ShapeLibrary
     settings: EvolutionSettings = field(default_factory=EvolutionSettings)
 
     def __call__(self, rng: np.random.Generator) -> Task:
-        """The next task that the generator's numbers lead to; never one without items."""
+        """Generate a task with at least one item."""
         while True:
             recipe = Recipe.drawn(self.library, self.settings, rng)
             box = recipe.creator().pack(Chromosome.random(self.settings, rng))

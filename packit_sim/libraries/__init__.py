@@ -1,1 +1,1 @@
-"""Where shapes come from: mesh files, folders, ShapeNet, and libraries stored by the importer."""
+"""Libraries of shapes: mesh files, folders, ShapeNet, and libraries that the importer stores."""

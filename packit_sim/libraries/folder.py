@@ -1,4 +1,4 @@
-"""A folder of mesh files as a source of shapes: just as they come."""
+"""A folder of mesh files as a source of shapes, without repairs."""
 
 from __future__ import annotations
 
@@ -13,18 +13,27 @@ from packit_sim.libraries import mesh_files
 from packit_sim.libraries.sources import Candidate, Source
 
 UNCATEGORISED = "uncategorised"
-"""Category of mesh files that are in no subfolder."""
+"""Category of mesh files that are not in a subfolder."""
 
 
 class MeshFolder(Source):
     """Mesh files in a folder: the id is the path without its suffix, the category the subfolder.
 
-    Where two would have one id, as mug.obj and mug.stl, each keeps its suffix. Hidden files and
-    folders are left alone. The digest is of the files' content.
+    If two files would have the same id, as mug.obj and mug.stl, each keeps its suffix. Hidden files
+    and folders are ignored. The digest is of the files' content.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Raises
+    ------
+    LibraryError
+        If there is no mesh file.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Raises LibraryError where there is no mesh file."""
         files = [
             file
             for file in sorted(folder.rglob("*"))
@@ -60,10 +69,5 @@ class MeshFolder(Source):
 
     def candidate(self, id: str) -> Candidate:
         file = self._files[id]
-        return Candidate(
-            id,
-            self.categories[id],
-            partial(mesh_files.read, file),
-            title=file.stem,
-            source=str(file),
-        )
+        read = partial(mesh_files.read, file)
+        return Candidate(id, self.categories[id], read, title=file.stem, source=str(file))

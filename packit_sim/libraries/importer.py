@@ -1,7 +1,7 @@
-"""Meshes of any source made into a stored library: repaired, reduced, measured, and reported.
+"""Import of meshes into a stored library: repair, simplification, metadata, and a report.
 
-Each mesh is read in a process of its own sort, with a limit to its memory and its time, so that no
-file, however broken, takes the import down.
+Meshes are read in separate processes with limits on memory and time, so that no broken file stops
+the import.
 """
 
 from __future__ import annotations
@@ -35,13 +35,31 @@ _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 @dataclass(frozen=True)
 class ImportSettings:
-    """How meshes become shapes.
+    """The settings of an import.
 
-    up: the axis that points up in all meshes, "x", "y" or "z"; None leaves it to their files.
-    unit_cm: centimetres in their unit of length, where their files don't tell. simplification: how
-    far they may be reduced. min_thickness: the least extent, of a diagonal of 1. memory: bytes that
-    one mesh may take, beside what the process takes anyway; timeout: seconds. workers: processes.
-    seed: of the splits, for sources that have none. Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    up : str, optional
+        The axis that points up in all meshes, "x", "y" or "z"; by default as in their files.
+    unit_cm : float, optional
+        Centimetres in the unit of length of files that don't define it.
+    simplification : Simplification
+        The limits of the simplification.
+    min_thickness : float
+        The smallest possible extent, relative to the bounding box's diagonal.
+    memory : int
+        Bytes that a mesh may take, in addition to those of the process.
+    timeout : float
+        Seconds that a mesh may take.
+    workers : int
+        The number of processes.
+    seed : int
+        The seed of the splits, for sources that have none.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range.
     """
 
     up: str | None = None
@@ -70,11 +88,26 @@ class ImportSettings:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a candidate.
+    """The result for a candidate.
 
-    id, category, source: as the library has them; name: the candidate's own id. problem: why it
-    was refused, None where it was kept. triangles_read: of the mesh as it came. info, repairs: of
-    the shape, where it was kept.
+    Attributes
+    ----------
+    id : str
+        The id in the library.
+    name : str
+        The candidate's own id.
+    category : str
+        The category.
+    source : str
+        The origin of the mesh.
+    problem : str, optional
+        Why it was refused; None if it was kept.
+    triangles_read : int, optional
+        The number of triangles before the import, if it was kept.
+    repairs : Repairs, optional
+        The repairs, if it was kept.
+    info : ShapeInfo, optional
+        The metadata, if it was kept.
     """
 
     id: str
@@ -96,12 +129,36 @@ def import_library(
     splits: Mapping[str, Sequence[str]] | None = None,
     done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Stores the candidates that can be shapes as a library at path; returns what became of each.
+    """Store the candidates that can be shapes as a library.
 
-    splits: the candidates' ids in each split; by default they are divided among all three alike,
-    those that look the same together. done: called after each candidate. An older library at path
-    is replaced; where all are refused nothing is written. Raises LibraryError where path holds
-    anything else.
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        The meshes.
+    path : str or Path
+        The folder; a stored library there is replaced. If all candidates are refused, nothing is
+        written.
+    name : str
+        The library's name.
+    version : str
+        Its version.
+    settings : ImportSettings, optional
+        The settings.
+    splits : mapping of str to sequence of str, optional
+        The candidates' ids in each split. By default they are divided equally among all three, and
+        near-duplicates stay together.
+    done : callable, optional
+        Called with the `Outcome` of each candidate.
+
+    Returns
+    -------
+    list of Outcome
+        The result for each candidate, in order.
+
+    Raises
+    ------
+    LibraryError
+        If the path has anything but a stored library.
     """
     settings = settings or ImportSettings()
     stored.require_replaceable(Path(path).absolute())
@@ -140,7 +197,7 @@ def import_library(
 
 
 def _with_ids(candidates: Iterable[Candidate]) -> Iterator[tuple[str, Candidate]]:
-    """Each candidate's own id, and the candidate with one that can be stored."""
+    """Yield each candidate's own id, and the candidate with an id that can be stored."""
     taken: set[str] = set()
     for candidate in candidates:
         id = wanted = stored.as_id(candidate.id) or "shape"
@@ -155,7 +212,7 @@ def _with_ids(candidates: Iterable[Candidate]) -> Iterator[tuple[str, Candidate]
 def _prepared(
     candidates: Iterable[tuple[str, Candidate]], settings: ImportSettings
 ) -> Iterator[tuple[Outcome, QuantizedMesh | None]]:
-    """What became of each candidate, in order, and its mesh where it was kept."""
+    """Yield the outcome of each candidate, in order, and its mesh if it was kept."""
     with ProcessPool(
         max_workers=settings.workers,
         initializer=_limit_memory,
@@ -164,30 +221,17 @@ def _prepared(
     ) as pool:
         futures = [
             (
-                name,
-                candidate,
+                Outcome(candidate.id, name, candidate.category, candidate.source),
                 pool.schedule(_prepare, (candidate, settings), timeout=settings.timeout),
             )
             for name, candidate in candidates
         ]
         try:
-            for name, candidate, future in futures:
-                outcome = Outcome(candidate.id, name, candidate.category, candidate.source)
+            for outcome, future in futures:
                 try:
                     mesh, info, repairs, triangles = future.result()
-                except PackItError as error:
-                    yield replace(outcome, problem=str(error)), None
-                except TimeoutError:
-                    problem = f"took more than {settings.timeout:g} s"
-                    yield replace(outcome, problem=problem), None
-                except MemoryError:
-                    problem = f"took more than {settings.memory / 2**30:.3g} GiB of memory"
-                    yield replace(outcome, problem=problem), None
-                except ProcessExpired as error:
-                    problem = f"ended the process that read it, with status {error.exitcode}"
-                    yield replace(outcome, problem=problem), None
-                except Exception as error:  # no one mesh is worth losing the others
-                    yield replace(outcome, problem=f"unexpected: {error!r:.200}"), None
+                except Exception as error:  # one bad mesh must not stop the import of the others
+                    yield replace(outcome, problem=_problem(error, settings)), None
                 else:
                     kept = replace(outcome, triangles_read=triangles, repairs=repairs, info=info)
                     yield kept, mesh
@@ -196,9 +240,25 @@ def _prepared(
             raise
 
 
+def _problem(error: Exception, settings: ImportSettings) -> str:
+    """Return why a candidate is refused."""
+    match error:
+        case PackItError():
+            return str(error)
+        case TimeoutError():
+            return f"took more than {settings.timeout:g} s"
+        case MemoryError():
+            return f"took more than {settings.memory / 2**30:.3g} GiB of memory"
+        case ProcessExpired():
+            return f"ended the process that read it, with status {error.exitcode}"
+        case _:
+            return f"unexpected: {error!r:.200}"
+
+
 def _prepare(
     candidate: Candidate, settings: ImportSettings
 ) -> tuple[QuantizedMesh, ShapeInfo, Repairs, int]:
+    """Return the mesh, its metadata and repairs, and the number of triangles that were read."""
     raw = candidate.read()
     shape, repairs = Shape.repaired(
         raw.mesh, candidate.id, candidate.category, up=settings.up or raw.up
@@ -220,7 +280,7 @@ def _prepare(
 def _grouped(
     kept: Sequence[tuple[QuantizedMesh, ShapeInfo]],
 ) -> list[tuple[QuantizedMesh, ShapeInfo]]:
-    """The same with a group for each that names the first id of those that look the same."""
+    """Set the group of each to the first id of its near-duplicates."""
     infos = [info for _, info in kept]
     numbers = near_duplicates([Shape(mesh.mesh(), info.id, info.category) for mesh, info in kept])
     first: dict[int, str] = {}
@@ -233,7 +293,7 @@ def _grouped(
 
 
 def _limit_memory(memory: int) -> None:
-    """Lets this process take so many bytes more than it has now."""
+    """Limit the memory of this process to so many bytes more than it has now."""
     with open("/proc/self/statm") as statm:
         has = int(statm.read().split()[0]) * _PAGE
     resource.setrlimit(resource.RLIMIT_AS, (has + memory, has + memory))

@@ -17,14 +17,11 @@ from packit_sim.libraries.splits import SPLITS
 from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
 
 SCHEMES = ("folder", "shapenet")
-"""What may stand before a colon and a path, to say what is there."""
+"""Prefixes of a path, followed by a colon, that say what is there."""
 
 
 def assets_folder() -> Path:
-    """The folder of the data that comes with PackIt-Sim, in a wheel or in a checkout.
-
-    Raises LibraryError where there is neither.
-    """
+    """Return the folder of the bundled data, in a wheel or in a checkout, or raise LibraryError."""
     package = Path(__file__).resolve().parents[1]
     candidates = (package / "assets", package.parent / "assets")
     for folder in candidates:
@@ -36,14 +33,25 @@ def assets_folder() -> Path:
 class ShapeLibrary:
     """Shapes by id, in categories: `library[id]` is a Shape; iterates over ids.
 
-    name, version, digest: what packs refer to, the same for a library and its splits. path: its
-    folder. ids: sorted. categories: the ids of each category, both sorted. missing: why there is no
-    shape, for ids that one would expect. Safe to share among threads, and cheap to send to another
-    process, which opens it again.
+    A library is safe to share among threads, and cheap to send to another process, which opens it
+    again.
+
+    Parameters
+    ----------
+    source : Source
+        The source; `open` finds it by name or path.
+    split : str, optional
+        The split to which the library is restricted.
+
+    Attributes
+    ----------
+    ids : tuple of str
+        The ids, sorted.
+    categories : mapping of str to tuple of str
+        The ids of each category, both sorted.
     """
 
     def __init__(self, source: Source, split: str | None = None) -> None:
-        """Takes all of a source, or one of its splits; `open` finds out which source it is."""
         self.source = source
         self._split = split
         self.ids = tuple(sorted(source.splits[split] if split else source.categories))
@@ -58,21 +66,47 @@ class ShapeLibrary:
 
     @staticmethod
     def open(source: str | Path, *, seed: int = 0) -> ShapeLibrary:
-        """The library of this name or at this path.
+        """Open a library by name or path.
 
-        source: the name of a built-in library ("everyday"); the path of a stored library or of a
-        folder of mesh files; or "folder:PATH" or "shapenet:PATH", which say what is there. In a
-        folder of mesh files the id is the path without its suffix, and the category the subfolder.
-        seed: of the splits that ShapeNet is divided into; the others have theirs or none. Raises
-        LibraryError where there is no such library or it is damaged.
+        Parameters
+        ----------
+        source : str or Path
+            The name of a built-in library ("everyday"); the path of a stored library or of a folder
+            of mesh files; or "folder:PATH" or "shapenet:PATH", which say what is there.
+        seed : int, default: 0
+            The seed of ShapeNet's splits; other libraries store theirs or have none.
+
+        Returns
+        -------
+        ShapeLibrary
+            The library. In a folder of mesh files the id is the path without its suffix, and the
+            category is the subfolder.
+
+        Raises
+        ------
+        LibraryError
+            If there is no such library, or it is damaged.
         """
         return ShapeLibrary(_source(source, seed))
 
     def split(self, name: str) -> ShapeLibrary:
-        """The same library with the shapes of one split only: "train", "test" or "validation".
+        """Restrict the library to one split.
 
-        Raises LibraryError where there is no such split, or the library has none: folders of mesh
-        files must be imported first, so that doubles are found.
+        Parameters
+        ----------
+        name : str
+            One of "train", "test" and "validation".
+
+        Returns
+        -------
+        ShapeLibrary
+            A library with the shapes of the split only.
+
+        Raises
+        ------
+        LibraryError
+            If there is no such split, or the library has none: folders of mesh files must be
+            imported first, so that duplicates are found.
         """
         if name not in SPLITS:
             raise LibraryError(f"no split {name!r}: choose from {', '.join(SPLITS)}")
@@ -80,35 +114,55 @@ class ShapeLibrary:
 
     @property
     def name(self) -> str:
+        """The name to which packs refer, the same for all splits."""
         return self.source.name
 
     @property
     def version(self) -> str:
+        """The version to which packs refer."""
         return self.source.version
 
     @property
     def path(self) -> Path:
+        """The folder of the library."""
         return self.source.path
 
     @property
     def missing(self) -> Mapping[str, str]:
+        """Why there is no shape, for ids that one would expect."""
         return MappingProxyType(self.source.missing)
 
     @property
     def digest(self) -> str:
-        """SHA-256, in hex, of the ids and the digests of their geometry, or of their mesh files."""
+        """The SHA-256, in hex, of the ids and the digests of their geometry or mesh files."""
         return self.source.digest
 
     def info(self, id: str) -> ShapeInfo:
-        """What is known about a shape. Raises UnknownShapeError, and whatever loading it raises."""
+        """Return the metadata of a shape; errors are those of `library[id]`."""
         self._require(id)
         return self.source.info(id)
 
     def __getitem__(self, id: str) -> Shape:
-        """The shape of this id.
+        """Return the shape of an id.
 
-        Raises UnknownShapeError where there is none, MeshError where its mesh file is no shape, and
-        LibraryError where its stored mesh is not the one that was written.
+        Parameters
+        ----------
+        id : str
+            The id.
+
+        Returns
+        -------
+        Shape
+            The shape.
+
+        Raises
+        ------
+        UnknownShapeError
+            If there is no such shape.
+        MeshError
+            If its mesh file is not a shape.
+        LibraryError
+            If its stored mesh is damaged.
         """
         self._require(id)
         return self.source.shape(id)
@@ -130,7 +184,7 @@ class ShapeLibrary:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """How to open it in any folder, and if it is built in, wherever PackIt-Sim is installed."""
+        """Open it again in any working directory; a built-in one in any installation."""
         if self.path.parent == assets_folder():
             locator = self.path.name
         else:
@@ -150,7 +204,7 @@ class ShapeLibrary:
 
 
 def builtin_names() -> tuple[str, ...]:
-    """Names of the libraries that come with PackIt-Sim."""
+    """Return the names of the built-in libraries."""
     return tuple(sorted(file.parent.name for file in assets_folder().glob(f"*/{CATALOGUE}")))
 
 

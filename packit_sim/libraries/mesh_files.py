@@ -1,7 +1,7 @@
-"""Mesh files of eight formats, read whole or refused with the reason.
+"""Reading of mesh files in eight formats, whole or not at all.
 
-trimesh does the reading. What comes before it sees to it that a small file can't ask for much
-memory or time, and that no file leads to others outside its folder.
+trimesh reads them. The checks before it make sure that a small file can't take much memory or time,
+and that no file refers to others outside its folder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from trimesh.resolvers import FilePathResolver
 from packit_sim.core.errors import MeshError
 
 SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-"""Endings of the files that can be read, in lower case."""
+"""Suffixes of the files that can be read, in lower case."""
 
 Unit = Literal["micron", "mm", "cm", "in", "ft", "m"]
 
@@ -40,39 +40,39 @@ UNITS_CM: Mapping[Unit, float] = {
 """Centimetres in a unit of length."""
 
 MAX_BYTES = 2**30
-"""Of a file, and of what it unpacks to."""
+"""Maximum size of a file, and of its unpacked content."""
 
 MAX_TRIANGLES = 20_000_000
-"""In all the places that a file's scene puts its meshes."""
+"""Maximum number of triangles in a file's scene, counting every instance of a mesh."""
 
 _MIN_BYTES = {"vertex": 3, "face": 4}
-"""Least bytes of an element of a PLY file: three coordinates, or a count and three indices."""
+"""Minimum bytes of an element of a PLY file: three coordinates, or a count and three indices."""
 
 _OFF_BYTES = 6
-"""Least bytes of a vertex of an OFF file: three digits and what parts them."""
+"""Minimum bytes of a vertex of an OFF file: three digits and their separators."""
 
 _STL_HEADER = 84
-"""Bytes of a binary STL before its triangles: 80 of anything, and their number."""
+"""Bytes of a binary STL before its triangles: 80 arbitrary ones, and their number."""
 
 _STL_TRIANGLE = 50
 """Bytes of a triangle of a binary STL."""
 
-_3MF_UNITS: Mapping[str, Unit] = {
-    "micron": "micron",
-    "millimeter": "mm",
-    "centimeter": "cm",
-    "inch": "in",
-    "foot": "ft",
-    "meter": "m",
-}
+_3MF_UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
+"""The units of 3MF, in the order of `UNITS_CM`."""
 
 
 @dataclass(frozen=True, eq=False)
 class RawMesh:
-    """A mesh as its file has it: a scene's meshes are one, each moved by its nodes' transforms.
+    """A mesh as in its file; the meshes of a scene are joined, with their nodes' transforms.
 
-    up: the axis that points up, "x", "y" or "z". unit_cm: centimetres in the file's unit of length,
-    None where neither the file nor its format tells.
+    Attributes
+    ----------
+    mesh : trimesh.Trimesh
+        The mesh, in the file's coordinates.
+    up : str
+        The axis that points up, "x", "y" or "z".
+    unit_cm : float, optional
+        Centimetres in the file's unit of length, if the file or its format defines it.
     """
 
     mesh: trimesh.Trimesh
@@ -81,10 +81,23 @@ class RawMesh:
 
 
 def read(file: Path) -> RawMesh:
-    """The mesh of a file of one of the `SUFFIXES`.
+    """Read a mesh file.
 
-    glTF is y up and in metres, 3MF z up, COLLADA says both itself; the others are taken as z up.
-    Raises MeshError, which names the file and what is wrong with it.
+    Parameters
+    ----------
+    file : Path
+        The file, with one of the `SUFFIXES`.
+
+    Returns
+    -------
+    RawMesh
+        The mesh. glTF is y up and in metres, 3MF is z up, COLLADA defines both, and the others are
+        assumed to be z up.
+
+    Raises
+    ------
+    MeshError
+        If the file can't be read; the message names the file and the reason.
     """
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
@@ -96,7 +109,7 @@ def read(file: Path) -> RawMesh:
         return _read(file.read_bytes(), suffix, file.parent)
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from error
-    except Exception as error:  # trimesh's readers raise whatever a broken file makes them hit
+    except Exception as error:  # trimesh's readers raise any error for a broken file
         problem = str(error).strip() or type(error).__name__
         raise MeshError(f"{file}: can't be read as {suffix[1:].upper()}: {problem:.200}") from error
 
@@ -114,7 +127,7 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         unit_cm = _3mf_unit(content)
     options: dict[str, Any] = {"ignore_broken": False} if suffix == ".dae" else {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of numpy and trimesh; what matters is checked below
+        warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked below
         scene = trimesh.load_scene(
             io.BytesIO(content),
             file_type=suffix[1:],
@@ -136,9 +149,9 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
 
 
 def _check_ply(content: bytes) -> int:
-    """Refuses a header that declares more than the file can hold; returns how many faces it does.
+    """Refuse a header that declares more than the file contains; return the number of faces.
 
-    trimesh reads an ASCII file that ends too early as if it were whole.
+    trimesh would read an ASCII file that ends too early as if it were whole.
     """
     header, found, body = content.partition(b"end_header")
     if not found:
@@ -162,9 +175,9 @@ def _check_ply(content: bytes) -> int:
 
 
 def _check_stl(content: bytes) -> int:
-    """Refuses what is neither ASCII nor as long as a binary file must be; returns the triangles.
+    """Refuse a file that is neither ASCII nor a binary one of the right length; count triangles.
 
-    What trimesh does with it depends on which guessers of encodings happen to be installed.
+    trimesh's result for it would depend on the installed libraries that guess encodings.
     """
     if len(content) >= _STL_HEADER:
         (count,) = struct.unpack_from("<I", content, _STL_HEADER - 4)
@@ -178,7 +191,7 @@ def _check_stl(content: bytes) -> int:
 
 
 def _check_off(content: bytes) -> int:
-    """Refuses counts that the file can't hold; returns that of faces."""
+    """Refuse counts that are too large for the file; return the number of faces."""
     counts = re.search(rb"OFF\s+(?:#[^\n]*\s+)*(\d+)\s+(\d+)", content)
     if counts is None:
         raise MeshError("it has no line of counts after OFF")
@@ -189,7 +202,7 @@ def _check_off(content: bytes) -> int:
 
 
 def _check_obj(content: bytes) -> int:
-    """Returns how many faces there are."""
+    """Return the number of faces, or refuse a file without any."""
     faces = len(re.findall(rb"^[ \t]*f[ \t]", content, re.MULTILINE))
     if faces == 0:
         raise MeshError("the file holds no faces")
@@ -197,6 +210,7 @@ def _check_obj(content: bytes) -> int:
 
 
 def _check_glb(content: bytes) -> int:
+    """Refuse a wrong header; the rest is as of `_check_gltf`."""
     if len(content) < 20 or content[:4] != b"glTF":
         raise MeshError("it does not begin as a GLB file does")
     (length,) = struct.unpack_from("<I", content, 12)
@@ -206,10 +220,10 @@ def _check_glb(content: bytes) -> int:
 
 
 def _check_gltf(content: bytes, size: int | None = None) -> int:
-    """Refuses accessors without data that ask for more memory than the file has bytes."""
+    """Refuse accessors without data that need more memory than the file has bytes."""
     header = json.loads(content)
     if not isinstance(header, dict):
-        raise MeshError("its JSON is no object")
+        raise MeshError("its JSON is not an object")
     for number, accessor in enumerate(header.get("accessors", ())):
         if "bufferView" not in accessor and accessor["count"] > (size or len(content)):
             raise MeshError(f"accessor {number} has {accessor['count']:,} elements without data")
@@ -217,10 +231,9 @@ def _check_gltf(content: bytes, size: int | None = None) -> int:
 
 
 def _check_3mf(content: bytes) -> int:
-    """Refuses archives that unpack to too much, and objects that stand in too many places.
+    """Refuse archives that unpack to too much, and objects with too many instances.
 
-    Returns how many triangles there are: trimesh leaves some out where parts of parts of parts
-    are many.
+    Returns the number of triangles: trimesh omits some of deeply nested components.
     """
     try:
         archive = ZipFile(io.BytesIO(content))
@@ -270,11 +283,11 @@ def _3mf_unit(content: bytes) -> float:
         unit = root.get("unit", "millimeter")
     if unit not in _3MF_UNITS:
         raise MeshError(f"its unit {unit!r} is none of {', '.join(_3MF_UNITS)}")
-    return UNITS_CM[_3MF_UNITS[unit]]
+    return tuple(UNITS_CM.values())[_3MF_UNITS.index(unit)]
 
 
 def _dae_asset(content: bytes) -> tuple[str, float]:
-    """The up axis and the unit in cm that a COLLADA file tells, or the format's defaults."""
+    """Return the up axis and the unit in cm of a COLLADA file, or the format's defaults."""
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>", content)
     meter = re.search(rb"<unit[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", content)
     up = axis[1].decode().lower() if axis else "y"
@@ -290,4 +303,4 @@ _CHECKS: Mapping[str, Callable[[bytes], int]] = {
     ".ply": _check_ply,
     ".stl": _check_stl,
 }
-"""What looks at a file before trimesh does, and tells how many triangles must come of it."""
+"""The check of a file before trimesh reads it; returns the minimum number of triangles."""

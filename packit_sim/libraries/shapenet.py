@@ -24,7 +24,7 @@ FILES = (
     "model.obj",
     "model.glb",
 )
-"""Where a model's folder may have its mesh: version 2 first, then version 1."""
+"""Possible mesh files in a model's folder: version 2 first, then version 1."""
 
 CATEGORIES = {
     "02691156": "airplane",
@@ -89,15 +89,26 @@ CATEGORIES = {
 
 
 class ShapeNet(Source):
-    """A folder of synset folders of models, as ShapeNetCore comes (Chang et al., 2015).
+    """A folder of synset folders of models, as ShapeNetCore is distributed (Chang et al., 2015).
 
-    Ids are `category/model`. A model that is in two synsets is one object, one group. Models
-    without a mesh file are `missing`. The digest is of ids and file sizes: to hash 51,000 files
-    takes too long.
+    Ids are `category/model`. A model in two synsets is one object, one group. Models without a mesh
+    file are `missing`. The digest is of ids and file sizes, because hashing 51,000 files takes too
+    long.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    seed : int, default: 0
+        The seed of the splits.
+
+    Raises
+    ------
+    LibraryError
+        If the folder has no models, or its taxonomy can't be read.
     """
 
     def __init__(self, folder: Path, seed: int = 0) -> None:
-        """seed: of the splits. Raises LibraryError where the folder holds no models."""
         names = _names(folder / TAXONOMY)
         self._files: dict[str, Path] = {}
         categories: dict[str, str] = {}
@@ -133,8 +144,8 @@ class ShapeNet(Source):
 
     @cached_property
     def splits(self) -> dict[str, tuple[str, ...]]:
-        """The paper's three subsets: of each category 100 shapes each, or a third."""
-        groups = {id: self._group(id) for id in self.categories}
+        """The paper's three subsets: 100 shapes of each category, or a third of it."""
+        groups = {id: _model(id) for id in self.categories}
         return splits.divide(self.categories, groups, self.seed)
 
     def candidate(self, id: str) -> Candidate:
@@ -143,18 +154,20 @@ class ShapeNet(Source):
             id,
             self.categories[id],
             partial(_read, file),
-            title=id.rpartition("/")[2],
+            title=_model(id),
             licence="LicenseRef-ShapeNet",
             source=str(file),
-            group=self._group(id),
+            group=_model(id),
         )
 
-    def _group(self, id: str) -> str:
-        return id.rpartition("/")[2]
+
+def _model(id: str) -> str:
+    """Return the name of a model, the same for one object in two synsets."""
+    return id.rpartition("/")[2]
 
 
 def _read(file: Path) -> RawMesh:
-    """A model's mesh: ShapeNet's are y up, whatever their format, and of no known size."""
+    """Read a model's mesh: y up in any format, and of unknown size."""
     return RawMesh(mesh_files.read(file).mesh, up="y")
 
 
@@ -163,7 +176,7 @@ def _is_synset(path: Path) -> bool:
 
 
 def _mesh_file(model: Path) -> Path | None:
-    """The mesh of what is in a synset folder: of a model's folder, or a GLB by itself."""
+    """Return the mesh file of a model's folder, or the model itself if it is a mesh file."""
     if model.suffix.lower() in (".glb", ".obj") and model.is_file():
         return model
     found = (model / name for name in FILES)
@@ -171,7 +184,7 @@ def _mesh_file(model: Path) -> Path | None:
 
 
 def _names(taxonomy: Path) -> dict[str, str]:
-    """The first name of each synset, with hyphens for spaces; none where there is no taxonomy."""
+    """Read the first name of each synset, with hyphens for spaces, if there is a taxonomy."""
     if not taxonomy.exists():
         return {}
     try:

@@ -1,4 +1,4 @@
-"""What a shape library is made of: where meshes come from, and what is known of them."""
+"""Sources of shapes, and the metadata of shapes."""
 
 from __future__ import annotations
 
@@ -12,26 +12,50 @@ from typing import Annotated
 from msgspec import Meta
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.core.errors import LibraryError, MeshError
+from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import RawMesh
 
 SHAPES_BUDGET = 2 * 2**30
-"""Bytes of vertices and faces that the process keeps of all libraries' shapes."""
+"""Maximum size of all cached shapes of the process: bytes of their vertices and faces."""
 
 SizeCm = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class ShapeInfo:
-    """What a library tells about a shape.
+    """The metadata of a shape in a library.
 
-    licence: SPDX identifier. source: where the mesh is from. size_cm: the object's real extents
-    along x, y, z, where known. triangles: how many. watertight: whether every edge has two
-    triangles; solid: whether the mesh is, besides, one body of consistent winding. volume: in
-    canonical units. error_bound: how far, in canonical units, the mesh may be from the one it was
-    made of. group: the same for shapes that are the same object. digest: SHA-256 of the geometry,
-    in hex.
+    Attributes
+    ----------
+    id : str
+        The id.
+    category : str
+        The category.
+    title : str
+        A name for people.
+    author : str
+        The author.
+    licence : str
+        The SPDX identifier of the licence.
+    source : str
+        The origin of the mesh.
+    size_cm : tuple of float, optional
+        The object's real extents along x, y, z in cm, if known.
+    triangles : int
+        The number of triangles.
+    watertight : bool
+        Whether every edge has two triangles.
+    solid : bool
+        Whether the mesh is watertight and one body of consistent winding.
+    volume : float
+        The volume in canonical units.
+    error_bound : float
+        The largest distance, in canonical units, from the mesh that was imported.
+    group : str
+        The same for all shapes of one object.
+    digest : str
+        The SHA-256 of the geometry, in hex.
     """
 
     id: str
@@ -52,10 +76,28 @@ class ShapeInfo:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A mesh that may become a shape, before it is read, and what its source tells about it.
+    """A mesh that may become a shape, before it is read, with its source's metadata.
 
-    read: returns the mesh; it can be sent to another process. group: which candidates are the same
-    object, where that is known. For the rest see `ShapeInfo`.
+    Attributes
+    ----------
+    id : str
+        The id.
+    category : str
+        The category.
+    read : callable
+        Returns the `RawMesh`; it can be sent to another process.
+    title : str
+        A name for people.
+    author : str
+        The author.
+    licence : str
+        The SPDX identifier of the licence.
+    source : str
+        The origin of the mesh.
+    size_cm : tuple of float, optional
+        The object's real extents along x, y, z in cm, if known.
+    group : str, optional
+        The same for all candidates of one object, if known.
     """
 
     id: str
@@ -69,7 +111,7 @@ class Candidate:
     group: str | None = None
 
     def info(self, shape: Shape, error_bound: float = 0.0) -> ShapeInfo:
-        """What is known once it is a shape."""
+        """Return the metadata of the shape that the candidate has become."""
         return ShapeInfo(
             id=shape.id,
             category=shape.category,
@@ -89,14 +131,26 @@ class Candidate:
 
 
 class Source(ABC):
-    """Where a library's shapes come from.
+    """The origin of a library's shapes.
 
-    path: its folder. name, version: what packs refer to. categories: the category of each id.
-    missing: why there is no shape, for ids that one would expect. seed: of the splits, where they
-    are made on opening. is_catalogued: whether `info` needs no mesh to be read.
+    Parameters
+    ----------
+    path : Path
+        Its folder.
+    name : str
+        The name to which packs refer.
+    version : str
+        The version to which packs refer.
+    categories : mapping of str to str
+        The category of each id.
+    missing : mapping of str to str, optional
+        Why there is no shape, for ids that one would expect.
+    seed : int, default: 0
+        The seed of the splits, if they are drawn on opening.
     """
 
     is_catalogued = False
+    """Whether `info` does not need to read a mesh."""
 
     def __init__(
         self,
@@ -118,42 +172,53 @@ class Source(ABC):
     @property
     @abstractmethod
     def locator(self) -> str:
-        """What `ShapeLibrary.open` takes to open the same once more."""
+        """The argument with which `ShapeLibrary.open` opens the same source."""
 
     @property
     @abstractmethod
     def digest(self) -> str:
-        """SHA-256, in hex, of what there is."""
+        """The SHA-256 of the content, in hex."""
 
     @property
     def splits(self) -> Mapping[str, tuple[str, ...]]:
-        """The ids of each split. Raises LibraryError where there are none."""
+        """The ids of each split, or LibraryError if there are none."""
         raise LibraryError(f"{self.path}: {self.name!r} has no splits: `packit shapes import` it")
 
     @abstractmethod
     def candidate(self, id: str) -> Candidate:
-        """The mesh of an id as the source has it."""
+        """Return the candidate of an id."""
 
     def info(self, id: str) -> ShapeInfo:
-        """What is known about a shape. Raises whatever loading it raises."""
+        """Return the metadata of a shape, loading it if necessary."""
         return self.candidate(id).info(self.shape(id))
 
     def shape(self, id: str) -> Shape:
-        """The shape of an id: kept, as far as the budget of all goes.
+        """Return the shape of an id, from the cache or loaded.
 
-        Raises MeshError where its mesh is no shape.
+        Parameters
+        ----------
+        id : str
+            The id.
+
+        Returns
+        -------
+        Shape
+            The shape.
+
+        Raises
+        ------
+        MeshError
+            If its mesh is not a shape.
         """
         with self._loading:
             return _kept_shape(self, id)
 
     def load(self, id: str) -> Shape:
-        """The shape of an id, read anew."""
+        """Load the shape of an id without the cache."""
         candidate = self.candidate(id)
         raw = candidate.read()
-        try:
+        with located(candidate.source, MeshError):
             return Shape.from_mesh(raw.mesh, id, candidate.category, up=raw.up)
-        except MeshError as error:
-            raise MeshError(f"{candidate.source}: {error}") from error
 
 
 @bounded_cache(
@@ -168,7 +233,7 @@ def _kept_shape(source: Source, id: str) -> Shape:
 
 
 def listed(values: Iterable[object], most: int = 8) -> str:
-    """Values for a message, not too many of them."""
+    """List values for a message, up to a number of them."""
     texts = [str(value) for value in values]
     more = len(texts) - most
     return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")

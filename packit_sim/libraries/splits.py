@@ -1,4 +1,4 @@
-"""Which shapes are for training, testing and validation: the paper's rule, kept fair to objects."""
+"""Division of shapes into train, test and validation by the paper's rule, object by object."""
 
 from __future__ import annotations
 
@@ -16,19 +16,39 @@ SPLITS: tuple[str, ...] = get_args(Split)
 """The three splits of a library (paper, section 3)."""
 
 MOST = 100
-"""Shapes of a category in a split, at most (paper, section 3)."""
+"""Maximum number of shapes of a category in a split (paper, section 3)."""
 
 
 def divide(
     categories: Mapping[str, str], groups: Mapping[str, str], seed: int = 0, most: int = MOST
 ) -> dict[str, tuple[str, ...]]:
-    """Sorted ids of the shapes in each split.
+    """Divide shapes into splits.
 
-    categories, groups: the category and the group of each id; shapes of one group are the same
-    object and go to the same split. Of each category every split gets `most` shapes, or, where it
-    has fewer than three times as many, an equal share; what is left over goes where there are
-    fewest in all. The seed decides which, for each category by itself. Raises ValueError where
-    `most` is less than 1.
+    Parameters
+    ----------
+    categories : mapping of str to str
+        The category of each id.
+    groups : mapping of str to str
+        The group of each id; shapes of one group are the same object and go to the same split.
+    seed : int, default: 0
+        The seed of the choice, which is independent for each category.
+    most : int
+        The maximum number of shapes of a category in a split.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        The sorted ids of each split.
+
+    Raises
+    ------
+    ArgumentError
+        If `most` is less than 1.
+
+    Notes
+    -----
+    Every split gets `most` shapes of each category, or an equal share of a category with fewer than
+    three times as many. A remainder goes to the splits with the fewest shapes in total.
     """
     if most < 1:
         raise ArgumentError(

@@ -1,7 +1,8 @@
 """Stored libraries: compact, checked, and the same on every machine.
 
-A folder with `library.json` (name, version, digest, and a line of metadata a shape), `splits.json`
-(the ids of each split) and `meshes/<id>.npz`, each a mesh on a lattice of its bounding box.
+A stored library is a folder with `library.json` (name, version, digest, and a line of metadata for
+each shape), `splits.json` (the ids of each split) and `meshes/<id>.npz`, each a mesh on a lattice
+of its bounding box.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, ShapeInfo, SizeCm, Source
 
 FORMAT = 2
-"""Number of the stored format that this module writes, and the only one it reads."""
+"""The version of the stored format, the only one that this module reads."""
 
 CATALOGUE = "library.json"
 
@@ -67,12 +68,22 @@ class _Splits(Struct):
 
 
 class StoredLibrary(Source):
-    """A folder that `write` wrote."""
+    """A folder that `write` wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Raises
+    ------
+    LibraryError
+        If its catalogue is damaged or has another format.
+    """
 
     is_catalogued = True
 
     def __init__(self, folder: Path) -> None:
-        """Raises LibraryError where its catalogue is damaged or of another format."""
         catalogue = folder / CATALOGUE
         content = _read(catalogue, _Catalogue)
         infos = content.shapes
@@ -123,7 +134,7 @@ class StoredLibrary(Source):
         return self._infos[id]
 
     def load(self, id: str) -> Shape:
-        """Raises LibraryError where the stored mesh is not the one that was written."""
+        """Load the shape of an id without the cache, or raise LibraryError if it is damaged."""
         file, info = self._file(id), self._infos[id]
         try:
             shape = Shape(QuantizedMesh.load(file).mesh(), id, info.category, info.volume)
@@ -146,11 +157,26 @@ def write(
     shapes: Iterable[tuple[QuantizedMesh, ShapeInfo]],
     split: Callable[[Mapping[str, ShapeInfo]], Mapping[str, tuple[str, ...]]] | None = None,
 ) -> None:
-    """Store a library at path, all of it or nothing; an older one there is replaced.
+    """Store a library, all of it or nothing.
 
-    split: returns the ids of each split; by default `splits.divide` with seed 0 says. Raises
-    LibraryError where an id is doubled or not `is_id`, where there is nothing to store, or where
-    path holds anything but a stored library.
+    Parameters
+    ----------
+    path : str or Path
+        The folder; a stored library there is replaced.
+    name : str
+        The library's name.
+    version : str
+        Its version.
+    shapes : iterable of tuple
+        The mesh and the metadata of each shape (see `entry`).
+    split : callable, optional
+        Returns the ids of each split; by default `divide` with seed 0.
+
+    Raises
+    ------
+    LibraryError
+        If an id occurs twice or is not `is_id`, if there are no shapes, or if the path has anything
+        but a stored library.
     """
     path = Path(path).absolute()
     require_replaceable(path)
@@ -190,7 +216,7 @@ def entry(
     size_cm: SizeCm | None = None,
     error_bound: float = 0.0,
 ) -> tuple[QuantizedMesh, ShapeInfo]:
-    """What `write` stores of a shape; for the rest see `ShapeInfo`. Raises MeshError if flat."""
+    """Return the mesh and the metadata of a shape (see `ShapeInfo`) for `write`."""
     mesh = QuantizedMesh.of(shape)
     kept = Shape(mesh.mesh(), shape.id, shape.category)
     read = partial(RawMesh, kept.mesh)
@@ -199,7 +225,7 @@ def entry(
 
 
 def divide(infos: Mapping[str, ShapeInfo], seed: int = 0) -> dict[str, tuple[str, ...]]:
-    """The splits of a library's shapes: every one of them is in one."""
+    """Divide all shapes of a library into splits."""
     return splits.divide(
         {id: info.category for id, info in infos.items()},
         {id: info.group for id, info in infos.items()},
@@ -209,22 +235,25 @@ def divide(infos: Mapping[str, ShapeInfo], seed: int = 0) -> dict[str, tuple[str
 
 
 def is_id(id: str) -> bool:
-    """Whether a shape may be stored by this id.
+    """Return whether a shape can be stored under an id.
 
-    Letters and digits of any script, `_`, `-`, `.` and `/`, each part beginning with a letter, a
-    digit or `_`.
+    Parameters
+    ----------
+    id : str
+        The id. Letters and digits of any script, `_`, `-`, `.` and `/` are valid, and each part
+        begins with a letter, a digit or `_`.
     """
     return _ID.fullmatch(id) is not None
 
 
 def as_id(text: str) -> str:
-    """An id as near to any text as can be; "" where nothing of it can be in an id."""
+    """Return the id that is most similar to a text, or "" if no character of it is valid."""
     parts = (part.strip("-.") for part in _UNFIT.sub("-", text).split("/"))
     return "/".join(part for part in parts if part)
 
 
 def require_replaceable(path: Path) -> None:
-    """Raises LibraryError where something is at path that is no stored library."""
+    """Raise LibraryError if there is anything but a stored library at a path."""
     if path.is_dir():
         known = {CATALOGUE, _SPLITS, _MESHES}
         strange = sorted({file.name for file in path.iterdir()} - known)
@@ -243,7 +272,7 @@ def _raw(file: Path) -> RawMesh:
 
 
 def _read(file: Path, kind: type[T]) -> T:
-    """Read a file of this format. Raises LibraryError that names it and the field that is wrong."""
+    """Read a file of this format, or raise LibraryError that names it and the wrong field."""
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -263,7 +292,7 @@ def _digest(digests: Mapping[str, str]) -> str:
 
 
 def _catalogue(name: str, version: str, infos: Mapping[str, ShapeInfo]) -> str:
-    """The content of `library.json`, with each shape on a line of its own."""
+    """Return the content of `library.json`, with a line for each shape."""
     digest = _digest({id: info.digest for id, info in infos.items()})
     head = json.dumps(
         {"format": FORMAT, "name": name, "version": version, "digest": digest}, indent=1
