@@ -6,7 +6,7 @@ import pickle
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -357,12 +357,12 @@ def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, t
     with pytest.raises(WeightsError, match=r"plays in boxes of \(100, 100, 100\) cells, not \(80"):
         agent.play(small, np.random.default_rng(0))
     shapes_only = weights(tmp_path / "shapes.safetensors")
-    with pytest.raises(WeightsError, match=r"shapes\.safetensors chooses shapes, no rotations"):
+    with pytest.raises(WeightsError, match=r"shapes\.safetensors chooses shapes, not rotations"):
         Agent.from_name(f"learned@{shapes_only}/learned@{shapes_only}/blbf")
 
 
 def header(file: Path, **changes: str) -> None:
-    """Writes other metadata into a file of weights."""
+    """Write other metadata into a file of weights."""
     data = file.read_bytes()
     (size,) = struct.unpack("<Q", data[:8])
     told = json.loads(data[8 : 8 + size])
@@ -378,11 +378,11 @@ def header(file: Path, **changes: str) -> None:
         (lambda f: f.write_bytes(b""), "holds no weights, or is damaged"),
         (lambda f: f.write_bytes(f.read_bytes()[:-7]), "holds no weights, or is damaged"),
         (lambda f: f.write_bytes(b"\x80\x04cos\nsystem\n"), "holds no weights, or is damaged"),
-        (lambda f: header(f, version="2"), "version '2'"),
+        (lambda f: header(f, version="3"), "version '3'"),
         (lambda f: header(f, format="other"), "of format 'other'"),
-        (lambda f: header(f, network='{"width": 32}'), "does not hold what it says"),
-        (lambda f: header(f, network='{"depth": 3}'), "does not hold what it says"),
-        (lambda f: header(f, placement_features="8"), "does not hold what it says"),
+        (lambda f: header(f, network='{"width": 32}'), "contradicts its own metadata"),
+        (lambda f: header(f, network='{"depth": 3}'), "contradicts its own metadata"),
+        (lambda f: header(f, placement_features="8"), "contradicts its own metadata"),
     ],
 )
 def test_weights_that_are_wrong_or_damaged_are_named(tmp_path, damage, message) -> None:
@@ -390,6 +390,29 @@ def test_weights_that_are_wrong_or_damaged_are_named(tmp_path, damage, message) 
     damage(file)
     with pytest.raises(WeightsError, match=rf"w\.safetensors.*{message}|{message}.*w\.safetensors"):
         LearnedShape(file)
+
+
+def test_weights_of_version_1_are_read(tmp_path) -> None:
+    old, new = weights(tmp_path / "old.safetensors"), weights(tmp_path / "new.safetensors")
+    made = {
+        "version": "0.1.0",
+        "settings": {"observation": "prospects", "easy": True, "regrets": True, "steps": 7},
+    }
+    header(old, version="1", made=json.dumps(made), prospects="0")
+    data = old.read_bytes()
+    for name in (b"provenance", b"placement_features"):  # unknown to version 1
+        data = data.replace(b'"' + name + b'"', b'"' + b"_" * len(name) + b'"')
+    old.write_bytes(data)
+    (net, features, provenance), (same, *_) = read_weights(old), read_weights(new)
+    assert features == 0 and provenance["version"] == "0.1.0"
+    assert provenance["settings"] == {
+        "observation": "placement-features",
+        "rules": asdict(Rules(easy=True)),
+        "costs": True,
+        "steps": 7,
+    }
+    for ours, theirs in zip(net.parameters(), same.parameters(), strict=True):
+        assert torch.equal(ours, theirs)
 
 
 def test_weights_that_are_not_finite_are_named(tmp_path) -> None:
@@ -532,7 +555,7 @@ def test_a_training_that_was_killed_resumes_exactly(
     with pytest.raises(TrainingError, match=r"another settings\.network, settings\.entropy"):
         Training(changed, tmp_path / "parts", "cpu")
     (tmp_path / "parts" / "checkpoint.pt").write_bytes(b"torn")
-    with pytest.raises(ValueError, match=r"checkpoint\.pt is no checkpoint, or is damaged"):
+    with pytest.raises(ValueError, match=r"checkpoint\.pt is not a checkpoint, or is damaged"):
         Training(settings, tmp_path / "parts", "cpu")
 
 
