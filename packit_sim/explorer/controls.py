@@ -14,7 +14,7 @@ from packit_sim.render.coloring import COLORINGS
 from packit_sim.render.looks import Cut
 
 if TYPE_CHECKING:
-    import viser
+    from packit_sim.viewer.web_page import GuiApi, GuiInputHandle
 
 NOTHING = "nothing"
 _WIDTH = 360
@@ -66,7 +66,7 @@ class Controls:
 
     Parameters
     ----------
-    gui : viser.GuiApi
+    gui : GuiApi
         Viser's panel.
     titles : Sequence[str]
         Titles of the packs.
@@ -80,7 +80,7 @@ class Controls:
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: GuiApi,
         titles: Sequence[str],
         pack: int,
         beside: int | None,
@@ -118,7 +118,7 @@ class Controls:
             self.answer = gui.add_markdown("")
         with tabs.add_tab("About"):
             self.facts = gui.add_html("")
-        handles: list[viser.GuiInputHandle[Any]] = [
+        handles: list[GuiInputHandle[Any]] = [
             self._pack,
             self._beside,
             self._item,
@@ -221,9 +221,9 @@ def _number(text: str) -> int | None:
     return None if text == NOTHING else int(text.partition(" ")[0])
 
 
-def _set(handle: viser.GuiInputHandle[Any], value: object) -> None:
+def _set(handle: GuiInputHandle[Any], value: object) -> None:
     handle.value = value  # type: ignore[misc] # viser's setter stands apart from its property
 
 
-def _on_update(handle: viser.GuiInputHandle[Any], changed: Callable[[], None]) -> None:
+def _on_update(handle: GuiInputHandle[Any], changed: Callable[[], None]) -> None:
     handle.on_update(lambda event: changed())

@@ -16,7 +16,7 @@ from packit_sim.viewer.box_view import rgb
 from packit_sim.viewer.surfaces import surface
 
 if TYPE_CHECKING:
-    import viser
+    from packit_sim.viewer.web_page import MeshHandle, ViserServer
 
 _FITS, _BLOCKED = PALETTE[0], PALETTE[5]
 """Blue and vermilion, which colour-blind readers can distinguish."""
@@ -35,17 +35,17 @@ class FitMarkers:
 
     Parameters
     ----------
-    server : viser.ViserServer
+    server : ViserServer
         Viser's server.
     name : str
         The name of the node in the scene.
     """
 
-    def __init__(self, server: viser.ViserServer, name: str) -> None:
+    def __init__(self, server: ViserServer, name: str) -> None:
         self._server = server
         self._name = name
         self._query: FitQuery | None = None
-        self._item: viser.MeshHandle | None = None
+        self._item: MeshHandle | None = None
 
     def show(self, query: FitQuery, location: Triple) -> None:
         """Show the item of the query at a location."""
@@ -66,7 +66,7 @@ class FitMarkers:
             self._server.scene.remove_by_name(self._name)
         self._query = self._item = None
 
-    def _add(self, placed: PlacedItem) -> viser.MeshHandle:
+    def _add(self, placed: PlacedItem) -> MeshHandle:
         assert self._query is not None
         self._server.scene.add_frame(self._name, show_axes=False)
         self._add_dots("dots", self._query.centers, _ELSEWHERE, _SMALL)

@@ -20,7 +20,7 @@ from packit_sim.render.sections import is_beyond, section
 from packit_sim.viewer.surfaces import surface
 
 if TYPE_CHECKING:
-    import viser
+    from packit_sim.viewer.web_page import MeshHandle, ViserServer
 
 Floats = npt.NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class BoxView:
 
     Parameters
     ----------
-    server : viser.ViserServer
+    server : ViserServer
         Viser's server.
     name : str
         The name of the box's node in the scene, "" for the root.
@@ -89,7 +89,7 @@ class BoxView:
 
     def __init__(
         self,
-        server: viser.ViserServer,
+        server: ViserServer,
         name: str = "",
         on_click: Callable[[int], None] | None = None,
     ) -> None:
@@ -99,12 +99,12 @@ class BoxView:
         self._cells: Triple | None = None
         self._cut: Cut | None = None
         self._surfaces: dict[tuple[int, ItemInBox], trimesh.Trimesh] = {}
-        self._items: dict[tuple[int, ItemInBox], viser.MeshHandle] = {}
-        self._parts: dict[tuple[int, ItemInBox], tuple[viser.MeshHandle, ...]] = {}
+        self._items: dict[tuple[int, ItemInBox], MeshHandle] = {}
+        self._parts: dict[tuple[int, ItemInBox], tuple[MeshHandle, ...]] = {}
         self._node = server.scene.add_frame(name, show_axes=False) if name else None
 
     @property
-    def items(self) -> tuple[viser.MeshHandle, ...]:
+    def items(self) -> tuple[MeshHandle, ...]:
         """Viser's handle of each item, in the order of placing."""
         return tuple(self._items[key] for key in sorted(self._items, key=lambda key: key[0]))
 
@@ -187,7 +187,7 @@ class BoxView:
         for handle, light in zip((self._items[key], *parts), (1.0, 1.0, _CAP), strict=False):
             handle.color = rgb(color, light)
 
-    def _cut_open(self, key: tuple[int, ItemInBox], color: Color) -> tuple[viser.MeshHandle, ...]:
+    def _cut_open(self, key: tuple[int, ItemInBox], color: Color) -> tuple[MeshHandle, ...]:
         """Create what remains of an item that is cut, and its section; nothing if it is not cut."""
         if self._cut is None:
             return ()
@@ -202,7 +202,7 @@ class BoxView:
             )
         return self._parts[key]
 
-    def _add_item(self, key: tuple[int, ItemInBox], pose: Pose, color: Color) -> viser.MeshHandle:
+    def _add_item(self, key: tuple[int, ItemInBox], pose: Pose, color: Color) -> MeshHandle:
         number, placed = key
         mesh = self._surfaces[key] = surface(placed.item.shape)
         scale = float(np.cbrt(placed.item.scale))
@@ -216,7 +216,7 @@ class BoxView:
         number: int,
         pose: Pose | None = None,
         scale: float = 1.0,
-    ) -> viser.MeshHandle:
+    ) -> MeshHandle:
         handle = self._server.scene.add_mesh_simple(
             f"{self._name}/{name}",
             np.asarray(mesh.vertices),

@@ -10,7 +10,7 @@ from packit_sim.viewer.box_view import BoxView, corners
 from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
 if TYPE_CHECKING:
-    import viser
+    from packit_sim.viewer.web_page import MeshHandle
 
 
 class Viewer:
@@ -52,7 +52,7 @@ class Viewer:
             raise
 
     @property
-    def items(self) -> tuple[viser.MeshHandle, ...]:
+    def items(self) -> tuple[MeshHandle, ...]:
         """Viser's handle of each item in the order of placing; empty after `close`."""
         return self._shown.items if self._page.is_open else ()
 

@@ -20,8 +20,12 @@ from packit_sim.core.errors import RenderError
 from packit_sim.render.cameras import ISO, TOP, Camera
 from packit_sim.render.looks import BACKGROUND
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the only module that imports viser: others take its types from here
     import viser
+    from viser import GuiApi as GuiApi
+    from viser import GuiInputHandle as GuiInputHandle
+    from viser import MeshHandle as MeshHandle
+    from viser import ViserServer as ViserServer
 
 LOOPBACK = "127.0.0.1"
 _EVERYWHERE = "0.0.0.0"
