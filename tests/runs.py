@@ -97,7 +97,8 @@ def rollout(agent: str, task: int, items: int, rules: Rules = PACKIT, **more: An
 def results(file: Path, agents: Mapping[str, Sequence[int]]) -> Path:
     """A file of results: how many items each agent placed, task by task."""
     write_results(
-        file, [rollout(a, n, items) for a, told in agents.items() for n, items in enumerate(told)]
+        file,
+        [rollout(a, n, items) for a, counts in agents.items() for n, items in enumerate(counts)],
     )
     return file
 
@@ -105,8 +106,8 @@ def results(file: Path, agents: Mapping[str, Sequence[int]]) -> Path:
 def training(folder: Path, rewards: Sequence[float], **settings: Any) -> Path:
     """A training's folder: validation rewards after each thousand steps."""
     folder.mkdir()
-    told = {"steps": 5000, "rules": {"easy": False}, "network": {"width": 64}, **settings}
-    (folder / "settings.json").write_text(json.dumps({"settings": told}))
+    written = {"steps": 5000, "rules": {"easy": False}, "network": {"width": 64}, **settings}
+    (folder / "settings.json").write_text(json.dumps({"settings": written}))
     curve = [
         {
             "steps": 1000 * n,

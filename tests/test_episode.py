@@ -125,7 +125,7 @@ def test_location_policies() -> None:
 
 
 def test_the_heuristic_on_a_task_solved_by_hand() -> None:
-    """Three slabs, largest first: one on the floor, one beside it, one on the first."""
+    """Three slabs, largest first: one on the floor, one next to it, one on the first."""
     slabs = [Item(SLAB, scale) for scale in (0.3, 0.5, 0.4)]
     episode = play(task_of(*slabs), HEURISTIC, np.random.default_rng(0))
     assert episode.end is End.COMPLETE and episode.total == pytest.approx(1)
@@ -146,7 +146,7 @@ def test_agents_are_found_by_name() -> None:
         Agent.from_name("blbf")
 
 
-def test_a_rollout_is_the_same_whatever_is_played_beside_it() -> None:
+def test_a_rollout_does_not_depend_on_other_episodes() -> None:
     rng = np.random.default_rng(0)
     tasks = [task_of(*(Item(BALL, rng.uniform(0.3, 0.7) ** 3) for _ in range(6))) for _ in range(3)]
     chance = Agent.from_name("random/random/random")

@@ -79,7 +79,7 @@ def test_what_is_in_the_file_is_not_played_again(agents, tasks, rollouts, tmp_pa
     assert read_results(file)[:9] == rollouts and len(read_results(file)) == 12
 
 
-def test_an_evaluation_that_was_killed_goes_on(agents, tasks, rollouts, tmp_path) -> None:
+def test_an_evaluation_that_was_killed_resumes(agents, tasks, rollouts, tmp_path) -> None:
     """Killed after a checkpoint, and started again: the file of an undisturbed one."""
     file = tmp_path / "results.jsonl"
     script = (
@@ -169,7 +169,7 @@ def test_agents_are_compared_on_the_tasks_that_both_have_played(rollouts) -> Non
         compare(first[:1], second[1:])
 
 
-def test_a_score_tells_density_and_time(rollouts) -> None:
+def test_a_score_contains_density_and_time(rollouts) -> None:
     score = Score.of(NAMES[0], rollouts)
     assert score.tasks == 3
     assert score.density.mean == pytest.approx(np.mean([r.pack.density for r in rollouts[:3]]))
@@ -180,8 +180,8 @@ def test_evaluate_and_compare_on_the_command_line(tmp_path) -> None:
     file, other = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
     common = ("--tasks", "2", "--workers", "1", "--agent")
     packit("evaluate", "starter", *common, NAMES[0], "--out", file)
-    told = packit("evaluate", "starter", *common, NAMES[0], "--agent", NAMES[1], "--out", file)
-    assert "tasks: 2, seed: 0" in told and f"2 {NAMES[1]}" in told and "0.000" not in told
+    output = packit("evaluate", "starter", *common, NAMES[0], "--agent", NAMES[1], "--out", file)
+    assert "tasks: 2, seed: 0" in output and f"2 {NAMES[1]}" in output and "0.000" not in output
     packit("evaluate", "starter", *common, NAMES[2], "--easy", "--out", other)
     assert read_results(other)[0].rules == Rules(easy=True)
     assert "   2     0       0" in packit("compare", file)
@@ -224,7 +224,7 @@ def test_two_evaluations_refuse_to_write_one_file(agents, tasks, rollouts, tmp_p
     assert evaluate(agents, tasks, seed=2, file=file) == rollouts
 
 
-def test_a_table_beside_the_papers(agents, tasks, rollouts) -> None:
+def test_a_table_compares_ours_with_the_papers(agents, tasks, rollouts) -> None:
     names = [reproduction.HEURISTIC, "random/aligned/blbf"]
     played = evaluate([Agent.from_name(name) for name in names], tasks, seed=2)
     table = TABLES["table1"]
@@ -251,7 +251,7 @@ def test_a_table_that_the_paper_does_not_have(tasks, tmp_path) -> None:
     assert (tmp_path / "table.png").stat().st_size > 1000
 
 
-def test_reproduce_goes_on_with_what_it_has(tmp_path, monkeypatch) -> None:
+def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
     common = ("--packs", "starter", "--workers", "1", "--out", tmp_path)
     monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
     packit("reproduce", "table1", *common, "--quick")

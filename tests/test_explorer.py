@@ -306,7 +306,7 @@ def test_tasks_that_were_not_played_are_refused(packs: list[Pack], library: Shap
         _ = PackCollection(packs[:1], library)[9]
 
 
-def test_a_pack_that_cant_be_shown_is_told_and_the_page_goes_on(
+def test_a_pack_that_cant_be_shown_is_reported_and_the_page_works_on(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     broken = replace(packs[1], outside=(ItemRecord("no-such-shape", 1.0),))
@@ -394,7 +394,7 @@ def test_a_worker_does_once_what_was_asked_often() -> None:
     assert 1 <= len(done) <= 4
 
 
-def test_work_that_fails_is_logged_and_the_worker_goes_on(
+def test_work_that_fails_is_logged_and_the_worker_continues(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     calls: list[int] = []
@@ -434,7 +434,7 @@ def _packit(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
         process.communicate()
 
 
-def test_without_a_screen_the_address_is_told_and_ctrl_c_ends_it(packit) -> None:
+def test_without_a_screen_the_address_is_printed_and_ctrl_c_ends_it(packit) -> None:
     process = packit("starter")
     assert "is shown at http://127.0.0.1:" in process.stdout.readline()
     assert "no screen" in process.stdout.readline()
@@ -457,19 +457,19 @@ def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("starter", "--pack", "99"), "no pack 99: choose 0 to"),
         (("nowhere",), "nowhere: No such file"),
         (("starter", "--tasks", "nowhere"), "nowhere: No such file"),
     ],
 )
-def test_what_cant_be_shown_is_one_line(arguments, told) -> None:
+def test_what_cant_be_shown_is_one_line(arguments, message) -> None:
     error = run_packit("view", *arguments).stderr
-    assert told in error and error.count("\n") == 1
+    assert message in error and error.count("\n") == 1
 
 
-def test_a_busy_port_is_told() -> None:
+def test_a_busy_port_is_reported() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         ended = run_packit("view", "starter", "--port", port)

@@ -32,7 +32,7 @@ def pack(seed: int, after: int, density: float) -> Pack:
     return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), items, density, evolved)
 
 
-def test_an_evolution_that_ended_goes_on_counting_by_its_last_pack() -> None:
+def test_an_evolution_that_ended_counts_by_its_last_pack() -> None:
     packs = [
         pack(0, 0, 0.2),
         pack(0, 50, 0.4),
@@ -71,12 +71,12 @@ def test_a_history_becomes_a_table_a_json_and_a_picture(dataset: Path, tmp_path:
     arguments = ["reproduce", "evolution", "--history", str(dataset)]
     found = CliRunner().invoke(app, [*arguments, "--workers", "1", "--out", str(tmp_path / "new")])
     assert found.exit_code == 0 and "the packs of 3 evolutions" in found.output
-    told = json.loads((tmp_path / "new" / "evolution.json").read_text())
-    assert told["settings"] == SMALL.to_json()
-    under_way = {p["generation"]: p["under_way"] for p in told["points"]}
+    content = json.loads((tmp_path / "new" / "evolution.json").read_text())
+    assert content["settings"] == SMALL.to_json()
+    under_way = {p["generation"]: p["under_way"] for p in content["points"]}
     after = Counter(p.provenance.after for p in read_packs(dataset / "test.jsonl"))
     assert under_way == after and under_way[0] == 3
-    densities = [point["density"]["mean"] for point in told["points"]]
+    densities = [point["density"]["mean"] for point in content["points"]]
     assert densities == sorted(densities)
     assert "| 0 | 3 |" in (tmp_path / "new" / "evolution.md").read_text()
     with Image.open(tmp_path / "new" / "evolution.png") as picture:

@@ -46,7 +46,7 @@ def judged(played) -> list[Rollout]:
     return judge(played, everyday(), "bisection")
 
 
-def told(one: Rollout) -> dict[str, float]:
+def scores_of(one: Rollout) -> dict[str, float]:
     return {name: one.played.scores[name] for name in SCORES}
 
 
@@ -59,16 +59,16 @@ def test_cubes_by_hand() -> None:
     assert QualityScores.of(Box(), HALVES) == QualityScores(stable=1.0, insertable=1.0, floating=0)
 
 
-def test_each_rollout_tells_the_scores_of_its_box(played, judged) -> None:
+def test_each_rollout_has_the_scores_of_its_box(played, judged) -> None:
     assert [(one.agent, one.task, one.total) for one in judged] == [
         (one.agent, one.task, one.total) for one in played
     ]
     for one in judged:
         assert is_judged(one, "bisection") and not is_judged(one, "coacd")
         found = QualityScores.of(BoxState(one.pack.cells, one.pack.placed(everyday())), HALVES)
-        assert told(one) == vars(found)
+        assert scores_of(one) == vars(found)
     assert not any(is_judged(one, "bisection") for one in played)
-    assert told(judged[-1]) == {"stable": 1.0, "insertable": 1.0, "floating": 0}
+    assert scores_of(judged[-1]) == {"stable": 1.0, "insertable": 1.0, "floating": 0}
 
 
 def test_workers_find_the_same(played, judged, tmp_path) -> None:
@@ -121,7 +121,7 @@ def test_other_pieces_are_another_score(judged, monkeypatch) -> None:
     monkeypatch.setattr(judging, "_judged", lambda n, box, pieces: (n, QualityScores(0.5, 0.25, 7)))
     monkeypatch.setattr(judging, "require", lambda settings: None)
     again = judge(judged[:1], everyday(), "coacd")
-    assert told(again[0]) == {"stable": 0.5, "insertable": 0.25, "floating": 7}
+    assert scores_of(again[0]) == {"stable": 0.5, "insertable": 0.25, "floating": 7}
     assert is_judged(again[0], "coacd") and not is_judged(again[0], "bisection")
 
 
@@ -142,7 +142,7 @@ def test_what_can_not_be_judged(played, tmp_path) -> None:
         judge([replace(played[0], pack=foreign)], everyday(), "bisection")
 
 
-def test_evaluate_tells_scores_and_keeps_them(played, tmp_path, monkeypatch) -> None:
+def test_evaluate_prints_scores_and_stores_them(played, tmp_path, monkeypatch) -> None:
     file, packs = tmp_path / "results.jsonl", tmp_path / "few.jsonl"
     write_packs(packs, [one.pack for one in played[:2]])
     common = (packs, "--workers", "1", "--agent", GOOD, "--out", file)

@@ -229,12 +229,12 @@ def test_the_same_seed_is_the_same_episode() -> None:
         env = env_of(Item(TILTED, 0.01), Item(BALL, 0.006), cube_of(10), rotation="random")
         rng = np.random.default_rng(5)
         env.reset(seed=4)
-        told: list[object] = []
+        trace: list[object] = []
         while env.episode.end is None:
             action = int(rng.choice(np.flatnonzero(env.action_masks())))
             seen, reward, *_ = env.step(action)
-            told += [action, reward, seen["action_mask"].tobytes()]
-        return [*told, *(one.matrix.tobytes() for one in env.episode.box.placed)]
+            trace += [action, reward, seen["action_mask"].tobytes()]
+        return [*trace, *(one.matrix.tobytes() for one in env.episode.box.placed)]
 
     assert played() == played()
 
@@ -322,10 +322,10 @@ def test_many_play_side_by_side() -> None:
 def test_the_code_of_the_page_on_physics_runs() -> None:
     page = (Path(__file__).parents[1] / "docs" / "physics.md").read_text(encoding="utf-8")
     example = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[-1]
-    told: dict[str, object] = {}
-    exec(compile(example, "physics.md", "exec"), told)
-    assert 0 < told["reward"] < 1
-    told["env"].close()
+    names: dict[str, object] = {}
+    exec(compile(example, "physics.md", "exec"), names)
+    assert 0 < names["reward"] < 1
+    names["env"].close()
 
 
 def test_what_is_not_possible_is_said() -> None:
@@ -378,8 +378,8 @@ def test_evaluations_with_physics_are_stored_resumed_and_drawn(tmp_path) -> None
     agents = ("largest-first/aligned/blbf", "smallest-first/aligned/blbf")
     packit(*common, "--physics", "--agent", agents[0], "--tasks", 1)
     first = read_results(out)
-    told = packit(*common, "--physics", "--agent", agents[0], "--agent", agents[1])
-    assert "rules: PackIt, physics" in told
+    output = packit(*common, "--physics", "--agent", agents[0], "--agent", agents[1])
+    assert "rules: PackIt, physics" in output
     played = read_results(out)
     assert len(played) == 4 and played[0].seconds == first[0].seconds
     assert {one.rules for one in played} == {Rules(physics=SETTINGS)}

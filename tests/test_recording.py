@@ -28,7 +28,7 @@ minari = pytest.importorskip("minari", reason="Minari comes with the extra recor
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 ORDERS = {"PackIt-v0": (0, 1, 2), "PackItEasy-v0": (0, 2, 1)}
-not_made_again = pytest.mark.filterwarnings("ignore:the environment can't be recreated")
+not_recreatable = pytest.mark.filterwarnings("ignore:the environment can't be recreated")
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def assert_equal_observations(seen, expected) -> None:
 
 @pytest.mark.parametrize("name", ["PackIt-v0", "PackItEasy-v0"])
 @pytest.mark.parametrize("observation", ["features", "none"])
-def test_what_comes_back_from_disk_is_what_was_played(tmp_path, name, observation) -> None:
+def test_a_recording_equals_what_was_played(tmp_path, name, observation) -> None:
     env = Watched(gym.make(name, observation=observation, max_shapes=40))
     rng = np.random.default_rng(0)
     with pytest.warns(UserWarning, match=r"do not record their settings: Watched"):
@@ -109,9 +109,9 @@ def test_what_comes_back_from_disk_is_what_was_played(tmp_path, name, observatio
     assert dataset.storage.metadata["description"] == "chance"
     assert dataset.storage.metadata["algorithm_name"] == "random"
     assert dataset.action_space == env.action_space
-    told = dataset.storage.get_episode_metadata([0, 1])
+    all_metadata = dataset.storage.get_episode_metadata([0, 1])
     for kept, metadata, (seen, actions, rewards, infos) in zip(
-        dataset, told, env.episodes, strict=True
+        dataset, all_metadata, env.episodes, strict=True
     ):
         assert len(kept) == len(actions) == metadata["total_steps"]
         for step, expected in enumerate(seen):
@@ -164,7 +164,7 @@ def test_ground_truth_demonstrations_have_return_1_and_split_into_sub_tasks(
     assert [action for _, action in stage_steps(some, Stage.SHAPE)] == expected
 
 
-def test_the_environment_is_made_again_from_a_recording(tmp_path) -> None:
+def test_the_environment_is_recreated_from_a_recording(tmp_path) -> None:
     settings = {"tasks": "starter", "order": "cycle", "observation": "none"}
     env = gym.make("PackItEasy-v0", shape="largest-first", max_shapes=40, **settings)
     dataset = record(env, tmp_path / "r", Agent.from_name("random/random/random"), episodes=2)
@@ -244,8 +244,8 @@ def test_episodes_cut_short_are_kept_as_truncated(tmp_path) -> None:
         [False, True],
     ]
     assert not any(episode.terminations.any() for episode in dataset)
-    told = list(dataset.storage.get_episode_metadata([0, 1]))
-    assert [(metadata["end"], metadata["seed"]) for metadata in told] == [
+    all_metadata = list(dataset.storage.get_episode_metadata([0, 1]))
+    assert [(metadata["end"], metadata["seed"]) for metadata in all_metadata] == [
         (CUT_SHORT, 1),
         (CUT_SHORT, 2),
     ]
@@ -294,15 +294,15 @@ def test_tasks_that_are_objects_are_recorded_with_a_warning(tmp_path, tasks, mad
     with pytest.warns(UserWarning, match="has settings that are objects: tasks"):
         dataset = record(env, tmp_path / "r", episodes=2)
     assert [episode.rewards.sum() for episode in dataset] == pytest.approx([1, 1])
-    told = dataset.storage.get_episode_metadata([0, 1])
-    assert [metadata["task"] == -1 for metadata in told] == [made, made]
+    all_metadata = dataset.storage.get_episode_metadata([0, 1])
+    assert [metadata["task"] == -1 for metadata in all_metadata] == [made, made]
     steps = stage_steps(dataset, Stage.SHAPE, PackItEnv(**settings))
     assert sum(1 for _ in steps) == dataset.total_steps // 3
     with pytest.raises(ValueError, match="cannot be recovered"):
         dataset.recover_environment()
 
 
-@not_made_again
+@not_recreatable
 def test_a_task_that_only_a_reset_is_given_is_refused(tmp_path, tasks) -> None:
     env = PackItEnv(tasks, observation="none", max_shapes=40)
     with (
@@ -326,7 +326,7 @@ def test_vectors_are_recorded_and_sub_tasks_taken_from_a_replay(tmp_path) -> Non
     assert [action for _, action in pairs] == dataset[0].actions.tolist()
 
 
-@not_made_again
+@not_recreatable
 def test_a_path_that_exists_is_refused(tmp_path) -> None:
     env = PackItEnv(observation="none", **SHAPE_ONLY)
     (tmp_path / "taken").mkdir()
@@ -338,7 +338,7 @@ def test_a_path_that_exists_is_refused(tmp_path) -> None:
     recorder.close()
 
 
-@not_made_again
+@not_recreatable
 def test_an_exception_leaves_nothing(tmp_path) -> None:
     def interrupted() -> None:
         with Recorder(PackItEnv(observation="none", **SHAPE_ONLY), tmp_path / "r") as recorder:
@@ -377,7 +377,7 @@ def test_without_minari_the_extra_is_named(tmp_path, monkeypatch, missing) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["home"]
 
 
-@not_made_again
+@not_recreatable
 def test_minari_finds_a_recording_by_its_id(tmp_path, monkeypatch) -> None:
     path = tmp_path / "all" / "packit" / "shapes-v2" / "data"
     env = PackItEnv(observation="none", **SHAPE_ONLY)

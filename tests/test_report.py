@@ -63,9 +63,9 @@ def test_comparisons_are_those_of_packit_compare(runs) -> None:
     good, bad = (one.rollouts for one in runs.played)
     found = compare(good, bad)
     (row,) = against[BAD].rows
-    told = [cell.text for cell in row]
-    assert told[:3] == [GOOD, "3", f"{found.difference.mean:+.3f}"]
-    assert told[4:] == ["2", "1", "0"]
+    cells = [cell.text for cell in row]
+    assert cells[:3] == [GOOD, "3", f"{found.difference.mean:+.3f}"]
+    assert cells[4:] == ["2", "1", "0"]
     assert [cell.text for cell in against[GOOD].rows[0]][4:] == ["0", "1", "2"]
 
 
@@ -77,7 +77,7 @@ def test_agents_without_a_task_in_common_are_not_compared(tmp_path) -> None:
     assert [cell.text for cell in row] == ["a/b/c", "0", "", "", "", "", ""]
 
 
-def test_whatever_else_results_tell_in_numbers_is_a_column(tmp_path) -> None:
+def test_further_scores_in_results_are_columns(tmp_path) -> None:
     file = tmp_path / "scored.jsonl"
     scored = [
         rollout("a/b/c", n, 3, scores={"stable": share}) for n, share in enumerate((0.25, 0.5))
@@ -93,12 +93,12 @@ def test_whatever_else_results_tell_in_numbers_is_a_column(tmp_path) -> None:
     assert "stable" not in {column.name for column in tables.scores(played).columns}
 
 
-def test_results_that_tell_no_more_have_no_table_of_it(tmp_path) -> None:
+def test_results_without_further_scores_have_no_table_of_them(tmp_path) -> None:
     results(tmp_path / "plain.jsonl", {GOOD: [3]})
     assert tables.more_scores(Runs.read([tmp_path / "plain.jsonl"]).played) is None
 
 
-def test_names_that_are_in_several_files_are_told_apart(tmp_path) -> None:
+def test_names_that_are_in_several_files_are_made_unique(tmp_path) -> None:
     for folder in ("x", "y"):
         (tmp_path / folder).mkdir()
     files = [tmp_path / name for name in ("x/one.jsonl", "x/two.jsonl", "y/two.jsonl")]
@@ -109,7 +109,7 @@ def test_names_that_are_in_several_files_are_told_apart(tmp_path) -> None:
     assert names == [f"{GOOD} (one)", "a/b/c", f"{GOOD} ({files[1]})", f"{GOOD} ({files[2]})"]
 
 
-def test_rules_are_told_file_by_file(tmp_path) -> None:
+def test_rules_are_listed_file_by_file(tmp_path) -> None:
     easy = [rollout("a/b/c", 0, 3, Rules(easy=True, kinematic=True))]
     write_results(tmp_path / "easy.jsonl", easy)
     results(tmp_path / "usual.jsonl", {"a/b/c": [3, 3], "d/e/f": [2, 2]})
@@ -119,7 +119,7 @@ def test_rules_are_told_file_by_file(tmp_path) -> None:
     assert texts(table, "agents") == ["1", "2"] and texts(table, "tasks") == ["1", "2"]
 
 
-def test_trainings_are_told_with_what_differs(runs) -> None:
+def test_settings_of_trainings_that_differ_are_marked(runs) -> None:
     table = tables.trainings(runs.learned)
     assert texts(table, "best") == ["0.700", "0.900"]
     assert texts(table, "after") == ["1,000", "1,000"] and texts(table, "steps")[0] == "2,000"
@@ -185,10 +185,10 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
     placed = tasks()[0].pack.placed(everyday())
     models = Models()
     models.add((100, 100, 100), placed, 1.0)
-    told = models.to_json()
-    assert told["boxes"][0]["size"] == [1, 1, 1]
-    for one, item in zip(placed, told["boxes"][0]["items"], strict=True):
-        shape = told["shapes"][item["shape"]]
+    content = models.to_json()
+    assert content["boxes"][0]["size"] == [1, 1, 1]
+    for one, item in zip(placed, content["boxes"][0]["items"], strict=True):
+        shape = content["shapes"][item["shape"]]
         vertices = np.frombuffer(b64decode(shape["vertices"]), "<u2").reshape(-1, 3)
         faces = np.frombuffer(b64decode(shape["faces"]), "<u4").reshape(-1, 3)
         assert len(faces) <= 1500 and faces.max() < len(vertices)
@@ -259,8 +259,8 @@ def test_a_page_of_trainings_alone_has_no_gallery(tmp_path) -> None:
 def test_the_command_writes_one_file(tmp_path) -> None:
     file = results(tmp_path / "played.jsonl", {GOOD: [3, 4], BAD: [2, 4]})
     out = tmp_path / "report.html"
-    told = packit("report", file, "--packs", "starter", "--gallery", 1, "-o", out)
-    assert "MB" in told
+    output = packit("report", file, "--packs", "starter", "--gallery", 1, "-o", out)
+    assert "MB" in output
     text = out.read_text()
     assert SOLUTION in text and text.count('<figure class="card">') == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == [
@@ -346,7 +346,7 @@ def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -
 @pytest.mark.parametrize(
     ("package", "extra"), [("jinja2", "packit-sim[report]"), ("matplotlib", "packit-sim[plot]")]
 )
-def test_what_is_not_installed_is_told_before_there_is_work(
+def test_a_missing_package_is_reported_before_any_work(
     package, extra, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
@@ -354,7 +354,7 @@ def test_what_is_not_installed_is_told_before_there_is_work(
         packit("report", tmp_path / "absent.jsonl", "-o", tmp_path / "r.html")
 
 
-def test_a_training_reads_back_as_it_was_told(tmp_path) -> None:
+def test_a_training_reads_back_as_it_was_written(tmp_path) -> None:
     run = TrainingRecord.read(training(tmp_path / "run", [0.2, 0.8, 0.8]))
     assert [point.steps for point in run.curve] == [0, 1000, 2000]
     assert run.best is run.curve[1]

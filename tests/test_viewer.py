@@ -132,7 +132,7 @@ def test_another_box_has_another_frame(viewer: Viewer) -> None:
     assert viewer.items == ()
 
 
-def test_a_browser_is_told_of_updates(viewer: Viewer) -> None:
+def test_updates_reach_a_browser(viewer: Viewer) -> None:
     with browser(viewer) as page:
         receive(page, BALL.mesh.vertices.size * BYTES)
         box = three_items()
