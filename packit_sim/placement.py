@@ -1,7 +1,7 @@
-"""Where can an item go? The public face of the placement engine (DESIGN: Feasible).
+"""The public interface of the placement engine: where an item fits in a box (DESIGN: Feasible).
 
 `feasible` computes the exact mask over all grid nodes, `blbf` the bottom-left-back-fill location,
-and `oracle` the same mask by a plain loop over every location: slow, obvious, and always equal.
+and `oracle` the same mask by a plain loop over all locations: slow, obvious, and always equal.
 """
 
 from packit_sim.engine.feasibility import (

@@ -8,9 +8,8 @@ from typing import Any
 
 import msgspec
 
-from packit_sim.box import Box
+from packit_sim.box import BaseBox, Box
 from packit_sim.core.errors import ArgumentError
-from packit_sim.engine.base_box import BaseBox
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -94,7 +93,7 @@ class Rules:
         Returns
         -------
         Rules
-            Equal to the rules that `dataclasses.asdict` made the values of.
+            The rules; the inverse of `dataclasses.asdict`.
 
         Raises
         ------
@@ -108,7 +107,7 @@ class Rules:
             raise ArgumentError(f"the rules {dict(values)} are not valid: {error}") from None
 
     def new_box(self, cells: Triple) -> BaseBox[Any]:
-        """Make the empty box that is packed by these rules.
+        """Create an empty box to pack by these rules.
 
         Parameters
         ----------

@@ -11,13 +11,12 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim import placement
-from packit_sim.box import Box
+from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
 from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN, Provenance, RotationIndex
-from packit_sim.engine.base_box import BaseBox
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item

@@ -1,4 +1,4 @@
-"""Whether two items' collision meshes cross, by FCL: the only module that imports it."""
+"""Collision tests of meshes by FCL: the only module that imports it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ COLLISION_MESHES_BUDGET = 2_000_000
 """Triangles in the process's cache of collision meshes, roughly 0.7 kB each."""
 
 COLLISIONS_BUDGET = 250_000
-"""Remembered answers about pairs of items on the grid, roughly 0.4 kB each."""
+"""Cached answers about pairs of items on the grid, roughly 0.4 kB each."""
 
 OFF_GRID_COLLISIONS_BUDGET = 100_000
-"""Remembered answers about items off the grid."""
+"""Cached answers about items off the grid."""
 
 _moving = threading.Lock()
 """Held while a mesh is moved for a query."""
@@ -32,7 +32,7 @@ _REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
 
 def collides(placed: PlacedItem, other: ItemInBox) -> bool:
-    """Ask FCL whether a triangle of one item's collision mesh crosses one of the other's.
+    """Decide by FCL whether the collision meshes of two items cross.
 
     Parameters
     ----------
@@ -41,12 +41,17 @@ def collides(placed: PlacedItem, other: ItemInBox) -> bool:
     other : ItemInBox
         An item on the grid or off it.
 
+    Returns
+    -------
+    bool
+        Whether a triangle of one mesh crosses a triangle of the other.
+
     Notes
     -----
-    Between two items on the grid the answer depends only on the items and the whole half cells
-    between their centres: the first in a fixed order of items is put at the origin, wherever they
-    are in the box and whichever was placed first. The pose of an item off the grid is taken
-    relative to the centre of the one on the grid.
+    For two items on the grid the answer depends only on the items and the whole half cells between
+    their centres: the first in a fixed order of items is put at the origin, wherever they are in
+    the box and whichever was placed first. The pose of an item off the grid is taken relative to
+    the centre of the one on the grid.
     """
     if isinstance(other, PlacedItem):
         return _on_grid(*_canonical(placed, other))
@@ -54,14 +59,14 @@ def collides(placed: PlacedItem, other: ItemInBox) -> bool:
 
 
 def collides_memo(placed: PlacedItem, other: ItemInBox) -> bool:
-    """Answer as `collides`, from memory where possible. The oracle asks FCL each time."""
+    """Return the same as `collides`, from the cache if possible; the oracle does without it."""
     if isinstance(other, PlacedItem):
         return _on_grid_memo(*_canonical(placed, other))
     return _off_grid_memo(placed, other)
 
 
 def _canonical(a: PlacedItem, b: PlacedItem) -> tuple[Item, Item, Triple]:
-    """Put two items in a fixed order; the second is so many grid nodes from the first."""
+    """Put two items in a fixed order; return the second's offset from the first, in grid steps."""
     if (b.item.key, b.location) < (a.item.key, a.location):
         a, b = b, a
     (i, j, k), (u, v, w) = a.location, b.location
@@ -120,7 +125,22 @@ def _off_grid_memo(placed: PlacedItem, other: ItemInBox) -> bool:
 
 
 class CollisionMesh:
-    """A shape at a scale as FCL sees it: shrunk by half the contact tolerance on each side."""
+    """The FCL mesh of a shape at a scale, shrunk by half the contact tolerance on each side.
+
+    Parameters
+    ----------
+    shape : Shape
+        The shape.
+    scale : float
+        The scale of its volume.
+
+    Attributes
+    ----------
+    triangles : int
+        Number of triangles.
+    model : fcl.BVHModel
+        FCL's tree of boxes.
+    """
 
     def __init__(self, shape: Shape, scale: float) -> None:
         extents = Item(shape, scale).extents
@@ -144,7 +164,7 @@ class CollisionMesh:
 
     @cached_property
     def loose(self) -> fcl.CollisionObject:
-        """The mesh that queries rotate and translate."""
+        """Collision object that queries rotate and translate."""
         return fcl.CollisionObject(self.model, fcl.Transform())
 
     def _rotated(
@@ -174,7 +194,7 @@ def _matrix(rotation: int) -> npt.NDArray[np.float64]:
 
 
 class LooseMesh:
-    """A mesh anywhere, off the grid, as FCL sees it.
+    """The FCL mesh of any triangles, off the grid.
 
     Parameters
     ----------
@@ -192,7 +212,7 @@ class LooseMesh:
         self._object = fcl.CollisionObject(model, fcl.Transform())
 
     def crosses(self, other: LooseMesh, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> bool:
-        """Ask FCL whether a triangle crosses one of another mesh, translated by shift (3,)."""
+        """Decide whether this mesh crosses another one, translated by shift (3,)."""
         with _moving:
             other._object.setTranslation(np.array(shift))
             return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))

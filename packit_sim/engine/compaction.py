@@ -1,7 +1,7 @@
-"""Packed items pushed together: down until they meet something, then left, then back.
+"""Compaction of packed items: each is pushed down, then left, then back, until it meets another.
 
-Items of a pack stand on nodes of the grid, so that each may hang by up to a step of it above what
-it stands on. Here they leave the grid: every move is straight, and goes exactly to where the meshes
+The items of a pack are at grid nodes, so that there may be a gap of up to a grid step below each of
+them. Compaction takes them off the grid: every move is straight and ends exactly where the meshes
 meet (see `sweeping`).
 """
 
@@ -14,32 +14,41 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.engine.items import Contents, PlacedItem
-from packit_sim.engine.sweeping import Axis, room
+from packit_sim.engine.sweeping import Axis, free_distance
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
 
 Floats = npt.NDArray[np.float64]
 
 GAP = CONTACT_TOLERANCE / 10
-"""Box units that are left between collision meshes, which are drawn in: they stay clear of what
-rounding makes of surfaces that touch, and meshes interpenetrate by less than the tolerance."""
+"""Box units that moves leave between collision meshes, which are shrunk: more than the rounding of
+surfaces that touch, and so little that meshes interpenetrate by less than the tolerance."""
 
-LEAST = 1e-4
-"""Box units: a round in which nothing moves farther is the last."""
+SMALLEST_MOVE = 1e-4
+"""Box units: a round in which no item moves farther is the last."""
 
 ROUNDS = 50
+"""Largest number of rounds."""
 
 DOWN: Axis = 2
 
 _ORDER: tuple[Axis, ...] = (2, 0, 1)
-"""Down, left, back: as locations of the bottom-left-back fill are ranked."""
+"""Down, left, back: the order of bottom-left-back fill."""
 
 
 @dataclass(frozen=True, eq=False)
 class Compacted:
-    """Items pushed together.
+    """Items that were pushed together.
 
-    placed: where they were. shifts: (n, 3) how far each has moved, in box units. rounds: in which
-    all were pushed down, left and back, and settled: whether in the last hardly anything moved.
+    Attributes
+    ----------
+    placed : tuple of PlacedItem
+        The items where they were before.
+    shifts : ndarray of float64, shape (n, 3)
+        The shift of each item, in box units.
+    rounds : int
+        Number of rounds; in each, all items are pushed down, left and back.
+    settled : bool
+        Whether no item moved farther than `SMALLEST_MOVE` in the last round.
     """
 
     placed: tuple[PlacedItem, ...]
@@ -49,19 +58,21 @@ class Compacted:
 
     @property
     def centers(self) -> Floats:
-        """(n, 3) of the items' bounding boxes."""
+        """Centres of the items' bounding boxes afterwards, (n, 3) in box units."""
         return _centers(self.placed) + self.shifts
 
     @property
     def filled(self) -> tuple[float, float]:
-        """How full the corner of the box is that holds all items, before and after: their volume
-        over that of the smallest box around them at the origin. 0 where there are none.
+        """How densely items fill the corner at the origin, before and after.
+
+        The items' volume relative to that of the smallest box around the origin and all items; 0
+        without items.
         """
         return self._filled(_centers(self.placed)), self._filled(self.centers)
 
     @property
     def height(self) -> tuple[float, float]:
-        """How high the highest item reaches, before and after, in box units."""
+        """Height of the highest item's top, before and after, in box units."""
         before, after = (_reach(self.placed, c)[2] for c in (_centers(self.placed), self.centers))
         return float(before), float(after)
 
@@ -71,48 +82,58 @@ class Compacted:
 
 
 def compact(box: Contents[PlacedItem], rounds: int = ROUNDS) -> Compacted:
-    """Pushes all items down, the lowest first, then left, then back, and again until all stay.
+    """Push all items down, the lowest first, then left, then back, until none moves any more.
 
-    rounds: after which it ends in any case.
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    rounds : int, default: 50
+        Largest number of rounds.
+
+    Returns
+    -------
+    Compacted
+        The shifts of the items.
     """
     placed = box.placed
     centers = _centers(placed)
-    start, made, farthest = centers.copy(), 0, np.inf if placed else 0.0
-    while farthest > LEAST and made < rounds:
+    start, done, farthest = centers.copy(), 0, np.inf if placed else 0.0
+    while farthest > SMALLEST_MOVE and done < rounds:
         before = centers.copy()
         for axis in _ORDER:
             lows = centers[:, axis] - [p.item.extents[axis] / 2 for p in placed]
             for n in np.argsort(lows, kind="stable").tolist():
-                centers[n, axis] -= _way(placed, centers, n, axis)
+                centers[n, axis] -= _free_distance(placed, centers, n, axis)
         farthest = float(np.abs(centers - before).max())
-        made += 1
-    return Compacted(tuple(placed), centers - start, made, farthest <= LEAST)
+        done += 1
+    return Compacted(tuple(placed), centers - start, done, farthest <= SMALLEST_MOVE)
 
 
 def drops(box: Contents[PlacedItem]) -> Floats:
-    """(n,) how far each item hangs above what is below it, or the floor, all others as they are."""
+    """Compute the distance (n,) from each item down to other items or the floor, in box units."""
     centers = _centers(box.placed)
-    return np.array([_way(box.placed, centers, n, DOWN) for n in range(len(box.placed))])
+    return np.array([_free_distance(box.placed, centers, n, DOWN) for n in range(len(box.placed))])
 
 
-def _way(placed: Sequence[PlacedItem], centers: Floats, n: int, axis: Axis) -> float:
-    """How far an item can go back along an axis, from where items are to what it meets."""
+def _free_distance(placed: Sequence[PlacedItem], centers: Floats, n: int, axis: Axis) -> float:
+    """Compute how far item n can move towards 0 along an axis before it meets a wall or an item."""
     item = placed[n].item
     apart = centers - centers[n]
     sizes = np.array([p.item.extents for p in placed])
     gaps = -apart[:, axis] - (sizes[:, axis] + item.extents[axis]) / 2  # of bounding boxes
-    way = max(float(centers[n, axis] - item.extents[axis] / 2), 0.0)
+    distance = max(float(centers[n, axis] - item.extents[axis] / 2), 0.0)
     for m in np.argsort(gaps, kind="stable").tolist():
-        if gaps[m] >= way:
+        if gaps[m] >= distance:
             break
-        if m != n and _in_the_way(item.extents, sizes[m], apart[m], axis):
-            met = room(item, placed[m].item, apart[m], axis, forward=False)
-            way = min(way, max(met - GAP, 0.0))
-    return way
+        if m != n and _may_block(item.extents, sizes[m], apart[m], axis):
+            met = free_distance(item, placed[m].item, apart[m], axis, forward=False)
+            distance = min(distance, max(met - GAP, 0.0))
+    return distance
 
 
-def _in_the_way(own: Floats, its: Floats, apart: Floats, axis: Axis) -> bool:
-    """Whether two bounding boxes overlap seen along an axis, and the other is not all beyond."""
+def _may_block(own: Floats, its: Floats, apart: Floats, axis: Axis) -> bool:
+    """Decide whether bounding boxes overlap seen along an axis, and the other is not all above."""
     near = np.abs(apart) < (own + its) / 2
     near[axis] = apart[axis] - its[axis] / 2 < own[axis] / 2
     return bool(near.all())
@@ -123,7 +144,7 @@ def _centers(placed: Sequence[PlacedItem]) -> Floats:
 
 
 def _reach(placed: Sequence[PlacedItem], centers: Floats) -> Floats:
-    """(3,) the farthest corner of items' bounding boxes from the origin."""
+    """Return the largest coordinates (3,) of the items' bounding boxes, at least one cell."""
     ends = [center + p.item.extents / 2 for p, center in zip(placed, centers, strict=True)]
     farthest: Floats = np.max([np.full(3, CELL), *ends], axis=0)
     return farthest

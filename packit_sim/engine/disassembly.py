@@ -1,8 +1,8 @@
-"""Ways into and out of a packed box: straight moves along the axes, one after another.
+"""Routes into and out of a packed box: straight moves along the axes, one after another.
 
-An item that can be taken out can be put in: the way is the same, the other way round. Moves are
-exact all along (see `sweeping`); their corners are locations of the grid, and the last goes up and
-out (see `lifting`). Nothing is turned on the way, and only one item moves at a time.
+An item that can be removed can be inserted, by the reversed route. Each move is checked exactly
+over its whole length (see `sweeping`); moves meet at grid locations, and the last one goes up and
+out (see `insertion`). Items are not rotated, and only one of them moves at a time.
 """
 
 from __future__ import annotations
@@ -19,27 +19,34 @@ from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.occupancy import Occupancy
-from packit_sim.engine.sweeping import Axis, room
+from packit_sim.engine.sweeping import Axis, free_distance
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
 MOVES = 3
-"""Straight moves that a way has at most: two along the axes, and up."""
+"""Largest number of straight moves in a route: two along the axes, and one up."""
 
 _AXES: tuple[Axis, ...] = (2, 0, 1)
 _STEP = STEP * CELL
 
 Route = tuple[Triple, ...]
-"""The locations where straight moves begin, from an item's place on; the last one goes up."""
+"""The locations where straight moves begin, from the item's location on; the last move goes up."""
 
 
 @dataclass(frozen=True)
 class Disassembly:
-    """How items get into a box and out of it again.
+    """Routes of the items into a box and out of it.
 
-    volumes: of the items, in order. into: how each gets to its place, past those placed before it,
-    as the way back from there; out: how each gets out of the finished pack. None where no way of
-    so many moves is found. interlocked: those that stay where everything that has a way out is
-    taken out, one after another, until nothing that is left has one.
+    Attributes
+    ----------
+    volumes : tuple of float
+        Volume of each item, in the order of placing.
+    into : tuple of (Route or None)
+        The route of each item into the box, past those placed before it, in reverse: from its
+        location outwards. None if no route with so few moves was found.
+    out : tuple of (Route or None)
+        The route of each item out of the finished pack.
+    interlocked : tuple of int
+        Numbers of the items that remain when all items with a route out are removed, repeatedly.
     """
 
     volumes: tuple[float, ...]
@@ -49,25 +56,40 @@ class Disassembly:
 
     @property
     def insertable(self) -> float:
-        """Share of the volume that gets to its place in the order of placing; 1 where none is."""
+        """Share of the volume that can be inserted in the order of placing; 1 without items."""
         return share(self.volumes, self.into)
 
     @property
     def insertable_from_above(self) -> float:
-        """Of these the share that comes straight down."""
-        straight = [way if way and len(way) == 1 else None for way in self.into]
+        """Share of the volume that can be inserted straight down; 1 without items."""
+        straight = [route if route and len(route) == 1 else None for route in self.into]
         return share(self.volumes, straight)
 
     @property
     def removable(self) -> float:
-        """Share of the volume that gets out of the finished pack, each by itself."""
+        """Share of the volume that can be removed first from the finished pack; 1 without items."""
         return share(self.volumes, self.out)
 
 
 def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
-    """Looks for ways of so many moves at most, the last of which goes up.
+    """Search for routes of all items into a box and out of it.
 
-    Raises ValueError unless moves is at least 1.
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    moves : int, default: 3
+        Largest number of straight moves in a route, the last of which goes up.
+
+    Returns
+    -------
+    Disassembly
+        The routes.
+
+    Raises
+    ------
+    ArgumentError
+        If `moves` is less than 1.
     """
     into = insertion_routes(box, moves)
     placed = box.placed
@@ -80,9 +102,24 @@ def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
 
 
 def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Route | None, ...]:
-    """How each item gets to its place, past those placed before it: `Disassembly.into` alone.
+    """Search for a route of each item past those placed before it.
 
-    Raises ValueError unless moves is at least 1.
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    moves : int, default: 3
+        Largest number of straight moves in a route, the last of which goes up.
+
+    Returns
+    -------
+    tuple of (Route or None)
+        As in `Disassembly.into`.
+
+    Raises
+    ------
+    ArgumentError
+        If `moves` is less than 1.
     """
     if moves < 1:
         raise ArgumentError(f"moves {moves!r} is not possible: it must be at least 1")
@@ -90,20 +127,33 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Rou
     return tuple(find_route(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
 
 
-def share(volumes: Sequence[float], ways: Sequence[Route | None]) -> float:
-    """Share of the volume of items that have a way; 1 where there are no items."""
-    found = [volume for volume, way in zip(volumes, ways, strict=True) if way]
+def share(volumes: Sequence[float], routes: Sequence[Route | None]) -> float:
+    """Compute the share of the items' volume that has a route; 1 without items."""
+    found = [volume for volume, route in zip(volumes, routes, strict=True) if route]
     return sum(found) / sum(volumes) if volumes else 1.0
 
 
 def find_route(
     others: Sequence[PlacedItem], candidate: PlacedItem, cells: Triple, moves: int = MOVES
 ) -> Route | None:
-    """A way of few moves for an item from its place out of a box of so many cells; None where there
-    is none of so many moves.
+    """Search for a route with the fewest moves from an item's location out of a box.
 
-    Of ways that are found none is shorter, counted in moves. On the way the item may rise above the
-    box's open top, but not reach through its walls.
+    Parameters
+    ----------
+    others : sequence of PlacedItem
+        The other items in the box.
+    candidate : PlacedItem
+        The item, at its location.
+    cells : Triple
+        The cells of the box along x, y and z.
+    moves : int, default: 3
+        Largest number of straight moves, the last of which goes up.
+
+    Returns
+    -------
+    Route or None
+        The route, or None if there is none with so few moves and all turning points on the grid.
+        The item may rise above the box's open top, but it never crosses a wall.
     """
     if insertion.is_clear(others, candidate):
         return (candidate.location,)
@@ -113,7 +163,7 @@ def find_route(
     for other in others:
         tall.add(other)
     free = feasibility.feasible(tall, candidate.item)
-    ends = insertion.clear(others, candidate.item, free)
+    ends = insertion.clear_mask(others, candidate.item, free)
     before: dict[Triple, Triple | None] = {candidate.location: None}
     corners = [candidate.location]
     for _ in range(moves - 1):
@@ -124,20 +174,20 @@ def find_route(
                     continue
                 before[there] = here
                 if ends[there]:
-                    return _way(before, there)
+                    return _route(before, there)
                 reached.append(there)
         corners = reached
     return None
 
 
 def _straight(others: Sequence[PlacedItem], candidate: PlacedItem, free: Mask) -> Iterator[Triple]:
-    """The locations that an item reaches by one straight move."""
+    """Yield the locations that an item reaches by one straight move."""
     for axis, forward in product(_AXES, (True, False)):
         there = np.array(candidate.location)
         there[axis] += 1 if forward else -1
         reach = None
         while 0 <= there[axis] < free.shape[axis] and free[tuple(there)]:
-            if reach is None:  # not asked where the first step is in conflict
+            if reach is None:  # computed only if the first step is feasible
                 reach = _reach(others, candidate, axis, forward)
             if abs(int(there[axis]) - candidate.location[axis]) * _STEP > reach:
                 break
@@ -147,38 +197,40 @@ def _straight(others: Sequence[PlacedItem], candidate: PlacedItem, free: Mask) -
 
 
 def _reach(others: Sequence[PlacedItem], candidate: PlacedItem, axis: Axis, forward: bool) -> float:
-    """How far an item can go, in box units, until it meets another."""
+    """Compute how far an item can move before it meets another, in box units."""
     return min(
         (
-            room(candidate.item, other.item, other.center - candidate.center, axis, forward)
+            free_distance(
+                candidate.item, other.item, other.center - candidate.center, axis, forward
+            )
             for other in others
-            if _in_the_way(other, candidate, axis)
+            if _may_block(other, candidate, axis)
         ),
         default=np.inf,
     )
 
 
-def _in_the_way(other: PlacedItem, candidate: PlacedItem, axis: Axis) -> bool:
-    """Whether the cell boxes of two items overlap, seen along an axis."""
+def _may_block(other: PlacedItem, candidate: PlacedItem, axis: Axis) -> bool:
+    """Decide whether the cell boxes of two items overlap, seen along an axis."""
     across: npt.NDArray[np.bool_] = np.array(other.start) < candidate.stop
     across &= np.array(candidate.start) < other.stop
     across[axis] = True
     return bool(across.all())
 
 
-def _way(before: dict[Triple, Triple | None], end: Triple) -> Route:
-    way = [end]
-    while (here := before[way[-1]]) is not None:
-        way.append(here)
-    return tuple(reversed(way))
+def _route(before: dict[Triple, Triple | None], end: Triple) -> Route:
+    route = [end]
+    while (here := before[route[-1]]) is not None:
+        route.append(here)
+    return tuple(reversed(route))
 
 
 def _interlocked(
     box: Contents[PlacedItem], out: Sequence[Route | None], moves: int
 ) -> tuple[int, ...]:
-    """What is left where all that has a way out is taken out, again and again."""
-    free = [n for n, way in enumerate(out) if way]
-    left = [n for n, way in enumerate(out) if not way]
+    """Find the items that remain when all items with a route out are removed, repeatedly."""
+    free = [n for n, route in enumerate(out) if route]
+    left = [n for n, route in enumerate(out) if not route]
     while free and left:
         free = [
             n

@@ -1,8 +1,8 @@
-"""Feasible locations: where an item can stand in a box, exactly (DESIGN: Feasible).
+"""Feasible locations of an item in a box, exactly (DESIGN: Feasible).
 
-Cheap filters first: cell boxes, then the words of fine cells, and FCL for the few locations that
-the words leave open. Items in the box may be on the grid or off it; the candidate is on the grid.
-`oracle.oracle` states the same as a plain loop; the two always agree.
+Cheap filters come first: cell boxes, then the words of fine cells, and FCL for the few locations
+that the words leave open. Items in the box may be on the grid or off it; the candidate is on the
+grid. `oracle.oracle` computes the same by a plain loop; the two always agree.
 """
 
 from __future__ import annotations
@@ -38,14 +38,27 @@ from packit_sim.geometry.shapes import Item
 Mask = npt.NDArray[np.bool_]
 
 WALLS = ("right", "front", "top")
-"""The walls that an item on the grid can stick out of, by axis."""
+"""The walls through which an item on the grid can protrude, by axis."""
 
 ORIGIN: Triple = (0, 0, 0)
 """The first location in the order of bottom-left-back fill."""
 
 
 def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
-    """The exact mask: bool over the grid's nodes, True where the item is feasible."""
+    """Compute the exact mask of feasible locations.
+
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+
+    Returns
+    -------
+    Mask
+        Bool (nx, ny, nz) over the grid nodes, indexed [x, y, z].
+    """
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     if not fits(occupancy.cells, item):
         return mask
@@ -53,15 +66,30 @@ def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
     x, y, z = states.shape
     mask[:x, :y, :z] = states == FREE
     undecided = np.argwhere(states == OPEN)
-    mask[tuple(undecided.T)] = _decided(occupancy, item, tables, undecided)
+    mask[tuple(undecided.T)] = _feasible_at(occupancy, item, tables, undecided)
     count("masks", states.size, len(undecided))
     return mask
 
 
 def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
-    """The exact union of the masks of all 24 rotations: PackIt-Easy's question (section 4.3).
+    """Compute the union of the exact masks of all 24 rotations.
 
-    Meshes are asked only about locations that cells show free in no rotation.
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in any rotation.
+
+    Returns
+    -------
+    Mask
+        Bool (nx, ny, nz) over the grid nodes, indexed [x, y, z].
+
+    Notes
+    -----
+    The mask of PackIt-Easy (paper, section 4.3). Meshes are only compared at locations that are
+    open in some rotation and free in none.
     """
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     left_open = []
@@ -74,7 +102,7 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
         left_open.append((turned, tables, states.size, np.argwhere(states == OPEN)))
     for turned, tables, size, locations in left_open:
         undecided = locations[~mask[tuple(locations.T)]]
-        mask[tuple(undecided.T)] = _decided(occupancy, turned, tables, undecided)
+        mask[tuple(undecided.T)] = _feasible_at(occupancy, turned, tables, undecided)
         count("masks", size, len(undecided))
     return mask
 
@@ -82,7 +110,7 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
 def _states(
     occupancy: Occupancy[Any], item: Item
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
-    """What is known of each location that is inside the box, and the tables that say the rest."""
+    """Compute the state of each location inside the box, and the tables that decide open ones."""
     tables = nofit.tables(occupancy.placed, item)
     if tables is None:
         return screen(occupancy, item), None
@@ -92,13 +120,13 @@ def _states(
     return states, tables
 
 
-def _decided(
+def _feasible_at(
     occupancy: Occupancy[Any],
     item: Item,
     tables: Sequence[nofit.NoFit] | None,
     undecided: Locations,
 ) -> npt.NDArray[np.bool_]:
-    """Whether the item is feasible at each of the locations (n, 3) that cells leave open."""
+    """Decide whether the item is feasible at each of the open locations (n, 3): bool (n,)."""
     if tables is None:
         return ~crosses(occupancy, item, undecided)
     candidates = [PlacedItem(item, (i, j, k)) for i, j, k in undecided.tolist()]
@@ -115,9 +143,21 @@ def _decided(
 
 
 def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Triple | None:
-    """The bottom-left-back-fill location: the feasible one that is least in (z, x, y), or None.
+    """Find the bottom-left-back-fill location: the first feasible one in the order of (z, x, y).
 
-    start: where to begin, in that order.
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    start : Triple, default: (0, 0, 0)
+        The location at which the search starts.
+
+    Returns
+    -------
+    Triple or None
+        The location (i, j, k), or None if the item fits nowhere.
     """
     if not fits(occupancy.cells, item):
         return None
@@ -134,13 +174,13 @@ def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Tripl
 
 
 def first(mask: Mask) -> Triple | None:
-    """The bottom-left-back-fill location of a mask, or None where it has none."""
+    """Find the bottom-left-back-fill location of a mask; None if the mask is all False."""
     z, x, y = mask.transpose(2, 0, 1).nonzero()
     return (int(x[0]), int(y[0]), int(z[0])) if len(z) else None
 
 
 def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
-    """Whether one item is feasible at one location: the mask's value there."""
+    """Decide whether an item is feasible at its location: the mask's value there."""
     if not is_inside(occupancy.cells, candidate):
         return False
     state = screen_at(occupancy, candidate)
@@ -151,9 +191,21 @@ def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
 
 
 def crosses(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
-    """Whether a placed item's mesh crosses the item's at each of some locations (n, 3), by FCL.
+    """Decide by FCL whether a placed item's mesh crosses the item's at each of some locations.
 
-    Asked only where the cells of the two leave it open; no location may be blocked by them.
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    locations : Locations
+        (n, 3) int64, free or open ones. FCL only compares pairs that are open.
+
+    Returns
+    -------
+    ndarray
+        Bool (n,).
     """
     crossing = np.zeros(len(locations), dtype=bool)
     if len(locations) == 0:
@@ -168,11 +220,17 @@ def crosses(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.
 
 @dataclass(frozen=True)
 class Blockers:
-    """What keeps an item from a location: false where nothing does.
+    """The walls and items that block an item at a location; false if nothing does.
 
-    walls: those that its cell box sticks out of, of "right", "front" and "top" (x, y and z).
-    items: numbers of the placed items that it is in conflict with, in the order of placing.
-    above: of those that bar its way down from the open top, where only that is wrong.
+    Attributes
+    ----------
+    walls : tuple of str
+        The walls through which its cell box protrudes: "right", "front" and "top" (x, y and z).
+    items : tuple of int
+        Numbers of the placed items with which it is in conflict, in the order of placing.
+    above : tuple of int, default: ()
+        Numbers of the placed items that it can't pass on its way down from the open top. Empty if
+        there are other blockers.
     """
 
     walls: tuple[str, ...]
@@ -184,7 +242,7 @@ class Blockers:
 
 
 def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blockers:
-    """Why an item is not feasible at a location, exactly: each wall and each item by itself."""
+    """Find each wall and each placed item that blocks an item at its location, exactly."""
     walls = tuple(
         wall
         for wall, stop, size in zip(WALLS, candidate.stop, occupancy.cells, strict=True)
@@ -201,17 +259,35 @@ def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blocker
 
 
 def fits(cells: Triple, item: Item) -> bool:
-    """Whether the item's cell box is no larger than a box of so many cells."""
+    """Decide whether the item's cell box is no larger than a box of this many cells."""
     return all(own <= c for own, c in zip(item.cells, cells, strict=True))
 
 
 def is_inside(cells: Triple, candidate: PlacedItem) -> bool:
-    """Whether the candidate's cell box is inside a box of so many cells."""
+    """Decide whether the candidate's cell box is inside a box of this many cells."""
     return all(stop <= c for stop, c in zip(candidate.stop, cells, strict=True))
 
 
 def checked_location(cells: Triple, location: Sequence[int]) -> Triple:
-    """A location as a triple of ints. Raises InfeasibleError where it is no node of the grid."""
+    """Convert a location to a triple of ints.
+
+    Parameters
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z.
+    location : sequence of int
+        The location (i, j, k).
+
+    Returns
+    -------
+    Triple
+        The location.
+
+    Raises
+    ------
+    InfeasibleError
+        If it is not a node of the grid.
+    """
     nodes = grid_nodes(cells)
     try:
         i, j, k = (operator.index(n) for n in location)

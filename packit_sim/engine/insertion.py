@@ -1,13 +1,15 @@
 """The kinematic rule: locations that an item can reach from above, moving straight down.
 
-PackIt's authors suggest it (paper, section 4). An item is *clear* at a location when it can be
-lifted from there out of the box's open top: nothing that is placed stands above any part of it. As
-for feasibility (DESIGN: Feasible) that is said by fine cells and by the collision meshes, of each
-placed item:
-    no inner fine cell of the one stands in or above an outer fine cell of the other, and
-    no point of the placed item's collision mesh is above a point of the item's.
-The second is exact for the whole of the motion, not for steps of it. Cheap filters first: columns
-of fine cells say yes, or no, to most locations; the meshes decide the others.
+PackIt's authors suggest it (paper, section 4). An item is *clear* at a location if it can be lifted
+from there out of the box's open top: no placed item is above any part of it. As for feasibility
+(DESIGN: Feasible), fine cells and collision meshes define this, for each placed item:
+
+- no inner fine cell of the placed item is at or above an outer fine cell of the item, no outer one
+  at or above an inner one, and
+- no point of the placed item's collision mesh is above a point of the item's.
+
+The second condition is exact for the whole motion; there are no time steps. Cheap filters come
+first: columns of fine cells decide most locations, the meshes the others.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.screening import Locations
-from packit_sim.engine.sweeping import plainly_rises, surface
+from packit_sim.engine.sweeping import least_rise_oracle, surface
 from packit_sim.engine.sweeping_kernels import rises
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
@@ -38,10 +40,17 @@ Heights = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What an item has in each column of fine cells: int32 (x, y) over its cell box, in fine cells.
+    """The range of an item's fine cells in each column of its cell box.
 
-    low, high: the bottom of the lowest outer one, and the top of the highest. inner_low,
-    inner_high: the same of inner ones. `NONE` and `-NONE` where there is none.
+    Attributes
+    ----------
+    low : Heights
+        (x, y) int32, the bottom of the lowest outer fine cell in each column, in fine cells; `NONE`
+        if there is none.
+    high : Heights
+        The top of the highest outer fine cell; `-NONE` if there is none.
+    inner_low, inner_high : Heights
+        The same for inner fine cells.
     """
 
     low: Heights
@@ -58,13 +67,28 @@ class Columns:
     key=lambda item: item.key,
 )
 def columns(item: Item) -> Columns:
-    """The columns of an item."""
+    """Look up the columns of an item."""
     voxels = item.voxels
     return Columns(*column_ends(voxels.outer_words), *column_ends(voxels.inner_words))
 
 
-def clear(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
-    """The locations of a mask (see `placement.feasible`) at which the item is clear."""
+def clear_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
+    """Restrict a mask of feasible locations to those at which the item is clear.
+
+    Parameters
+    ----------
+    placed : sequence of PlacedItem
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    mask : Mask
+        Bool (nx, ny, nz) over the grid nodes, see `feasibility.feasible`.
+
+    Returns
+    -------
+    Mask
+        A new mask of the same shape.
+    """
     found = mask.copy()
     if not placed or not mask.any():
         return found
@@ -84,19 +108,19 @@ def clear(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
 
 
 def is_clear(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
-    """Whether a feasible item is clear at its location: as `clear`, for one location."""
+    """Decide whether a feasible item is clear at its location."""
     mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
     mask[candidate.location] = True
-    return bool(clear(placed, candidate.item, mask)[candidate.location])
+    return bool(clear_mask(placed, candidate.item, mask)[candidate.location])
 
 
 def above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple[int, ...]:
-    """The numbers of the placed items that an item, feasible at its location, is not clear of."""
+    """Find the numbers of the placed items that are above an item at a feasible location."""
     return tuple(n for n, other in enumerate(placed) if not is_clear([other], candidate))
 
 
-def oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
-    """Whether an item is clear: plainly, by all its fine cells and all pairs of triangles."""
+def clear_oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
+    """Decide whether an item is clear, by a loop over all fine cells and pairs of triangles."""
     ours = candidate.item.voxels
     for other in placed:
         theirs = other.item.voxels
@@ -112,22 +136,23 @@ def oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
             if in_or_above[x, y, z].any():
                 return False
         offset = _offsets(candidate.item, np.array([candidate.location]), other)[0]
-        if plainly_rises(surface(candidate.item), surface(other.item), offset) < np.inf:
+        if least_rise_oracle(surface(candidate.item), surface(other.item), offset) < np.inf:
             return False
     return True
 
 
 def _offsets(item: Item, locations: Locations, other: PlacedItem) -> npt.NDArray[np.float64]:
-    """(n, 3) from the item's centre at each location to the other's, by whole half cells.
+    """Compute the offsets (n, 3) from the item's centre at each location to the other's.
 
-    Thus the answer is a matter of the two items alone, wherever in the box they are.
+    They are multiples of half a cell, so that the answer does not depend on where in the box the
+    two items are.
     """
     twice_centers = 2 * STEP * locations + np.array(item.cells)
     return (np.add(other.start, other.stop) - twice_centers) * (CELL / 2)
 
 
 def _tops(placed: Sequence[PlacedItem]) -> tuple[Heights, Heights]:
-    """The top of the highest outer, and inner, fine cell of a box's columns, as far as it has."""
+    """Compute the tops of the highest outer and inner fine cells of placed items by column."""
     reach = np.max([other.stop for other in placed], axis=0) * FINE_PER_CELL
     tops = np.full((2, *reach[:2]), -NONE, dtype=np.int32)
     for other in placed:

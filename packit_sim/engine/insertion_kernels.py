@@ -9,7 +9,7 @@ from packit_sim.geometry.lattice import FINE_PER_CELL, STEP
 from packit_sim.geometry.word_kernels import lowest_bit
 
 NONE = np.int32(2**20)
-"""Farther than any fine cell: the value of a column that has none."""
+"""Higher than any fine cell: the value of a column without fine cells."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
 
@@ -39,10 +39,26 @@ def column_ends(words):
 
 @kernel
 def required_heights(low, inner_low, tops, inner_tops, wanted):
-    """Return two heights in fine cells for each wanted node (i, j).
+    """Return the heights at which fine cells decide whether an item is clear.
 
-    Below the first the item is not clear; from the second on it is. Between them the fine cells
-    leave it open.
+    Parameters
+    ----------
+    low : ndarray
+        int32 (x, y), see `insertion.Columns`.
+    inner_low : ndarray
+        int32 (x, y), see `insertion.Columns`.
+    tops : ndarray
+        int32 (x, y), tops of the highest outer fine cells in the box's columns.
+    inner_tops : ndarray
+        The same for inner fine cells.
+    wanted : ndarray
+        Bool (i, j), the nodes to compute.
+
+    Returns
+    -------
+    no, yes : ndarray
+        int64 (i, j), in fine cells: below `no` the item is not clear, from `yes` on it is; between
+        them it is open.
     """
     step = _FINE_PER_STEP
     no = np.full(wanted.shape, -NONE, np.int64)

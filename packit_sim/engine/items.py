@@ -22,7 +22,7 @@ class ItemInBox(Protocol):
     item : Item
         The item. An item off the grid keeps the rotation in which it was placed.
     center : ndarray of float64, shape (3,)
-        Where the centre of its shape's bounding box is, in box units.
+        Centre of its shape's bounding box, in box units.
     matrix : ndarray of float64, shape (4, 4)
         The shape-to-box matrix: maps the canonical mesh, `item.shape.mesh`, into the box.
     pose : Pose
@@ -111,12 +111,12 @@ class PlacedItem:
 
     @cached_property
     def center(self) -> Floats:
-        """Where the centre of the item's bounding box is, (3,) in box units."""
+        """Centre of the item's bounding box, (3,) in box units."""
         return (np.array(self.start) + np.array(self.stop)) / 2 * CELL
 
     @cached_property
     def matrix(self) -> Floats:
-        """The (4, 4) shape-to-box matrix: maps the canonical mesh, `item.shape.mesh`."""
+        """Shape-to-box matrix (4, 4): maps the canonical mesh, `item.shape.mesh`, into the box."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.item.linear
         matrix[:3, 3] = self.center
@@ -129,7 +129,7 @@ class PlacedItem:
 
     @property
     def vertices(self) -> Floats:
-        """The vertices of the item's mesh, (n, 3) in box units."""
+        """Vertices of the item's mesh, (n, 3) in box units."""
         return np.asarray(self.item.mesh.vertices + self.center)
 
 
@@ -163,7 +163,7 @@ class PosedItem:
 
     @property
     def center(self) -> Floats:
-        """Where the centre of the shape's bounding box is, (3,) in box units."""
+        """Centre of the shape's bounding box, (3,) in box units."""
         return np.asarray(self.matrix[:3, 3])
 
     @property
@@ -173,7 +173,7 @@ class PosedItem:
 
     @cached_property
     def vertices(self) -> Floats:
-        """The vertices of the item's mesh, (n, 3) in box units."""
+        """Vertices of the item's mesh, (n, 3) in box units."""
         return np.asarray(self.item.shape.mesh.vertices @ self.matrix[:3, :3].T + self.center)
 
     def __eq__(self, other: object) -> bool:
@@ -186,5 +186,5 @@ class PosedItem:
 
 
 def triangles(placed: ItemInBox) -> Floats:
-    """The corners of the triangles of an item's mesh, (n, 3, 3) in box units."""
+    """Compute the corners of the triangles of an item's mesh, (n, 3, 3) in box units."""
     return placed.vertices[placed.item.shape.mesh.faces]

@@ -1,6 +1,6 @@
-"""No-fit tables: what is known of two items at every offset, for pairs that meet again and again.
+"""No-fit tables: the states of pairs of items at all offsets, for pairs that meet often.
 
-In search and in training on fixed tasks the same pairs meet in ever new arrangements. A table costs
+In search and in training on fixed tasks the same pairs meet in many arrangements. A table takes
 some milliseconds; with one for each placed item, a mask is little more than their maximum.
 """
 
@@ -20,17 +20,29 @@ TABLES_BUDGET = 256 * 2**20
 """Bytes in the process's cache of tables, about 10 kB each."""
 
 PAIRS_BUDGET = 250_000
-"""Pairs of which the process counts the meetings."""
+"""Pairs in the process's cache of meeting counts."""
 
 MEETINGS = 32
-"""How often two items meet in mask queries before they get a table: about when what the queries
-cost without one comes to what it costs. So too after their table had to go."""
+"""Mask queries with a pair of items before it gets a table: about the break-even number. It is
+counted again after the table left the cache."""
 
 
 class NoFit:
-    """The states of a pair of items by offset; an open one is decided when it is asked for.
+    """The states of a pair of items by offset; open ones are decided when they are needed.
 
-    states: uint8 [x, y, z] for the second item at (x, y, z) - reach grid steps from the first.
+    Parameters
+    ----------
+    first : Item
+        The item with the smaller key.
+    second : Item
+        The other item.
+
+    Attributes
+    ----------
+    states : States
+        uint8 [x, y, z] for the second item at (x, y, z) - `reach` grid steps from the first.
+    reach : Triple
+        Grid steps from the first offset to offset 0.
     """
 
     def __init__(self, first: Item, second: Item) -> None:
@@ -39,11 +51,21 @@ class NoFit:
         self.reach: Triple = (x - 1, y - 1, z - 1)
 
     def merge_into(self, states: States, placed: PlacedItem, item: Item) -> None:
-        """Raises the states of an item's locations to what this placed one makes of them."""
+        """Raise the states of an item's locations to those that a placed item causes.
+
+        Parameters
+        ----------
+        states : States
+            uint8 [x, y, z] over the item's locations, changed in place.
+        placed : PlacedItem
+            The placed item.
+        item : Item
+            The item to place.
+        """
         merge(states, self.states, self.reach, placed.location, self._sign(placed, item))
 
     def conflict(self, placed: PlacedItem, candidate: PlacedItem) -> bool:
-        """Whether the two can't both stand where they are, exactly."""
+        """Decide exactly whether the two items exclude each other where they are."""
         sign = self._sign(placed, candidate.item)
         x, y, z = (
             sign * (there - here) + reach
@@ -58,14 +80,25 @@ class NoFit:
         return bool(self.states[x, y, z] == BLOCKED)
 
     def _sign(self, placed: PlacedItem, item: Item) -> int:
-        """1 where the placed item is the table's first, -1 where it is its second."""
+        """Return 1 if the placed item is the table's first, -1 if it is the second."""
         return 1 if placed.item.key <= item.key else -1
 
 
 def tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
-    """Look up the tables of an item and each placed one.
+    """Look up the tables of an item and each placed item.
 
-    None if a placed item is off the grid, or if a pair has no table and did not meet often enough.
+    Parameters
+    ----------
+    placed : sequence of ItemInBox
+        The items in the box.
+    item : Item
+        The item to place.
+
+    Returns
+    -------
+    list of NoFit or None
+        A table for each placed item; None if one of them is off the grid, or if a pair has no table
+        and did not meet often enough.
     """
     if not all(isinstance(other, PlacedItem) for other in placed):
         return None
@@ -74,23 +107,23 @@ def tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
     earned = True
     for pair, table in zip(pairs, kept, strict=True):
         if table is None:
-            earned &= _meetings(*pair).another() > MEETINGS
+            earned &= _meetings(*pair).increment() > MEETINGS
     if not earned:
         return None
     return [table or _table(*pair) for pair, table in zip(pairs, kept, strict=True)]
 
 
 class _Meetings:
-    """How often a pair met since it last got a table."""
+    """Number of meetings of a pair since it last got a table."""
 
     def __init__(self) -> None:
         self._count = 0
 
-    def another(self) -> int:
+    def increment(self) -> int:
         self._count += 1
         return self._count
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         self._count = 0
 
 
@@ -117,5 +150,5 @@ def _meetings(first: Item, second: Item) -> _Meetings:
     key=lambda first, second: (first.key, second.key),
 )
 def _table(first: Item, second: Item) -> NoFit:
-    _meetings(first, second).forget()
+    _meetings(first, second).reset()
     return NoFit(first, second)

@@ -1,4 +1,4 @@
-"""The cells and fine cells of a box that its items fill."""
+"""The cells and fine cells of a box that are occupied by its items."""
 
 from __future__ import annotations
 
@@ -18,14 +18,27 @@ _INDICES = np.empty(0, dtype=np.int32)
 
 
 class Stack:
-    """Rows one after the other, with room for more. array: its first `count` rows are in use."""
+    """An array of rows that can grow.
+
+    Parameters
+    ----------
+    like : ndarray
+        An array with the shape and the type of the rows.
+
+    Attributes
+    ----------
+    array : ndarray
+        The rows; the first `count` are in use.
+    count : int
+        Number of rows in use.
+    """
 
     def __init__(self, like: npt.NDArray[Any]) -> None:
         self.array = np.empty((64, *like.shape[1:]), dtype=like.dtype)
         self.count = 0
 
     def reserve(self, rows: int) -> None:
-        """Makes room for so many more."""
+        """Grow the array so that it has space for more rows."""
         count = self.count + rows
         if count > len(self.array):
             grown = np.empty((2 * count, *self.array.shape[1:]), dtype=self.array.dtype)
@@ -39,17 +52,30 @@ class Stack:
 
 
 class Occupancy(Generic[ItemT]):
-    """The cells of a box that its items fill: a cache, rebuilt from `placed` at any time.
+    """The occupied cells of a box: a cache that can be rebuilt from `placed` at any time.
 
-    An item on the grid fills its own voxels; one off the grid is voxelized in the box's lattice,
-    and the part of it that is outside the box fills nothing.
+    An item on the grid occupies its own voxels. An item off the grid is voxelized in the box's
+    lattice; the part of it that is outside the box occupies nothing.
 
+    Parameters
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z.
+
+    Attributes
+    ----------
+    bricks : Words
+        (n, 2) uint64, each brick's outer and inner cells, the union over the placed items.
+    page : ndarray
+        (n,) int32, the index in `fine` of a brick's fine cells, -1 for none.
+    fine : Words
+        (pages, 64, 2) uint64, the outer and the inner fine cells of a brick's cells. Only the rows
+        of cells that are outer and not inner are defined.
+
+    Notes
+    -----
     Bricks (see `voxels`) are in the order of bottom-left-back fill, so that a scan in that order
-    reads neighbours: number `(k * nx + i) * ny + j` for the brick at node (i, j, k).
-    bricks: (n, 2) words, each brick's outer and inner cells, the union over the placed items.
-    page: (n,) int32, where `fine` has a brick's fine cells, -1 for none.
-    fine: (pages, 64, 2) words, the outer and the inner fine cells of a brick's cells; only those
-    of cells that are outer and not inner are kept, what is in the others means nothing.
+    reads neighbours: the brick at node (i, j, k) has the number `(k * nx + i) * ny + j`.
     """
 
     def __init__(self, cells: Triple) -> None:
@@ -63,7 +89,7 @@ class Occupancy(Generic[ItemT]):
         self._spans = Stack(np.empty((0, 6), dtype=np.int64))
         self._starts = Stack(np.empty((0, 3), dtype=np.int64))
         words: Words = np.empty(0, dtype=np.uint64)
-        self._hosts = tuple(
+        self._voxel_stacks = tuple(
             Stack(like) for like in (_INDICES, words, words, _INDICES, words.reshape(0, 2))
         )
         self._before: list[tuple[int, Words, Words]] = []
@@ -78,12 +104,12 @@ class Occupancy(Generic[ItemT]):
 
     @property
     def spans(self) -> npt.NDArray[np.int64]:
-        """(n, 6): the first and the last brick, along x, y and z, of each placed item."""
+        """First and last brick of each placed item along x, y and z: (n, 6)."""
         return self._spans.array[: self._spans.count]
 
     @property
     def starts(self) -> npt.NDArray[np.int64]:
-        """(n, 3): where each placed item begins in the `PlacedArrays`."""
+        """Where each placed item begins in the `PlacedArrays`: (n, 3)."""
         return self._starts.array[: self._starts.count]
 
     @property
@@ -95,18 +121,26 @@ class Occupancy(Generic[ItemT]):
     @property
     def placed_arrays(self) -> tuple[Any, ...]:
         """The fields of the box's `PlacedArrays`."""
-        return (self.spans, self.starts, *(stack.array for stack in self._hosts))
+        return (self.spans, self.starts, *(stack.array for stack in self._voxel_stacks))
 
     @property
     def outer_words(self) -> Words:
-        """Words [x, y, z] over the box's bricks: their outer cells."""
+        """Outer cells of the box's bricks: words [x, y, z]."""
         x, y, z = grid_nodes(self.cells)
         return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
 
     def add(self, placed: ItemT) -> None:
-        """Fill the cells of an item, whether or not it is feasible there.
+        """Add the cells of an item, whether or not it is feasible there.
 
-        Raises ValueError if an item off the grid is too large (see `voxelization.fine_cells`).
+        Parameters
+        ----------
+        placed : ItemInBox
+            The item, on the grid or off it.
+
+        Raises
+        ------
+        ArgumentError
+            If an item off the grid is too large (see `voxelization.fine_cells`).
         """
         location, voxels = _voxels(placed, self.cells)
         self._pages.reserve(len(voxels.bricks))
@@ -114,7 +148,7 @@ class Occupancy(Generic[ItemT]):
         pages, words, shared = fill(self.arrays, self._pages.count, voxels.arrays, start)
         self._before.append((self._pages.count, words, shared))
         self._pages.count = pages
-        number, outer, _, _, fine = self._hosts
+        number, outer, _, _, fine = self._voxel_stacks
         self._starts.push(np.array([(number.count, outer.count, fine.count)]))
         extent = np.array(voxels.number.shape) - 1
         self._spans.push(np.array([(*location, *(location + extent))]))
@@ -125,7 +159,7 @@ class Occupancy(Generic[ItemT]):
             voxels.first[:-1],
             voxels.fine,
         )
-        for stack, rows in zip(self._hosts, own, strict=True):
+        for stack, rows in zip(self._voxel_stacks, own, strict=True):
             stack.push(rows)
         self._placed.append(placed)
         self._voxels.append((location, voxels))
@@ -135,7 +169,7 @@ class Occupancy(Generic[ItemT]):
         if count < len(self._placed):
             number, bricks, fine = self._starts.array[count].tolist()
             for stack, kept in zip(
-                (self._spans, self._starts, *self._hosts),
+                (self._spans, self._starts, *self._voxel_stacks),
                 (count, count, number, bricks, bricks, bricks, fine),
                 strict=True,
             ):

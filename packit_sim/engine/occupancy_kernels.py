@@ -1,7 +1,7 @@
-"""Kernels that add an item's cells to a box, and take them out again.
+"""Kernels that add an item's cells to a box and remove them again.
 
-Python passes arrays in plain tuples, and kernels name them: a named tuple as an argument would cost
-2 microseconds a call.
+Python passes arrays in plain tuples, and kernels convert them to named ones: a named tuple as an
+argument would cost 2 microseconds a call.
 """
 
 from __future__ import annotations
@@ -64,11 +64,28 @@ class PlacedArrays(NamedTuple):
 
 @kernel
 def fill(box, pages, item, start):
-    """Add an item (`ItemArrays`) to a box (`BoxArrays`) at the location with brick number `start`.
+    """Add an item to a box.
 
-    pages: how many are in use. Returns how many are in use afterwards, and what `unfill` needs: the
-    words of the bricks before, and the fine cells that were another item's too (page times 64 plus
-    bit, and the two words).
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box, changed in place.
+    pages : int
+        Number of pages in use.
+    item : ItemArrays
+        The bricks of the item.
+    start : int
+        Number of the brick at the item's location.
+
+    Returns
+    -------
+    pages : int
+        Number of pages in use afterwards.
+    before : Words
+        (n, 2) uint64, the words of the item's bricks in the box before, for `unfill`.
+    shared : Words
+        (m, 3) uint64, the fine cells shared with other items, for `unfill`: page times 64 plus bit,
+        and the two words before.
     """
     box, item = BoxArrays(*box), ItemArrays(*item)
     before = np.empty((len(item.bricks), 2), np.uint64)
@@ -105,7 +122,23 @@ def fill(box, pages, item, start):
 
 @kernel
 def unfill(box, pages, bricks, start, before, shared):
-    """Take out the item added last; pages: how many were in use before it."""
+    """Remove the item that was added last.
+
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box, changed in place.
+    pages : int
+        Number of pages in use before the item was added.
+    bricks : ndarray
+        (n, 3) int16, see `voxels.Voxels`.
+    start : int
+        Number of the brick at the item's location.
+    before : Words
+        As returned by `fill`.
+    shared : Words
+        As returned by `fill`.
+    """
     box = BoxArrays(*box)
     for n in range(len(shared)):
         at = np.int64(shared[n, 0])

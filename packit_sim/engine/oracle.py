@@ -48,7 +48,7 @@ def oracle(box: Contents[ItemInBox], item: Item) -> Mask:
 
 
 def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) -> bool:
-    """Decide one location: the oracle's mask there.
+    """Decide whether an item is feasible at its location: the oracle's mask there.
 
     Parameters
     ----------
@@ -58,6 +58,11 @@ def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) 
         The items in the box.
     candidate : PlacedItem
         The item to place, at the location.
+
+    Returns
+    -------
+    bool
+        Whether the item is inside the box and in conflict with no item there.
     """
     return is_inside(cells, candidate) and not any(conflicts(candidate, other) for other in placed)
 
@@ -75,10 +80,15 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
     other : ItemInBox
         An item on the grid or off it.
 
+    Returns
+    -------
+    bool
+        Whether they do.
+
     Notes
     -----
-    Anything that lies entirely within the fine cells that another's surface touches, hence within
-    1/400 of that surface, and does not cross it, is no conflict, on either side of the surface.
+    A part of an item that lies entirely within the fine cells touched by another item's surface,
+    hence within 1/400 of that surface, and does not cross it, is no conflict, on either side.
     """
     if isinstance(other, PlacedItem) and not _boxes_overlap(candidate, other):
         return False

@@ -1,7 +1,7 @@
-"""What cells tell of a location before any mesh is asked: blocked, free, or open.
+"""Screening: the state of a location by its cells alone, which is blocked, free or open.
 
 Blocked: a fine cell is inner for one item and outer for another. Free: no outer fine cell is
-shared. Both are proofs (DESIGN: Feasible); what is open, the meshes decide.
+shared. Both are proofs (DESIGN: Feasible); at open locations the meshes decide.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ Locations = npt.NDArray[np.int64]
 
 
 def locations(cells: Triple, item: Item) -> Triple:
-    """How many locations an axis the item has inside a box of so many cells; it must fit."""
+    """Count the locations along each axis at which an item that fits is inside the box."""
     x, y, z = ((c - own) // STEP + 1 for c, own in zip(cells, item.cells, strict=True))
     nodes = grid_nodes(cells)
     return min(x, nodes[0]), min(y, nodes[1]), min(z, nodes[2])
 
 
 def screen(occupancy: Occupancy[Any], item: Item) -> States:
-    """The state of every location from (0, 0, 0) to the last at which the item is inside."""
+    """Compute the states [x, y, z] of all locations at which the item is inside the box."""
     size = locations(occupancy.cells, item)
     return screening_kernels.screen(occupancy.arrays, item.voxels.arrays, occupancy.spans, size)
 
 
 def screen_at(occupancy: Occupancy[Any], candidate: PlacedItem) -> int:
-    """The state of one location, at which the item is inside the box."""
+    """Compute the state of one location, at which the item is inside the box."""
     own = candidate.item.voxels.arrays
     return int(screening_kernels.screen_at(occupancy.arrays, own, candidate.location))
 
@@ -44,10 +44,26 @@ def screen_at(occupancy: Occupancy[Any], candidate: PlacedItem) -> int:
 def unblocked(
     occupancy: Occupancy[Any], item: Item, start: Triple
 ) -> Iterator[tuple[Triple, npt.NDArray[np.int64], int]]:
-    """The locations that are not blocked, from `start` on, in the order of (z, x, y).
+    """Find the locations that are not blocked, in the order of (z, x, y).
 
-    Each with the numbers of the placed items that leave it open, none where it is free, and with
-    how many locations were looked at so far.
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    start : Triple
+        The first location to look at.
+
+    Yields
+    ------
+    location : Triple
+        A location that is free or open.
+    partners : ndarray
+        int64, numbers of the placed items that leave the location open; empty if it is free. Valid
+        until the next location.
+    looked_at : int
+        Number of locations up to this one.
     """
     voxels = item.voxels
     size = locations(occupancy.cells, item)
@@ -62,9 +78,21 @@ def unblocked(
 
 
 def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDArray[np.int64]:
-    """(pairs, 2): number of a location (n, 3), and of a placed item that leaves it open.
+    """Find the placed items that leave locations open.
 
-    By location, and then by placed item; for locations that no item blocks.
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    at : Locations
+        (n, 3) int64, locations that no item blocks.
+
+    Returns
+    -------
+    ndarray
+        (pairs, 2) int64, the number of a location and that of a placed item, in this order.
     """
     voxels = item.voxels
     placed = occupancy.placed_arrays
@@ -72,16 +100,26 @@ def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDAr
 
 
 def screen_pair(placed: PlacedItem, item: Item, at: Locations) -> States:
-    """What the cells of one placed item tell of another's locations: (n,) states for (n, 3)."""
+    """Compute the states (n,) of an item's locations (n, 3) by the cells of one placed item."""
     offsets = at - np.array(placed.location)
     fixed, own = placed.item.voxels.fixed_arrays, item.voxels.arrays
     return screening_kernels.screen_pair(fixed, own, offsets)
 
 
 def screen_offsets(a: Item, b: Item) -> States:
-    """The states of two items at all offsets at which their bricks meet.
+    """Compute the states of two items at all offsets at which their bricks can meet.
 
-    [x, y, z] for b at x - (bricks of b along x) + 1 and so on, in grid steps from a.
+    Parameters
+    ----------
+    a : Item
+        The first item, in its rotation.
+    b : Item
+        The second item, in its rotation.
+
+    Returns
+    -------
+    States
+        uint8 [x, y, z] for b at x - (bricks of b along x) + 1 grid steps from a along x, and so on.
     """
     fixed, own = a.voxels.fixed_arrays, b.voxels.arrays
     return screening_kernels.screen_offsets(fixed, own, b.voxels.number.shape)

@@ -22,7 +22,24 @@ _1 = np.uint64(1)
 
 @kernel
 def screen(box, item, spans, size):
-    """Return the states of all locations; spans: (n, 6) first and last brick of placed items."""
+    """Return the states of all locations.
+
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box.
+    item : ItemArrays
+        The bricks of the item.
+    spans : ndarray
+        (n, 6) int64, first and last brick of each placed item along x, y and z.
+    size : Triple
+        The item's locations along x, y and z.
+
+    Returns
+    -------
+    States
+        uint8 [x, y, z].
+    """
     box, item = BoxArrays(*box), ItemArrays(*item)
     states = np.full(size, np.uint8(FREE))
     near = np.zeros(size, np.bool_)
@@ -59,10 +76,23 @@ def screen_at(box, item, location):
 def next_unblocked(query, number, found):
     """Find the next location that is not blocked, in the order of (z, x, y).
 
-    query: box, item, placed, extent (bricks of the item along x, y and z) and size. number: of the
-    location to start at. found: filled with the numbers of the placed items that leave the location
-    open. Returns the location, the number of the one after it, and how many were written to
-    `found`, -1 if there is no location.
+    Parameters
+    ----------
+    query : tuple
+        Box, item, placed, extent (bricks of the item along x, y and z) and size.
+    number : int
+        Number of the location to start at.
+    found : ndarray
+        (items,) int64, filled with the numbers of the placed items that leave the location open.
+
+    Returns
+    -------
+    i, j, k : int
+        The location.
+    number : int
+        Number of the next location.
+    count : int
+        How many numbers were written to `found`; -1 if there is no location.
     """
     box, item, placed, extent, size = query
     box, item, placed = BoxArrays(*box), ItemArrays(*item), PlacedArrays(*placed)
@@ -132,7 +162,18 @@ def screen_offsets(fixed, item, extent):
 def merge(states, table, reach, location, sign):
     """Raise the states of an item's locations to those of a no-fit table.
 
-    The table is indexed by offset, `sign` times that of the item from `location`, plus `reach`.
+    Parameters
+    ----------
+    states : States
+        uint8 [x, y, z] over the item's locations, changed in place.
+    table : States
+        uint8, indexed by `sign` times the item's offset from `location`, plus `reach`.
+    reach : Triple
+        Grid steps from the table's first offset to offset 0.
+    location : Triple
+        Location of the placed item.
+    sign : int
+        1 if the placed item is the table's first, -1 if it is the second.
     """
     low = np.empty(3, np.int64)
     high = np.empty(3, np.int64)

@@ -1,8 +1,8 @@
-"""The exact swept test: how far an item can go straight on before its mesh meets another's.
+"""The exact swept test: how far an item can move straight before its mesh meets another's.
 
-It is of collision meshes, triangle by triangle, and of the whole of the motion, not of steps of it.
-Where two triangles overlap seen along the way, the distance between them is linear, so that it is
-least at a corner of the overlap: a corner of either triangle, or where edges cross.
+It compares collision meshes triangle by triangle over the whole motion, without time steps. Where
+two triangles overlap, seen along the motion, the distance between them is linear, so that it is
+smallest at a corner of the overlap: a corner of either triangle, or a crossing of two edges.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.engine.sweeping_kernels import least_of, least_rise
+from packit_sim.engine.sweeping_kernels import least_rise, least_rise_of_pairs
 from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
@@ -34,9 +34,19 @@ Axis = Literal[0, 1, 2]
     key=lambda item, axis=2: (item.key, axis),
 )
 def surface(item: Item, axis: Axis = 2) -> Surface:
-    """An item's collision mesh about its centre: drawn in by half the contact tolerance a side.
+    """Look up an item's collision mesh, shrunk by half the contact tolerance on each side.
 
-    axis: which of x, y and z comes last, in the cyclic order, so that it is "up" to what follows.
+    Parameters
+    ----------
+    item : Item
+        The item, in its rotation.
+    axis : {0, 1, 2}, default: 2
+        The axis that becomes the last coordinate; the order of the axes stays cyclic.
+
+    Returns
+    -------
+    Surface
+        The mesh relative to the item's centre, in box units.
     """
     if axis != 2:
         upright = surface(item)
@@ -46,31 +56,63 @@ def surface(item: Item, axis: Axis = 2) -> Surface:
             np.ascontiguousarray(upright.boxes[..., turned]),
             upright.starts,
         )
-    drawn_in = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
+    shrink = np.maximum(item.extents - CONTACT_TOLERANCE, 0) / item.extents
     mesh = item.mesh
-    return Surface.of(trimesh.Trimesh(mesh.vertices * drawn_in, mesh.faces, process=False))
+    return Surface.of(trimesh.Trimesh(mesh.vertices * shrink, mesh.faces, process=False))
 
 
 def cyclic(axis: Axis) -> list[int]:
-    """The axes in cyclic order, with this one last."""
+    """Return the axes in cyclic order, with this one last."""
     return [(axis + 1) % 3, (axis + 2) % 3, axis]
 
 
-def room(
+def free_distance(
     item: Item, other: Item, offset: npt.NDArray[np.float64], axis: Axis, forward: bool
 ) -> float:
-    """How far an item can go along an axis until it meets another, in box units; inf for ever.
+    """Compute how far an item can move along an axis before it meets another item.
 
-    offset: (3,) from the item's centre to the other's. What already crosses it where they start, or
-    is behind it, is not met.
+    Parameters
+    ----------
+    item : Item
+        The item that moves.
+    other : Item
+        The other item.
+    offset : ndarray of float64, shape (3,)
+        From the item's centre to the other's, in box units.
+    axis : {0, 1, 2}
+        The axis of the motion.
+    forward : bool
+        Whether the item moves towards larger coordinates.
+
+    Returns
+    -------
+    float
+        Distance in box units, inf if they never meet. Parts of the other item that cross the item
+        at the start, or are behind it, are ignored.
     """
     turned = cyclic(axis)
     mine, its, apart = surface(item, axis), surface(other, axis), offset[turned]
-    if not forward:  # as if the other came up to it
+    if not forward:  # the same as the other item moving forward
         mine, its, apart = its, mine, -apart
     return float(least_rise(mine, its, apart, 0.0))
 
 
-def plainly_rises(item: Surface, other: Surface, offset: npt.NDArray[np.float64]) -> float:
-    """The least by which the other surface is above the item's, by all pairs of triangles."""
-    return float(least_of(item.triangles, other.triangles, offset, math.inf, 0.0))
+def least_rise_oracle(item: Surface, other: Surface, offset: npt.NDArray[np.float64]) -> float:
+    """Compute `least_rise` by a loop over all pairs of triangles.
+
+    Parameters
+    ----------
+    item : Surface
+        The lower surface.
+    other : Surface
+        The upper surface.
+    offset : ndarray of float64, shape (3,)
+        Translation of the upper surface.
+
+    Returns
+    -------
+    float
+        The smallest height of a point of the upper surface above one of the lower surface; inf if
+        there is none.
+    """
+    return float(least_rise_of_pairs(item.triangles, other.triangles, offset, math.inf, 0.0))

@@ -1,4 +1,7 @@
-"""Kernels of the swept test, on the trees of two surfaces (see `deviation.Surface`)."""
+"""Kernels of the swept test, on the trees of two surfaces (see `deviation.Surface`).
+
+A *rise* is the height of a point of the other surface above the item's point below it.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,20 @@ import numpy as np
 from packit_sim.core.compilation import kernel
 
 _STACK = 256
+"""Pairs of nodes that can wait."""
 
 _ROUNDING = 1e-10
-"""Box units, or the sine of an angle: what is closer seen along the way is on one line. Rounding
-makes as much of edges that are, and where they would cross is then anybody's guess."""
+"""Box units, or the sine of an angle: below it, points and edges seen from above are on one line.
+Rounding alone makes collinear edges differ by as much, and a crossing computed for them would be
+arbitrary."""
 
 _ANY = 1e9
-"""Box units, which is more than any distance: the first that is found will do."""
+"""Box units, more than any distance: the search ends at the first rise."""
 
 
 @kernel
 def rises(item, other, offsets):
-    """(n,) for each of offsets (n, 3) inf where no point of the other surface, moved by it, is
-    above a point of the item's; else by how much one is: any, not the least.
-    """
+    """Return any rise of the other surface, moved by each of offsets (n, 3); inf if none: (n,)."""
     found = np.empty(len(offsets))
     for n in range(len(offsets)):
         found[n] = least_rise(item, other, offsets[n], _ANY)
@@ -29,8 +32,23 @@ def rises(item, other, offsets):
 
 @kernel
 def least_rise(item, other, offset, enough):
-    """The least by which a point of the other, moved by offset, is above one of the item; inf where
-    none is. It may be any that is not more than `enough`.
+    """Return the smallest rise of the other surface, moved by offset.
+
+    Parameters
+    ----------
+    item : Surface
+        The lower surface.
+    other : Surface
+        The upper surface.
+    offset : ndarray
+        (3,) float64, translation of the upper surface.
+    enough : float
+        Any rise of at most this may be returned.
+
+    Returns
+    -------
+    float
+        The rise; inf if there is none.
     """
     waiting = np.empty((_STACK, 2), np.int64)
     waiting[0] = 1
@@ -52,7 +70,7 @@ def least_rise(item, other, offset, enough):
         if a >= leaves and b >= other_leaves:
             mine = item.triangles[item.starts[a - leaves] : item.starts[a - leaves + 1]]
             start, stop = other.starts[b - other_leaves], other.starts[b - other_leaves + 1]
-            least = least_of(mine, other.triangles[start:stop], offset, least, enough)
+            least = least_rise_of_pairs(mine, other.triangles[start:stop], offset, least, enough)
             if least <= enough:
                 return least
         elif b >= other_leaves or (a < leaves and a <= b):
@@ -67,8 +85,8 @@ def least_rise(item, other, offset, enough):
 
 
 @kernel
-def least_of(triangles, others, offset, least, enough):
-    """As `least_rise`, of all pairs of triangles, or `least` where that is less."""
+def least_rise_of_pairs(triangles, others, offset, least, enough):
+    """Return the smallest rise over all pairs of triangles, at most `least` (see `least_rise`)."""
     moved = np.empty((3, 3))
     for m in range(len(others)):
         for c in range(3):
@@ -76,10 +94,12 @@ def least_of(triangles, others, offset, least, enough):
                 moved[c, d] = others[m, c, d] + offset[d]
         for n in range(len(triangles)):
             for c in range(3):
-                least = min(least, _over(moved, triangles[n, c], 1.0))
-                least = min(least, _over(triangles[n], moved[c], -1.0))
+                least = min(least, _rise_at_point(moved, triangles[n, c], 1.0))
+                least = min(least, _rise_at_point(triangles[n], moved[c], -1.0))
                 for e in range(3):
-                    rise = _crossing(triangles[n, c], triangles[n, c - 2], moved[e], moved[e - 2])
+                    rise = _rise_at_crossing(
+                        triangles[n, c], triangles[n, c - 2], moved[e], moved[e - 2]
+                    )
                     least = min(least, rise)
             if least <= enough:
                 return least
@@ -87,14 +107,14 @@ def least_of(triangles, others, offset, least, enough):
 
 
 @kernel
-def _over(triangle, point, sign):
-    """How far a triangle is above a point that it covers seen from above; below it for sign -1."""
+def _rise_at_point(triangle, point, sign):
+    """Return the height of a triangle above a point that it covers; below the point for sign -1."""
     ux, uy = triangle[1, 0] - triangle[0, 0], triangle[1, 1] - triangle[0, 1]
     vx, vy = triangle[2, 0] - triangle[0, 0], triangle[2, 1] - triangle[0, 1]
     px, py = point[0] - triangle[0, 0], point[1] - triangle[0, 1]
     area = ux * vy - uy * vx
     if area * area <= _ROUNDING**2 * (ux * ux + uy * uy) * (vx * vx + vy * vy):
-        return np.inf  # it stands upright: its edges say all
+        return np.inf  # upright: its edges decide
     s, t = (px * vy - py * vx) / area, (ux * py - uy * px) / area
     if s < 0 or t < 0 or s + t > 1:
         return np.inf
@@ -104,16 +124,16 @@ def _over(triangle, point, sign):
 
 
 @kernel
-def _crossing(a, b, c, d):
-    """How far the edge from c to d is above that from a to b, where it crosses it from above."""
+def _rise_at_crossing(a, b, c, d):
+    """Return the height of the edge from c to d above that from a to b, where they cross."""
     ux, uy = b[0] - a[0], b[1] - a[1]
     vx, vy = d[0] - c[0], d[1] - c[1]
     px, py = c[0] - a[0], c[1] - a[1]
     area = ux * vy - uy * vx
-    if area * area <= _ROUNDING**2 * (ux * ux + uy * uy) * (vx * vx + vy * vy):  # on lines alike
+    if area * area <= _ROUNDING**2 * (ux * ux + uy * uy) * (vx * vx + vy * vy):  # parallel
         return min(
-            min(_end(a, b, c, 1.0), _end(a, b, d, 1.0)),
-            min(_end(c, d, a, -1.0), _end(c, d, b, -1.0)),
+            min(_rise_at_end(a, b, c, 1.0), _rise_at_end(a, b, d, 1.0)),
+            min(_rise_at_end(c, d, a, -1.0), _rise_at_end(c, d, b, -1.0)),
         )
     s, t = (px * vy - py * vx) / area, (px * uy - py * ux) / area
     if s < 0 or s > 1 or t < 0 or t > 1:
@@ -122,16 +142,16 @@ def _crossing(a, b, c, d):
 
 
 @kernel
-def _end(a, b, point, sign):
-    """How far a point is above the edge from a to b, where seen from above it is on it.
+def _rise_at_end(a, b, point, sign):
+    """Return the height of a point above the edge from a to b, if it is on it seen from above.
 
-    How far below it for sign -1.
+    For sign -1, return the height of the edge above the point.
     """
     ux, uy = b[0] - a[0], b[1] - a[1]
     px, py = point[0] - a[0], point[1] - a[1]
     across = ux * py - uy * px
     length = ux * ux + uy * uy
-    if length <= _ROUNDING**2:  # it stands upright
+    if length <= _ROUNDING**2:  # upright
         if px * px + py * py > _ROUNDING**2:
             return np.inf
         low, high = min(a[2], b[2]), max(a[2], b[2])

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim import placement
+from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
-from packit_sim.engine.base_box import BaseBox
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item

@@ -1,1 +1,1 @@
-"""Shapes and their voxels, and what is done to meshes: no box, no items side by side."""
+"""Shapes, their voxels, and operations on meshes; nothing about boxes or other items."""

@@ -34,8 +34,10 @@ def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
 
     Parameters
     ----------
-    a, b : trimesh.Trimesh
+    a : trimesh.Trimesh
         Any triangles: open or intersecting surfaces, and triangles without area.
+    b : trimesh.Trimesh
+        Likewise.
 
     Returns
     -------

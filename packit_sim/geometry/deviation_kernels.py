@@ -46,7 +46,25 @@ def farthest(points, surface, low):
 def bound(triangles, surface, low, high, relative_slack, slack):
     """Bound the one-sided Hausdorff distance of triangles (n, 3, 3) from a surface from both sides.
 
-    low, high: bounds so far; all corners are within `low`. Returns both, at least as large.
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64.
+    surface : Surface
+        The surface.
+    low : float
+        Lower bound so far; all corners of the triangles are within it.
+    high : float
+        Upper bound so far.
+    relative_slack : float
+        How much larger than the distance the upper bound may be, relative to it.
+    slack : float
+        How much larger it may be in addition.
+
+    Returns
+    -------
+    low, high : float
+        Both bounds, at least as large as before.
     """
     pieces = np.empty((_STACK, 3, 3))
     cuts = np.empty(_STACK, np.int64)

@@ -50,6 +50,11 @@ class Pose:
             A uniform scaling, a rotation and a translation, in this order.
         scale : float, default: 1.0
             The factor by which the matrix scales lengths.
+
+        Returns
+        -------
+        Pose
+            The rotation and the translation.
         """
         return cls.from_axes(matrix[:3, 3], matrix[:3, :3] / scale)
 
@@ -88,6 +93,11 @@ class Pose:
             The pose at the end.
         share : float
             0 for this pose, 1 for the other.
+
+        Returns
+        -------
+        Pose
+            The pose in between.
         """
         position = (1 - share) * self.position + share * other.position
         w, x, y, z = transformations.quaternion_slerp(self.wxyz, other.wxyz, share).tolist()

@@ -233,7 +233,7 @@ class Item:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
-        """The shape's mesh scaled and turned, centred on the origin, in box units."""
+        """Mesh of the shape, scaled and rotated, centred on the origin, in box units."""
         vertices = rotations.turn_vectors(self.shape.mesh.vertices, self.rotation)
         return trimesh.Trimesh(vertices * np.cbrt(self.scale), self.shape.mesh.faces, process=False)
 

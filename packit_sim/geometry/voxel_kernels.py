@@ -15,7 +15,13 @@ _1 = np.uint64(1)
 
 
 class ItemArrays(NamedTuple):
-    """The bricks of an item, indexed by number (see `voxels.Voxels`)."""
+    """The bricks of an item, indexed by number.
+
+    Attributes
+    ----------
+    bricks, outer, inner, first, fine
+        See `voxels.Voxels`.
+    """
 
     bricks: npt.NDArray[np.int16]
     outer: Words
@@ -25,7 +31,13 @@ class ItemArrays(NamedTuple):
 
 
 class FixedArrays(NamedTuple):
-    """The bricks of an item that another is compared with, indexed by place."""
+    """The bricks of an item that another is compared with, indexed by place.
+
+    Attributes
+    ----------
+    number, outer, inner, first, fine
+        See `voxels.Voxels`.
+    """
 
     number: npt.NDArray[np.int32]
     outer: Words
@@ -54,7 +66,7 @@ def _brick_words(touched, reached):
 
 @kernel
 def _shuffled(outer_cells, inner_cells):
-    """Return the bricks that hold a cell, shuffled: all arrays of `Voxels` but `fine`."""
+    """Return the bricks that contain a cell, shuffled: all arrays of `Voxels` but `fine`."""
     nx, ny, nz = outer_cells.shape
     count = 0
     for word in outer_cells.flat:
@@ -111,10 +123,25 @@ def brick_arrays(touched, reached):
 
 @kernel
 def turn_bricks(old, cells, axes, signs, swaps):
-    """Return the arrays of `Voxels` of an item after a turn.
+    """Return the arrays of `Voxels` of a rotated item.
 
-    old: the item's `ItemArrays` before it. cells: (3,) of the turned cell box. axes, signs: of the
-    rotation (see `rotations`). swaps: see `bits.turning_swaps`.
+    Parameters
+    ----------
+    old : ItemArrays
+        The bricks of the item before.
+    cells : ndarray
+        (3,) int64, cells along each axis of the rotated cell box.
+    axes : ndarray
+        (3,) int64, see `rotations.AXES`.
+    signs : ndarray
+        (3,) int64, see `rotations.SIGNS`.
+    swaps : Words
+        (n, 2) uint64, see `bits.turning_swaps`.
+
+    Returns
+    -------
+    bricks, outer, inner, first, fine, number : ndarray
+        See `voxels.Voxels`.
     """
     old_bricks, old_outer, old_inner, _, old_fine = old
     nx, ny, nz = (cells[0] + 3) // 4, (cells[1] + 3) // 4, (cells[2] + 3) // 4

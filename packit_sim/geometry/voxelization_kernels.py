@@ -16,8 +16,24 @@ _1, _3, _4, _12, _16, _48 = (np.uint64(n) for n in (1, 3, 4, 12, 16, 48))
 def touched_cells(triangles, cells, cell, grow):
     """Return words [x, y, z] of the fine cells, grown on all sides, that a triangle meets.
 
-    triangles: (n, 3, 3) about the centre of the cell box. cells: (3,) of it. cell: side of a cell.
+    Parameters
+    ----------
+    triangles : ndarray
+        (n, 3, 3) float64, corners relative to the centre of the cell box.
+    cells : ndarray
+        (3,) int64, cells along each axis of the cell box.
+    cell : float
+        Side of a cell.
+    grow : float
+        How much fine cells are grown on each side.
 
+    Returns
+    -------
+    Words
+        uint64 [x, y, z].
+
+    Notes
+    -----
     This is the separating-axis test of Akenine-Moeller (2001), with the box's 3 axes, the
     triangle's normal, and the 9 products of their edges. Along w, the longest axis of the
     triangle's bounding box, each test leaves an interval of fine cells; their intersection is set.
@@ -72,7 +88,16 @@ def touched_cells(triangles, cells, cell, grow):
 def reached_cells(touched):
     """Return words [x, y, z] of the untouched fine cells that are connected to the outside.
 
-    Connected through faces of untouched fine cells, to the outside of the cell box.
+    Parameters
+    ----------
+    touched : Words
+        uint64 [x, y, z], the touched fine cells of each cell.
+
+    Returns
+    -------
+    Words
+        uint64 [x, y, z], the fine cells that are connected to the outside of the cell box through
+        faces of untouched fine cells.
     """
     nx, ny, nz = touched.shape
     reached = np.zeros_like(touched)

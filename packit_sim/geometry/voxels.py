@@ -126,12 +126,12 @@ class Voxels:
 
     @cached_property
     def arrays(self) -> tuple[Any, ...]:
-        """The fields of the item's `ItemArrays`."""
+        """Fields of the item's `ItemArrays`."""
         return tuple(ItemArrays(self.bricks, self.outer, self.inner, self.first, self.fine))
 
     @cached_property
     def fixed_arrays(self) -> tuple[Any, ...]:
-        """The fields of the item's `FixedArrays`."""
+        """Fields of the item's `FixedArrays`."""
         return tuple(FixedArrays(self.number, self.outer, self.inner, self.first, self.fine))
 
     def turned(self, rotation: int) -> Voxels:

@@ -33,7 +33,7 @@ def count_bits(context: Any, word: Any) -> Any:
 
 @kernel
 def turn_words(words, swaps):
-    """Turn words (n,) in place; swaps: see `bits.turning_swaps`."""
+    """Rotate the bits of words (n,) in place by swaps (m, 2) (see `bits.turning_swaps`)."""
     for s in range(len(swaps)):
         shift, mask = swaps[s]
         for n in range(len(words)):

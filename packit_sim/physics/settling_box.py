@@ -1,9 +1,9 @@
 """A box in which all items settle after each placement.
 
 Items are placed on the grid, at locations that are feasible among the items where they rest, and
-let go. They end anywhere, in any rotation. Each placement is simulated in a new world, in which all
-items start without speed, so that the future depends on the state alone, and a snapshot is all that
-it takes to go back.
+released. They end anywhere, in any rotation. Each placement is simulated in a new world, in which
+all items start without speed, so that the result depends only on the box's state, and a snapshot is
+enough to restore it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from packit_sim.box import BaseBox
 from packit_sim.core.errors import InfeasibleError
-from packit_sim.engine.base_box import BaseBox
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
@@ -61,7 +61,7 @@ class SettlingBox(BaseBox[SettledItem]):
         item : Item
             The item to place, in its rotation.
         location : sequence of int
-            The grid node (i, j, k) at which it is let go.
+            The grid node (i, j, k) at which it is released.
 
         Returns
         -------

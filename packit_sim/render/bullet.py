@@ -128,14 +128,31 @@ class BulletClient:
             )
 
     def add_visual(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
-        """Create a visual shape of a mesh whose volume is scaled, and return its number.
+        """Create a visual shape of a mesh.
 
-        Raises RenderError if the world has more triangles than EGL can draw.
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            The mesh, in box units.
+        scale : float
+            The scale of its volume.
+        color : Color
+            Its colour.
+
+        Returns
+        -------
+        int
+            The number of the shape.
+
+        Raises
+        ------
+        RenderError
+            If the world has more triangles than EGL can draw.
         """
         self.triangles += len(mesh.faces)
         if self.renderer == "egl" and self.triangles > _EGL_TRIANGLES:
             raise RenderError(
-                f"the box holds more than the {_EGL_TRIANGLES:,} triangles that EGL can draw: "
+                f"the box contains more than the {_EGL_TRIANGLES:,} triangles that EGL can draw: "
                 f"choose {RENDERER_VARIABLE}=tiny"
             )
         number: int = self._pybullet.createVisualShape(

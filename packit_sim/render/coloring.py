@@ -35,7 +35,15 @@ UNKNOWN: Color = (0.72, 0.72, 0.72)
 
 @dataclass(frozen=True)
 class ColorKey:
-    """A legend that gives each name a colour."""
+    """A legend that gives each name a colour.
+
+    Attributes
+    ----------
+    title : str
+        What the colours stand for.
+    entries : tuple of (str, Color)
+        Names and their colours, in the order of the legend.
+    """
 
     title: str
     entries: tuple[tuple[str, Color], ...]
@@ -43,7 +51,17 @@ class ColorKey:
 
 @dataclass(frozen=True)
 class ColorScale:
-    """A legend of numbers: the values at both ends of the colour ramp."""
+    """A legend of numbers.
+
+    Attributes
+    ----------
+    title : str
+        What the colours stand for.
+    low : str
+        The value at the lower end of the colour ramp.
+    high : str
+        The value at the upper end.
+    """
 
     title: str
     low: str
@@ -55,7 +73,15 @@ Legend = ColorKey | ColorScale
 
 @dataclass(frozen=True)
 class Colors:
-    """The colour of each item, in order, and the legend if colours have a meaning."""
+    """The colours of a box's items.
+
+    Attributes
+    ----------
+    of : tuple of Color
+        The colour of each item, in the order of placing.
+    legend : Legend or None
+        The legend, if the colours have a meaning.
+    """
 
     of: tuple[Color, ...]
     legend: Legend | None = None

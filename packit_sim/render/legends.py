@@ -22,8 +22,8 @@ def add_legend(image: RGBImage, legend: Legend, background: RGB) -> RGBImage:
     font = font_of(min(10 + height // 100, 26))
     step = round(1.25 * line_height(font))
     texts = [plain(text) for text in _texts(legend)]
-    room = max(1, height // 2)
-    strip = round(2.5 * step + min(room, max(map(font.getlength, texts))))
+    widest = max(1, height // 2)
+    strip = round(2.5 * step + min(widest, max(map(font.getlength, texts))))
     canvas = Image.new("RGB", (strip, height), background)
     draw = ImageDraw.Draw(canvas)
     ink = (44, 48, 56) if sum(background) > 380 else (226, 228, 232)

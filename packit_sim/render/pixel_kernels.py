@@ -1,4 +1,4 @@
-"""The kernel that turns a renderer's pixels into those of a picture."""
+"""The kernel that converts a renderer's pixels to those of a picture."""
 
 from __future__ import annotations
 
@@ -9,13 +9,36 @@ from packit_sim.core.compilation import kernel
 
 @kernel
 def resolve(rgba, buffer, bodies, items, back, samples, outline, planes):
-    """Return colours (H, W, 3) float32, depth (H, W), segmentation (H, W), -1 for no item.
+    """Return the colours, the depth and the segmentation of a picture.
 
-    rgba: (H * samples, W * samples, 4), and buffer and bodies of that height and width: the
-    renderer's pixels; one pixel of the picture is the mean of `samples` by `samples`. items: the
-    number of each body's item. back: (H, W, 3), the colours where there is no body. Pixels whose
-    right or lower neighbour shows another body keep the share `outline` of their brightness.
-    planes: near and far, depths at which the buffer is 0 and 1; without a body depth is inf.
+    Parameters
+    ----------
+    rgba : ndarray
+        (H * samples, W * samples, 4) uint8, the renderer's colours.
+    buffer : ndarray
+        (H * samples, W * samples) float32, the renderer's depth buffer.
+    bodies : ndarray
+        (H * samples, W * samples) int32, the body in each pixel, -1 for none.
+    items : ndarray
+        int32, the number of each body's item.
+    back : ndarray
+        (H, W, 3) float32, the colours where there is no body.
+    samples : int
+        A pixel of the picture is the mean of `samples` by `samples` pixels.
+    outline : float
+        Share of the brightness that a pixel keeps if its right or lower neighbour shows another
+        body.
+    planes : tuple of float
+        Near and far: the depths at which the buffer is 0 and 1.
+
+    Returns
+    -------
+    image : ndarray
+        (H, W, 3) float32, colours.
+    depth : ndarray
+        (H, W) float32, inf where there is no body.
+    segmentation : ndarray
+        (H, W) int32, numbers of items, -1 for none.
     """
     near, far = planes
     height, width = bodies.shape[0] // samples, bodies.shape[1] // samples

@@ -54,14 +54,30 @@ class Snapshot:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the image as PNG, with the renderer's name in its metadata.
 
-        The file is written completely or not at all. Raises RenderError if it cannot be written.
+        Parameters
+        ----------
+        path : str or PathLike
+            The file, which is written completely or not at all.
+
+        Raises
+        ------
+        RenderError
+            If it cannot be written.
         """
         save_png(self.image, path, self.renderer)
 
     def save_arrays(self, path: str | os.PathLike[str]) -> None:
         """Write image, depth, segmentation and projection as NPZ.
 
-        The file is written completely or not at all. Raises RenderError if it cannot be written.
+        Parameters
+        ----------
+        path : str or PathLike
+            The file, which is written completely or not at all.
+
+        Raises
+        ------
+        RenderError
+            If it cannot be written.
         """
         names = ("image", "depth", "segmentation", "projection")
         with output_file(path) as file:

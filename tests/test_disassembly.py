@@ -14,7 +14,7 @@ from trimesh import creation
 from packit_sim.box import Box
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.engine.disassembly import disassemble, find_route
-from packit_sim.engine.sweeping import Axis, cyclic, plainly_rises, room, surface
+from packit_sim.engine.sweeping import Axis, cyclic, free_distance, least_rise_oracle, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import PlacedItem
@@ -68,20 +68,20 @@ def test_the_room_between_cubes(axis: Axis) -> None:
     offset = np.zeros(3)
     offset[axis] = 0.25
     offset[(axis + 1) % 3] = 0.05
-    found = room(cube, cube, offset, axis, forward=True)
+    found = free_distance(cube, cube, offset, axis, forward=True)
     assert found == pytest.approx(0.15 + CONTACT_TOLERANCE, abs=1e-9)
-    assert room(cube, cube, -offset, axis, forward=False) == pytest.approx(found, abs=1e-9)
-    assert room(cube, cube, offset, axis, forward=False) == math.inf
+    assert free_distance(cube, cube, -offset, axis, forward=False) == pytest.approx(found, abs=1e-9)
+    assert free_distance(cube, cube, offset, axis, forward=False) == math.inf
     beside = offset.copy()
     beside[(axis + 1) % 3] = 0.1
-    assert room(cube, cube, beside, axis, forward=True) == math.inf
+    assert free_distance(cube, cube, beside, axis, forward=True) == math.inf
 
 
 def test_the_room_of_a_ball_in_a_bowl() -> None:
     """Its lowest point is over the lowest of the bowl: that is where they meet."""
     ball, bowl = Item(BALL, 0.001), Item(BOWL, 1.0)
     low, high = -bowl.extents[2] / 2, ball.extents[2] / 2
-    found = room(ball, bowl, np.array((0.0, 0.0, -0.2)), 2, forward=False)
+    found = free_distance(ball, bowl, np.array((0.0, 0.0, -0.2)), 2, forward=False)
     assert found == pytest.approx(-high - (low - 0.2), abs=0.002)
 
 
@@ -92,8 +92,8 @@ def test_the_tree_says_what_all_pairs_say(seed: int) -> None:
     one, other = (Item(ZOO[n], 0.1, int(rng.integers(24))) for n in rng.integers(len(ZOO), size=2))
     offset = rng.uniform(-0.4, 0.4, 3)
     axis: Axis = rng.choice((0, 1, 2)).item()
-    plain = plainly_rises(surface(one, axis), surface(other, axis), offset[cyclic(axis)])
-    assert room(one, other, offset, axis, forward=True) == pytest.approx(plain, abs=1e-12)
+    plain = least_rise_oracle(surface(one, axis), surface(other, axis), offset[cyclic(axis)])
+    assert free_distance(one, other, offset, axis, forward=True) == pytest.approx(plain, abs=1e-12)
 
 
 @examples(12)
@@ -105,7 +105,7 @@ def test_the_room_is_free_and_no_more_of_it(seed: int) -> None:
     axis: Axis = rng.choice((0, 1, 2)).item()
     offset = rng.uniform(-0.2, 0.2, 3)
     offset[axis] = 0.9
-    found = room(one, other, offset, axis, forward=True)
+    found = free_distance(one, other, offset, axis, forward=True)
     along = np.zeros(3)
     along[axis] = 1.0
     meshes = [

@@ -42,7 +42,7 @@ def test_what_stands_under_a_shelf_is_not_clear_and_beside_it_is() -> None:
     box.place(cube_of(8), (4, 4, 5))
     small = cube_of(4)
     mask = box.feasible(small)
-    clear = insertion.clear(box.placed, small, mask)
+    clear = insertion.clear_mask(box.placed, small, mask)
     assert mask[4, 4, 0] and not clear[4, 4, 0] and not clear[5, 4, 3]
     assert clear[3, 4, 0] and clear[6, 4, 0]  # beside it: sides may touch on the way
     assert clear[4, 4, 7] and not mask[4, 4, 6]
@@ -65,7 +65,7 @@ def test_a_ball_in_a_bowl_is_clear_and_under_one_turned_over_it_is_not() -> None
             and 4 * at[2] + ball.cells[2] <= bowl.cells[2]
         ]
         if inside:
-            found = insertion.clear(box.placed, ball, box.feasible(ball))
+            found = insertion.clear_mask(box.placed, ball, box.feasible(ball))
             assert any(found[at] for at in inside) == expected
 
 
@@ -74,7 +74,7 @@ def test_a_thin_plate_above_covers_a_thin_one_below() -> None:
     plate = Item(Shape.from_mesh(creation.box((1, 1, 0.01)), "plate"), 0.02)
     box = Box()
     box.place(plate, (0, 0, 5))
-    found = insertion.clear(box.placed, plate, box.feasible(plate))
+    found = insertion.clear_mask(box.placed, plate, box.feasible(plate))
     width = -(-plate.cells[0] // 4)
     assert not found[0, 0, 0] and not found[width - 1, 0, 3]
     assert found[width, 0, 0] and found[0, 0, 6]
@@ -87,7 +87,7 @@ def test_sheets_that_stand_upright_cover_what_is_straight_below_them() -> None:
     pipe = Item(Shape.from_mesh(walls, "pipe"), 0.02)
     box = Box()
     box.place(pipe, (0, 0, 12))
-    found = insertion.clear(box.placed, pipe, box.feasible(pipe))
+    found = insertion.clear_mask(box.placed, pipe, box.feasible(pipe))
     width = -(-pipe.cells[0] // 4)
     assert not found[0, 0, 0] and not found[1, 0, 0] and found[width, 0, 0] and found[0, 0, 20]
 
@@ -99,10 +99,10 @@ def test_hooks_hold_each_other() -> None:
     box.place(ring, (5, 5, 0))
     other = Item(RING, 0.05, 8)
     mask = box.feasible(other)
-    found = insertion.clear(box.placed, other, mask)
+    found = insertion.clear_mask(box.placed, other, mask)
     assert found.any() and not found.all()
     for at in np.argwhere(mask & ~found)[::97].tolist():
-        assert not insertion.oracle(box.placed, PlacedItem(other, tuple(at)))
+        assert not insertion.clear_oracle(box.placed, PlacedItem(other, tuple(at)))
 
 
 @examples(8)
@@ -115,12 +115,12 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
     ]
     box = packed(rng, items[:3], (24, 24, 24))
     mask = box.feasible(items[3])
-    found = insertion.clear(box.placed, items[3], mask)
+    found = insertion.clear_mask(box.placed, items[3], mask)
     assert not (found & ~mask).any()
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:4]]:
         candidate = PlacedItem(items[3], at)
-        assert found[at] == insertion.oracle(box.placed, candidate)
+        assert found[at] == insertion.clear_oracle(box.placed, candidate)
         assert found[at] == insertion.is_clear(box.placed, candidate)
         if found[at]:
             assert lifted_by_steps(box, items[3], at)
@@ -133,10 +133,10 @@ def test_everyday_shapes_as_the_oracle_says(seed: int) -> None:
     items = [Item(EVERYDAY[id], 0.02, int(rng.integers(24))) for id in ids]
     box = packed(rng, items[:6], (40, 40, 40))
     mask = box.feasible(items[6])
-    found = insertion.clear(box.placed, items[6], mask)
+    found = insertion.clear_mask(box.placed, items[6], mask)
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:2]]:
-        assert found[at] == insertion.oracle(box.placed, PlacedItem(items[6], at))
+        assert found[at] == insertion.clear_oracle(box.placed, PlacedItem(items[6], at))
         if found[at]:
             assert lifted_by_steps(box, items[6], at)
 
