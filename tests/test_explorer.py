@@ -103,7 +103,7 @@ def test_a_pack_is_shown_whole_at_first(explorer: Explorer, packs: list[Pack]) -
     assert explorer.address.startswith("http://127.0.0.1:")
     assert shown(explorer) == len(packs[0].items)
     asked = explorer.controls.request
-    assert (asked.pack, asked.beside, asked.step) == (0, None, len(packs[0].items))
+    assert (asked.pack, asked.second, asked.step) == (0, None, len(packs[0].items))
 
 
 def test_the_step_says_how_many_items_are_seen(explorer: Explorer) -> None:
@@ -281,7 +281,7 @@ def test_two_agents_stand_side_by_side(packs: list[Pack], library: ShapeLibrary)
             assert box.items[2].opacity is None and box.items[0].opacity == GLASS
         explorer.controls._switch_pack(1)
         explorer.wait()
-        assert len(explorer.boxes) == 1 and explorer.controls.request.beside is None
+        assert len(explorer.boxes) == 1 and explorer.controls.request.second is None
 
 
 def test_what_an_agent_left_outside_is_known_from_the_tasks(
@@ -482,5 +482,5 @@ def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) ->
     path = tmp_path / "results.jsonl"
     write_packs(path, [result(packs[0], library, 0, 5, "a/b/c")])
     assert json.loads(path.read_text())["provenance"]["agent"] == "a/b/c"
-    process = packit(str(path), "--tasks", "starter", "--beside", "1")
+    process = packit(str(path), "--tasks", "starter", "--second", "1")
     assert "results.jsonl is shown at" in process.stdout.readline()

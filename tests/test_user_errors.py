@@ -83,7 +83,7 @@ WRONG = [
     # view
     ("view absent.jsonl", "absent.jsonl"),
     ("view starter --pack 99 --no-browser", "99"),
-    ("view starter --beside 99 --no-browser", "99"),
+    ("view starter --second 99 --no-browser", "99"),
     ("view starter --port 0", "--port"),
     ("view starter --tasks nowhere", "nowhere"),
     ("view starter --host 999.0.0.1 --no-browser", "999.0.0.1"),

@@ -92,7 +92,7 @@ def _as_at_first(opened: Opened) -> None:
     controls = opened.explorer.controls
     controls.set_step(len(opened.explorer._views[0].placed))
     controls._item.value = controls._axis.value = controls._wanted.value = "nothing"
-    controls._beside.value = "nothing"
+    controls._second.value = "nothing"
     controls._explode.value = 0.0
     opened.explorer.wait()
 
@@ -239,7 +239,7 @@ def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
-    opened.explorer.controls._beside.value = opened.explorer.controls._beside.options[1]
+    opened.explorer.controls._second.value = opened.explorer.controls._second.options[1]
     opened.explorer.wait()
     settled_like(opened, "beside")
     scene = opened.explorer._page.server.scene

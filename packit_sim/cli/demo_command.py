@@ -1,4 +1,4 @@
-"""`packit demo`: a pack from its evolution to pictures of what agents made of it."""
+"""`packit demo`: evolve a pack, let agents pack its items, and draw the results."""
 
 from __future__ import annotations
 

@@ -93,8 +93,8 @@ def generate_command(
         Workers(workers, backend, address) as processes,
         _shown(order, file, processes.count) as on_pack,
     ):
-        made = generate(order, file, processes, on_pack)
-    print_written(file, f": {len(made)} packs")
+        generated = generate(order, file, processes, on_pack)
+    print_written(file, f": {len(generated)} packs")
 
 
 def evolve_shown(library: ShapeLibrary, seed: int, settings: EvolutionSettings) -> Evolution:

@@ -30,9 +30,9 @@ def view_command(
     pack: Annotated[
         int, typer.Option("--pack", min=0, help="Number of the pack to show first.")
     ] = 0,
-    beside: Annotated[
+    second: Annotated[
         int | None,
-        typer.Option("--beside", min=0, help="Number of a second pack, to show next to it."),
+        typer.Option("--second", min=0, help="Number of a second pack, to show next to it."),
     ] = None,
     tasks: Annotated[
         str | None,
@@ -62,7 +62,7 @@ def view_command(
         split,
     )
     with (
-        Explorer(collection, pack, beside, host=host, port=port) as explorer,
+        Explorer(collection, pack, second, host=host, port=port) as explorer,
         suppress(KeyboardInterrupt),
     ):
         console.print(f"{packs} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)

@@ -27,7 +27,7 @@ def quiet() -> Iterator[None]:
 
     Notes
     -----
-    The descriptors belong to the whole process: what other threads print meanwhile is lost too.
+    The descriptors belong to the whole process: what other threads print in that time is lost too.
     """
     libc = ctypes.CDLL(None)
     with _lock, contextlib.ExitStack() as stack:

@@ -247,7 +247,7 @@ class Pack:
         return BoxState(self.cells, on_grid)
 
     def replay(self, library: ShapeLibrary) -> Box:
-        """Pack a box anew, item by item.
+        """Pack a new box, item by item.
 
         Parameters
         ----------

@@ -50,7 +50,7 @@ class ViewRequest:
     """
 
     pack: int
-    beside: int | None
+    second: int | None
     step: int
     explode: float
     cut: Cut | None
@@ -83,7 +83,7 @@ class Controls:
         gui: GuiApi,
         titles: Sequence[str],
         pack: int,
-        beside: int | None,
+        second: int | None,
         changed: Callable[[], None],
     ) -> None:
         self._titles = titles
@@ -92,11 +92,11 @@ class Controls:
         self._pack = gui.add_dropdown("pack", titles, initial_value=titles[pack])
         switch = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
         switch.on_click(lambda event: self._switch_pack(-1 if switch.value == "previous" else 1))
-        side = NOTHING if beside is None else titles[beside]
-        self._beside = gui.add_dropdown(
-            "beside", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
+        side = NOTHING if second is None else titles[second]
+        self._second = gui.add_dropdown(
+            "second pack", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
         )
-        self._beside.visible = len(titles) > 1
+        self._second.visible = len(titles) > 1
         self._step = gui.add_slider("step", 0, 1, 1, 1, hint="how many items are in the box")
         self.play = gui.add_button("Play")
         self._notice = gui.add_markdown("", visible=False)
@@ -120,7 +120,7 @@ class Controls:
             self.facts = gui.add_html("")
         handles: list[GuiInputHandle[Any]] = [
             self._pack,
-            self._beside,
+            self._second,
             self._item,
             self._axis,
         ]
@@ -137,7 +137,7 @@ class Controls:
         wanted = _number(self._wanted.value)
         return ViewRequest(
             self._titles.index(self._pack.value),
-            None if self._beside.value == NOTHING else self._titles.index(self._beside.value),
+            None if self._second.value == NOTHING else self._titles.index(self._second.value),
             self._step.value,
             self._explode.value if wanted is None else 0.0,
             None if axis is None else Cut(axis, max(self._at.value, CELL)),
@@ -148,10 +148,10 @@ class Controls:
             (x, y, z),
         )
 
-    def set_rivals(self, rivals: Sequence[int], beside: int | None) -> None:
+    def set_rivals(self, rivals: Sequence[int], second: int | None) -> None:
         """Offer packs to stand next to the first one, and select one."""
-        self._beside.options = (NOTHING, *(self._titles[n] for n in rivals))
-        _set(self._beside, NOTHING if beside is None else self._titles[beside])
+        self._second.options = (NOTHING, *(self._titles[n] for n in rivals))
+        _set(self._second, NOTHING if second is None else self._titles[second])
 
     def set_steps(self, steps: int) -> None:
         """Set the number of steps, and show all of them."""

@@ -74,13 +74,13 @@ class Explorer:
         self,
         collection: PackCollection,
         pack: int = 0,
-        beside: int | None = None,
+        second: int | None = None,
         *,
         host: str = LOOPBACK,
         port: int | None = None,
     ) -> None:
         self._collection = collection
-        self._views = [collection[n] for n in (pack, beside) if n is not None]
+        self._views = [collection[n] for n in (pack, second) if n is not None]
         self._drawn: ViewRequest | None = None
         self._boxes: list[BoxView] = []
         self._query: FitQuery | None = None
@@ -91,7 +91,7 @@ class Explorer:
         self.address = self._page.address
         try:
             server = self._page.server
-            self.controls = Controls(server.gui, collection.titles, pack, beside, self._thread.wake)
+            self.controls = Controls(server.gui, collection.titles, pack, second, self._thread.wake)
             self._markers = FitMarkers(server, "/markers")
             self.controls.play.on_click(lambda event: self.play(not self._playing))
             self.controls.first.on_click(lambda event: self._to_first())
@@ -147,11 +147,11 @@ class Explorer:
         other = drawn is None or request.pack != drawn.pack
         if other:
             rivals = self._collection.rivals(request.pack)
-            beside = request.beside if request.beside in rivals else None
-            self.controls.set_rivals(rivals, beside)
+            second = request.second if request.second in rivals else None
+            self.controls.set_rivals(rivals, second)
             request = self.controls.request
-        if drawn is None or (request.pack, request.beside) != (drawn.pack, drawn.beside):
-            numbers = [n for n in (request.pack, request.beside) if n is not None]
+        if drawn is None or (request.pack, request.second) != (drawn.pack, drawn.second):
+            numbers = [n for n in (request.pack, request.second) if n is not None]
             self._views = [self._collection[n] for n in numbers]
             if other:
                 self.controls.set_pack(self._views[0])
@@ -199,8 +199,8 @@ class Explorer:
 
     def _draw(self, request: ViewRequest) -> None:
         first, drawn = self._views[0], self._drawn
-        where = request.pack, request.beside, request.explode
-        if drawn is None or where != (drawn.pack, drawn.beside, drawn.explode):
+        where = request.pack, request.second, request.explode
+        if drawn is None or where != (drawn.pack, drawn.second, drawn.explode):
             self._arrange(request.explode)
         colors, legend = _colored(self._views, request.coloring)
         self._query = self._query_of(request)
