@@ -29,7 +29,7 @@ class ViewRequest:
     ----------
     pack : int
         The number of the pack.
-    beside : int | None
+    second : int | None
         The number of the pack next to it.
     step : int
         How many items are in the box.
@@ -72,7 +72,7 @@ class Controls:
         Titles of the packs.
     pack : int
         The number of the pack that is shown at first.
-    beside : int | None
+    second : int | None
         The number of the pack next to it.
     changed : Callable[[], None]
         Called after each change of a control, also by the program.

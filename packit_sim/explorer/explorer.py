@@ -52,7 +52,7 @@ class Explorer:
         The packs that the page offers.
     pack : int
         The number of the pack that is shown at first.
-    beside : int | None
+    second : int | None
         The number of the pack next to it.
     host : str
         Where the page listens, see `WebPage`.
