@@ -1,4 +1,4 @@
-"""Mesh files that are broken or meant to do harm, and what should be said of each."""
+"""Mesh files that are broken or malicious, and the expected message for each."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ TETRAHEDRON = (
 
 def archive(resources: str, build: str) -> Callable[[Path], None]:
     def write(file: Path) -> None:
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as made:
-            made.writestr("3D/3dmodel.model", MODEL.format(resources, build))
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("3D/3dmodel.model", MODEL.format(resources, build))
 
     return write
 
 
 def zip_bomb(file: Path) -> None:
     with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as made,
-        made.open("3D/3dmodel.model", "w") as model,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        archive.open("3D/3dmodel.model", "w") as model,
     ):
         for _ in range(1200):
             model.write(b" " * 2**20)

@@ -1,4 +1,4 @@
-"""The public API: every name that the README and the docs use comes from a public place."""
+"""The public API: every name in the README and the docs is imported from a public module."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Each package says what it is for. Who may import whom is checked by `lint-imports`."""
+"""Each package has a docstring. `lint-imports` checks which package may import which."""
 
 import ast
 from pathlib import Path

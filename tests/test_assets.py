@@ -1,4 +1,4 @@
-"""The datasets that come with the package: whole, sound, and described as they are.
+"""The bundled datasets: complete, valid, and correctly described.
 
 `packit verify` is the long form: here a sample of each is held against the oracle, and with the
 slow tests every pack.
@@ -38,7 +38,7 @@ def everyday() -> ShapeLibrary:
     return ShapeLibrary.open("everyday")
 
 
-def told(report: Report) -> str:
+def problem_lines(report: Report) -> str:
     return "\n".join(map(str, report.problems))
 
 
@@ -55,13 +55,13 @@ def test_a_file_is_the_one_that_its_manifest_describes(file: Path, everyday: Sha
 
 
 @pytest.mark.parametrize("file", FILES, ids=NAMES)
-def test_a_sample_holds(file: Path, everyday: ShapeLibrary, tmp_path: Path) -> None:
+def test_a_sample_is_valid(file: Path, everyday: ShapeLibrary, tmp_path: Path) -> None:
     """In a file of the same name, so that the split of the shapes is looked at too."""
     packs = read_packs(file)
     places = {round(n * (len(packs) - 1) / (SAMPLE - 1)) for n in range(SAMPLE)}
     write_packs(tmp_path / file.name, [packs[n] for n in sorted(places)])
     report = verify_dataset(tmp_path, everyday)
-    assert report.holds, told(report)
+    assert report.holds, problem_lines(report)
     assert report.packs == len(places)
 
 
@@ -83,9 +83,9 @@ def test_every_dataset_is_named_with_its_licence() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", builtin_datasets())
-def test_every_pack_holds(name: str, everyday: ShapeLibrary) -> None:
+def test_every_pack_is_valid(name: str, everyday: ShapeLibrary) -> None:
     report = verify_dataset(dataset_path(name), everyday)
-    assert report.holds, told(report)
+    assert report.holds, problem_lines(report)
 
 
 @pytest.mark.slow
@@ -95,6 +95,6 @@ def test_a_page_is_of_the_dataset_that_there_is(name: str) -> None:
     if not page.exists():
         pytest.skip(f"{page.name}: there is none")
     if any(work_folder(file).exists() for file in dataset_files(name)):
-        pytest.skip(f"{name} is being made")
+        pytest.skip(f"{name} is being generated")
     digests = set(re.findall(r"`([0-9a-f]{64})` \|$", page.read_text(), re.MULTILINE))
     assert digests == {hashlib.sha256(f.read_bytes()).hexdigest() for f in dataset_files(name)}

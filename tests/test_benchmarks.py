@@ -1,4 +1,4 @@
-"""What the benchmarks of evolution measure is what they say."""
+"""The benchmarks of evolution measure what they claim to measure."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Caches change how fast an answer comes, never which: within budgets, in threads, after a fork."""
+"""Caches change the speed of results, never the results: with budgets, threads and forks."""
 
 import multiprocessing
 import threading
@@ -34,19 +34,19 @@ def masks(seed: int) -> list[bytes]:
 
 
 def test_the_least_recently_used_goes_when_the_budget_is_full() -> None:
-    made = []
+    calls = []
 
     def square(n: int) -> int:
-        made.append(n)
+        calls.append(n)
         return n * n
 
     kept = BoundedCache(square, "units", size=lambda value: value, key=lambda n: n, budget=30)
     assert [kept(n) for n in (3, 4, 3, 4)] == [9, 16, 9, 16]
-    assert made == [3, 4]
+    assert calls == [3, 4]
     assert kept(3) == 9 and kept(5) == 25  # with 9, 16 and 25 it would hold 50: 4, then 3 must go
     assert kept.peek(3) is None and kept.peek(4) is None and kept.peek(5) == 25
     assert kept(6) == kept(6) == 36  # larger than the budget: answered, and never kept
-    assert made == [3, 4, 5, 6, 6]
+    assert calls == [3, 4, 5, 6, 6]
     use = kept.usage()
     assert (use.hits, use.misses, use.size, use.budget, use.unit) == (4, 7, 25, 30, "units")
     kept.clear()
@@ -126,7 +126,7 @@ def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     caches.clear()
     before = counters()
     box = Box()
-    box.place(cube_of(24.01), (0, 0, 0))  # half a cell of room on each side, and touching
+    box.place(cube_of(24.01), (0, 0, 0))  # half a cell of clearance on each side, and touching
     box.feasible(cube_of(24.005))
     box.blbf(cube_of(24.005))
     used = counters().since(before)

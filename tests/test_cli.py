@@ -1,4 +1,4 @@
-"""The command line as a user runs it: what it prints, writes and refuses."""
+"""The command line as a user runs it: output, files and errors."""
 
 import json
 import subprocess
@@ -61,9 +61,9 @@ def hides(placed: PlacedItem, other: PlacedItem) -> bool:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("packs") / "two"
-    made = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", path)
-    assert made.returncode == 0, made.stderr
-    assert "2 packs" in made.stdout
+    result = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", path)
+    assert result.returncode == 0, result.stderr
+    assert "2 packs" in result.stdout
     return path
 
 
@@ -131,7 +131,7 @@ def test_verify_is_red_on_a_pack_that_does_not_hold(dataset, tmp_path) -> None:
     assert "1 of 2 packs hold" in verified.stdout
 
 
-def test_verify_tells_of_lines_that_cannot_be_read(dataset, tmp_path) -> None:
+def test_verify_reports_lines_that_cannot_be_read(dataset, tmp_path) -> None:
     lines = (dataset / "packs.jsonl").read_text().splitlines()
     (tmp_path / "cut.jsonl").write_text(f"{lines[0]}\n{lines[1][:200]}\n")
     verified = packit("verify", tmp_path / "cut.jsonl")
@@ -156,8 +156,8 @@ def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
     creation.box((1, 2, 3)).export(tmp_path / "blocks" / "brick.stl")
     creation.icosphere(subdivisions=2).export(tmp_path / "ball.obj")
     out = tmp_path / "mine"
-    made = packit("generate", "--library", tmp_path, *SMALL, "--workers", "1", "--out", out)
-    assert made.returncode == 0, made.stderr
+    result = packit("generate", "--library", tmp_path, *SMALL, "--workers", "1", "--out", out)
+    assert result.returncode == 0, result.stderr
     assert {i.shape for i in read_packs(out / "packs.jsonl")[0].items} <= {"blocks/brick", "ball"}
     assert packit("verify", out, "--library", tmp_path).returncode == 0
 
@@ -201,8 +201,8 @@ def test_brackets_in_a_name_are_printed_as_they_are(tmp_path) -> None:
 def test_an_agent_named_twice_plays_once(dataset, tmp_path) -> None:
     name = ("--agent", "largest-first/aligned/blbf")
     for names, file in ((name, "once.jsonl"), (name + name, "twice.jsonl")):
-        told = packit("evaluate", dataset, *names, "--workers", "1", "--out", tmp_path / file)
-        assert "2/2" in told.stdout
+        result = packit("evaluate", dataset, *names, "--workers", "1", "--out", tmp_path / file)
+        assert "2/2" in result.stdout
     assert read_results(tmp_path / "once.jsonl") == read_results(tmp_path / "twice.jsonl")
 
 

@@ -1,4 +1,4 @@
-"""A Ray cluster on this machine: it makes the same packs, also when it loses machines."""
+"""A Ray cluster on this machine generates the same packs, even if it loses machines."""
 
 import gc
 import json
@@ -44,11 +44,11 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     from ray.cluster_utils import Cluster
 
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    yield made
+    started = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+    yield started
     ray.shutdown()
-    made.shutdown()
-    gc.collect()  # so that what Ray leaves is told here, and not in another test
+    started.shutdown()
+    gc.collect()  # so that warnings about what Ray leaves appear here, not in another test
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def local(order, tmp_path_factory) -> Path:
 def begun(tmp_path, monkeypatch) -> Path:
     """Where a line is added for each evolution that begins: number, generation, node."""
     file = tmp_path / "begun.jsonl"
-    made = jobs._evolve
+    evolve = jobs._evolve
 
     def logged(*job):  # a nested function, so that it travels by value
         import json
@@ -83,7 +83,7 @@ def begun(tmp_path, monkeypatch) -> Path:
         line = number, len(state.densities) if state else 0, node()
         with file.open("a") as log:
             log.write(json.dumps(line) + "\n")
-        return made(*job)
+        return evolve(*job)
 
     def node() -> str:
         import ray
@@ -95,7 +95,7 @@ def begun(tmp_path, monkeypatch) -> Path:
 
 
 def in_the_middle(file: Path) -> list[int]:
-    """Numbers of the packs that will go on for a while."""
+    """Numbers of the packs that are still in progress."""
     return [at.number for at in under_way(file) if 3 <= at.generation < 20]
 
 
@@ -111,7 +111,7 @@ def wait_for(holds, seconds: float = 120.0) -> None:
 
 
 def check(file: Path, local: Path, arrived: list[tuple[int, Pack]], packs: int = 6) -> None:
-    """Each pack once, and nothing told from the local run's."""
+    """Each pack is there once, and equal to the local run's."""
     assert sorted(number for number, _ in arrived) == list(range(packs))
     for suffix in (".jsonl", ".manifest.json"):
         assert file.with_suffix(suffix).read_bytes() == local.with_suffix(suffix).read_bytes()
@@ -190,12 +190,12 @@ def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None
         raise error
 
     with Workers(1, "ray", cluster.address) as workers:
-        for error, told in (
+        for error, message in (
             (LibraryError("no library"), f"{os.uname().nodename}: no library"),
             (ImportError("no module"), f"{os.uname().nodename}: no module"),
             (None, "the cluster gave up a job: The worker died"),
         ):
-            with pytest.raises(WorkersError, match=told):
+            with pytest.raises(WorkersError, match=message):
                 workers.map(fail, [(error,)])
         with pytest.raises(AssertionError, match="ours"):
             list(workers.as_done(fail, [(AssertionError("ours"),)]))
@@ -206,7 +206,7 @@ def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None
             workers.map(fail, [(None,)])
 
 
-def test_the_command_is_stopped_and_goes_on(cluster, order, tmp_path) -> None:
+def test_the_command_is_stopped_and_resumes(cluster, order, tmp_path) -> None:
     cluster.add_node(num_cpus=2)
     settings = EvolutionSettings(pool=20, population=60, generations=20, size_range=(0.65, 0.8))
     generate(replace(order, packs=3, settings=settings), tmp_path / "local" / "train.jsonl")
@@ -220,10 +220,10 @@ def test_the_command_is_stopped_and_goes_on(cluster, order, tmp_path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         wait_for(lambda: under_way(file) or file.exists())
         process.send_signal(signal.SIGINT)
-        told, _ = process.communicate(timeout=60)
-    assert process.returncode == 130 and "repeat the command to resume" in told
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout
-    assert "".join(told.split()).endswith("train.jsonl:3packs")
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130 and "repeat the command to resume" in output
+    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout
+    assert "".join(output.split()).endswith("train.jsonl:3packs")
     assert file.read_bytes() == (tmp_path / "local" / "train.jsonl").read_bytes()
 
 

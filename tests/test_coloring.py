@@ -1,4 +1,4 @@
-"""Colours: which item has which, and what legends say of them."""
+"""Colours of items, and their legends."""
 
 from __future__ import annotations
 

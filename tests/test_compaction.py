@@ -1,4 +1,4 @@
-"""Items pushed together: hand-solved drops and slides, and nothing that crosses."""
+"""Compaction: drops and slides solved by hand, and no crossing items."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_nothing_crosses_and_nothing_rises(seed: int) -> None:
     assert found.filled[1] >= found.filled[0] - 1e-9
 
 
-def test_the_command_tells_what_is_regained(tmp_path: Path) -> None:
+def test_the_command_prints_the_regained_volume(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "settled.json"
     done = CliRunner().invoke(app, ["compact", "starter", "--limit", "1", "--out", str(out)])
     assert done.exit_code == 0, done.output

@@ -1,4 +1,4 @@
-"""Kernels in installations that can't be written to, and what is said while they are compiled."""
+"""Kernels in read-only installations, and messages during compilation."""
 
 import os
 import shutil
@@ -29,7 +29,7 @@ def installed(tmp_path: Path) -> Path:
     copy = tmp_path / "site-packages" / "packit_sim"
     shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in [copy, *(each.parent for each in copy.glob("*/__init__.py"))]:
-        (folder / "__pycache__").write_text("a file, so that no folder can be made here")
+        (folder / "__pycache__").write_text("a file, so that no folder can be created here")
     return copy.parent
 
 

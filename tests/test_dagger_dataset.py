@@ -1,4 +1,4 @@
-"""The DAgger dataset: sampled states are those added, and a kill loses and doubles none."""
+"""The DAgger dataset: samples are added states, and a kill neither loses nor repeats any."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Convex pieces: hulls and cuts of known solids, what stays hollow, and what is kept on disk."""
+"""Convex pieces: hulls and cuts of known solids, cavities, and the cache on disk."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def is_in(points: np.ndarray, piece: Piece, slack: float = 1e-6) -> np.ndarray:
 
 
 def covers(pieces: tuple[Piece, ...] | list[Piece], shape: Shape) -> bool:
-    """Whether each point of the surface is in a piece, as far as samples and rounding tell."""
+    """Whether each point of the surface is in a piece, up to sampling and rounding."""
     points, _ = sample.sample_surface(shape.mesh, 500, seed=1)
     return np.any([is_in(points, piece, SHEET) for piece in pieces], axis=0).all()
 
@@ -96,7 +96,7 @@ def test_what_a_plane_parts_is_the_whole_again(seed) -> None:
         assert is_in(part.vertices, piece, SHEET).all()
 
 
-def test_a_cut_beside_a_piece_leaves_all_or_nothing() -> None:
+def test_a_cut_outside_a_piece_keeps_all_or_nothing() -> None:
     piece = block((0, 0, 0), (1, 2, 3))
     whole = piece.cut(np.array((0.0, 0.0, 1.0)), -3.5)
     assert whole is not None
@@ -290,7 +290,7 @@ def test_cached_pieces_are_not_computed_again(
 
 
 @pytest.mark.parametrize("damage", ["cut", "bits", "empty", "foreign", "folder"])
-def test_what_is_damaged_is_made_anew(
+def test_damaged_pieces_are_computed_again(
     damage: str, folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     first = decompose(RING, HALVES)
@@ -340,10 +340,10 @@ def test_where_things_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
 
 
 def test_many_at_once_make_the_same(folder: Path) -> None:
-    told = []
+    reported = []
     shapes = [RING, BOWL, RING, CUBE, RING]
-    found = decompose_all(shapes, HALVES, 4, lambda shape, one: told.append(shape.id))
-    assert told == [shape.id for shape in shapes]
+    found = decompose_all(shapes, HALVES, 4, lambda shape, one: reported.append(shape.id))
+    assert reported == [shape.id for shape in shapes]
     assert same(found[0], found[2]) and same(found[0], found[4])
     assert len([path for path in folder.rglob("*") if path.is_file()]) == 3
     caches.clear("decompositions")

@@ -1,4 +1,4 @@
-"""The bound of the distance of two surfaces: never too small, and no larger than it says."""
+"""The bound on the distance of two surfaces: never too small, and as tight as promised."""
 
 import numpy as np
 import numpy.typing as npt

@@ -1,4 +1,4 @@
-"""Ways in and out, and the swept test below them: hand-solved cases, and moves step by step."""
+"""Insertion and removal, and the swept test: cases solved by hand, and small steps."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ DUMBBELL = of_blocks(
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_room_between_cubes(axis: Axis) -> None:
+def test_the_space_between_cubes(axis: Axis) -> None:
     """Hand-solved: 10 cells wide each, their centres 25 apart; drawn in, they have a bit more."""
     cube = cube_of(10)
     offset = np.zeros(3)
@@ -77,7 +77,7 @@ def test_the_room_between_cubes(axis: Axis) -> None:
     assert free_distance(cube, cube, beside, axis, forward=True) == math.inf
 
 
-def test_the_room_of_a_ball_in_a_bowl() -> None:
+def test_the_space_of_a_ball_in_a_bowl() -> None:
     """Its lowest point is over the lowest of the bowl: that is where they meet."""
     ball, bowl = Item(BALL, 0.001), Item(BOWL, 1.0)
     low, high = -bowl.extents[2] / 2, ball.extents[2] / 2
@@ -98,7 +98,7 @@ def test_the_tree_says_what_all_pairs_say(seed: int) -> None:
 
 @examples(12)
 @given(SEEDS)
-def test_the_room_is_free_and_no_more_of_it(seed: int) -> None:
+def test_the_space_is_free_and_maximal(seed: int) -> None:
     """FCL's witness: no crossing on the way, and one just behind its end."""
     rng = np.random.default_rng(seed)
     one, other = (Item(ZOO[n], 0.1, int(rng.integers(24))) for n in rng.integers(len(ZOO), size=2))

@@ -1,4 +1,4 @@
-"""The docs quote what the last full run of `packit reproduce all` found, and their code runs."""
+"""The docs quote results of the last full `packit reproduce all`, and their code runs."""
 
 import json
 import re
@@ -24,7 +24,7 @@ IN_THE_README = {
     "the same with 8 backtracks": ("backtrack", f"{HEURISTIC}+backtrack=8"),
     "the same in PackIt-Easy": ("easy", HEURISTIC),
 }
-"""The tables and agents of which the README tells, by what it calls them."""
+"""The tables and agents in the README, by their names there."""
 
 
 @cache
@@ -91,9 +91,9 @@ def examples(page: str) -> list[str]:
 def test_the_code_for_agents_runs(capsys) -> None:
     (example,) = examples("agents.md")
     exec(compile(example, "agents.md", "exec"), {})
-    told = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert [int(rollouts) for rollouts, _ in told] == list(range(1, len(told) + 1))
-    best = [float(reward) for _, reward in told]
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [int(rollouts) for rollouts, _ in lines] == list(range(1, len(lines) + 1))
+    best = [float(reward) for _, reward in lines]
     assert 1 < len(best) <= 20 and best == sorted(best) and 0 < best[0] <= best[-1] <= 1 + 1e-9
 
 

@@ -307,7 +307,7 @@ def test_fixed_policies_leave_the_other_sub_tasks_as_steps(tasks) -> None:
         PackItEnv(tasks, rotation="best", max_shapes=40)
 
 
-def test_an_episode_that_is_over_at_once_is_told_by_the_first_step(tasks) -> None:
+def test_an_episode_that_is_over_at_once_ends_in_the_first_step(tasks) -> None:
     task = dataclasses.replace(tasks[0], items=(cube_of(60),), solution=())
     settings = {"observation": "none", "shape": "random", "rotation": "aligned", "max_shapes": 2}
     env = PackItEnv([task], cells=(100, 100, 40), **settings)
@@ -320,9 +320,9 @@ def test_an_episode_that_is_over_at_once_is_told_by_the_first_step(tasks) -> Non
 
 
 @pytest.mark.parametrize("easy", [False, True])
-@pytest.mark.parametrize("made", [False, True])
-def test_states_go_back_exactly_and_travel(tasks, easy, made) -> None:
-    source = (lambda rng: tasks[int(rng.integers(len(tasks)))]) if made else tasks
+@pytest.mark.parametrize("generated", [False, True])
+def test_states_go_back_exactly_and_travel(tasks, easy, generated) -> None:
+    source = (lambda rng: tasks[int(rng.integers(len(tasks)))]) if generated else tasks
     env = PackItEnv(source, easy=easy, observation="none", max_shapes=40)
     env.reset(seed=3)
 
@@ -348,7 +348,7 @@ def test_states_go_back_exactly_and_travel(tasks, easy, made) -> None:
             np.array_equal(a[0]["action_mask"], b[0]["action_mask"])
             for a, b in zip(first, again, strict=True)
         )
-    if not made:
+    if not generated:
         assert len(pickle.dumps(env.get_state())) < 1_000_000
 
 
@@ -388,14 +388,16 @@ def test_static_voxels_are_shared_but_not_by_neighbours(tasks) -> None:
     assert np.array_equal(seen[0]["shapes"], before)
 
 
-def test_tasks_come_in_turn_by_chance_or_from_a_function(tasks) -> None:
+def test_tasks_come_in_turn_at_random_or_from_a_function(tasks) -> None:
     env = PackItEnv(tasks, order="cycle", observation="none", max_shapes=40)
     assert [env.reset()[1]["task"] for _ in range(12)] == [*range(10), 0, 1]
-    made = PackItEnv(lambda rng: tasks[int(rng.integers(3))], observation="none", max_shapes=40)
-    assert made.reset(seed=5)[1]["task"] == -1
-    first = made.episode.task
-    made.reset(seed=5)
-    assert made.episode.task is first
+    generated = PackItEnv(
+        lambda rng: tasks[int(rng.integers(3))], observation="none", max_shapes=40
+    )
+    assert generated.reset(seed=5)[1]["task"] == -1
+    first = generated.episode.task
+    generated.reset(seed=5)
+    assert generated.episode.task is first
     env.reset(options={"task": tasks[4]})
     assert env.episode.task is tasks[4]
     with pytest.raises(ValueError, match="order 'sorted'"):
@@ -463,7 +465,7 @@ def test_kinematic_episodes_never_put_anything_under_another(tasks) -> None:
             assert insertion.clear_oracle(placed[:n], candidate)
 
 
-def test_a_location_under_another_item_is_an_invalid_action_where_the_rule_holds(tasks) -> None:
+def test_a_location_under_another_item_is_an_invalid_action_in_kinematic_boxes(tasks) -> None:
     task = dataclasses.replace(tasks[0], items=(cube_of(40), cube_of(8)), solution=())
     node = (25, 25, 25)
     for kinematic, end in ((False, "all placed"), (True, "invalid action")):

@@ -45,7 +45,7 @@ def test_order_crossover_by_hand(a, b, start, stop, child) -> None:
 
 
 @given(seeds)
-def test_children_are_made_of_their_parents(seed) -> None:
+def test_children_consist_of_their_parents_genes(seed) -> None:
     rng = np.random.default_rng(seed)
     a, b = Chromosome.random(SMALL, rng), Chromosome.random(SMALL, rng)
     child = crossover(a, b, rng)
@@ -68,7 +68,7 @@ def test_mutants_are_valid_and_rate_0_changes_nothing(seed, swap_rate, point_rat
 
 
 @given(seeds)
-def test_the_best_survive_and_some_others_by_chance(seed) -> None:
+def test_the_best_survive_and_some_others_at_random(seed) -> None:
     rng = np.random.default_rng(seed)
     densities = rng.random(8).tolist()
     survivors = select(densities, SMALL, rng)
@@ -184,7 +184,7 @@ def test_workers_change_nothing(search) -> None:
 
 
 @pytest.mark.parametrize("search", SEARCHES)
-def test_what_was_written_down_goes_on_as_if_nothing_had_happened(search) -> None:
+def test_a_stored_state_resumes_the_same_evolution(search) -> None:
     library = ShapeLibrary.open("everyday")
     settings = dataclasses.replace(SMALL, search=search)
     whole = evolve(library, 6, settings)
@@ -203,7 +203,7 @@ def test_what_was_written_down_goes_on_as_if_nothing_had_happened(search) -> Non
 @pytest.mark.parametrize("search", SEARCHES)
 @given(seeds)
 def test_giving_up_on_hopeless_chromosomes_changes_nothing(search, seed) -> None:
-    """A search that is told 0 for what is below its threshold takes the same way."""
+    """A search takes the same course if densities below its threshold are given as 0."""
     settings = dataclasses.replace(SMALL, population=12, elite=3, lucky=3, search=search)
     searches = search_of(settings), search_of(settings)
     rngs = np.random.default_rng(seed), np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Masks against the oracle at all 15,625 locations of the benchmark's box, as many as one likes.
+"""Masks compared with the oracle at all 15,625 locations of the box; any number of masks.
 
     make test-all MASKS=2000 SEED=1
 

@@ -1,4 +1,4 @@
-"""Exports, read back by other eyes: the same meshes in the same poses under the same names."""
+"""Exports, read by other libraries: the same meshes, poses and names."""
 
 from __future__ import annotations
 
@@ -129,12 +129,12 @@ def test_stl_is_one_mesh_in_millimetres(written: Callable[[str], Path]) -> None:
     assert np.allclose(mesh.triangles, UNIT * np.concatenate(corners), atol=1e-4)
 
 
-def test_json_is_a_packing_that_holds(written: Callable[[str], Path]) -> None:
+def test_json_is_a_valid_packing(written: Callable[[str], Path]) -> None:
     path, box = written(".json"), packed()
-    told = json.loads(path.read_text())
-    assert told["box"] == box.size.tolist()
-    assert [item["name"] for item in told["items"]] == export.names(box.placed)
-    for item, placed in zip(told["items"], box.placed, strict=True):
+    packing = json.loads(path.read_text())
+    assert packing["box"] == box.size.tolist()
+    assert [item["name"] for item in packing["items"]] == export.names(box.placed)
+    for item, placed in zip(packing["items"], box.placed, strict=True):
         assert np.array_equal(item["pose"], placed.matrix)
         mesh = trimesh.load_mesh(path.parent / item["mesh"], process=False)
         assert np.allclose(mesh.vertices, placed.item.shape.mesh.vertices, atol=1e-7)

@@ -1,4 +1,4 @@
-"""Films: how items come in, that nothing jumps, and what is in the file."""
+"""Films: how items enter, continuity of motion, and the contents of files."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def stripes(count: int, width: int = 64, height: int = 48) -> Iterator[RGBImage]
 
 
 def decoded(path: Path) -> tuple[str, np.ndarray]:
-    """What ffmpeg tells of a film, and its frames."""
+    """Ffmpeg's description of a film, and its frames."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(path)]
     ran = subprocess.run(
         [*command, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True
@@ -174,8 +174,8 @@ def decoded(path: Path) -> tuple[str, np.ndarray]:
 def test_mp4_holds_the_frames_at_a_constant_rate(tmp_path: Path) -> None:
     path = tmp_path / "film.mp4"
     assert video.write(path, stripes(12), 20) == 12
-    told, frames = decoded(path)
-    assert "20 fps" in told and "64x48" in told and "h264" in told
+    description, frames = decoded(path)
+    assert "20 fps" in description and "64x48" in description and "h264" in description
     assert len(frames) == 12
     for frame, wanted in zip(frames, stripes(12), strict=True):
         assert np.abs(frame.astype(int) - wanted).mean() < 12
@@ -183,7 +183,7 @@ def test_mp4_holds_the_frames_at_a_constant_rate(tmp_path: Path) -> None:
     assert path.read_bytes().find(b"moov") < path.read_bytes().find(b"mdat")  # plays as it loads
 
 
-def test_gif_holds_the_frames_in_one_palette(tmp_path: Path) -> None:
+def test_gif_has_the_frames_in_one_palette(tmp_path: Path) -> None:
     path = tmp_path / "film.gif"
     assert video.write(path, stripes(12), 20) == 12
     with Image.open(path) as film:

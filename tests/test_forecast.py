@@ -1,4 +1,4 @@
-"""The time that a generation still takes, on a clock of the test's own."""
+"""The estimated remaining time of a generation, with a fake clock."""
 
 import pytest
 
@@ -27,50 +27,50 @@ def at(*generations: int) -> list[Progress]:
 
 
 def test_the_first_generations_tell_nothing() -> None:
-    forecast = TimeEstimate(SETTINGS, packs=4, workers=2, since=0.0)
-    assert forecast.seconds_left([], 10.0) is None
-    assert forecast.seconds_left(at(ENOUGH, ENOUGH - 1), 10.0) is None
-    assert forecast.seconds_left(at(ENOUGH, ENOUGH), 10.0) is not None
+    estimate = TimeEstimate(SETTINGS, packs=4, workers=2, since=0.0)
+    assert estimate.seconds_left([], 10.0) is None
+    assert estimate.seconds_left(at(ENOUGH, ENOUGH - 1), 10.0) is None
+    assert estimate.seconds_left(at(ENOUGH, ENOUGH), 10.0) is not None
 
 
-def test_what_is_left_goes_on_at_the_same_pace() -> None:
+def test_the_rest_is_estimated_at_the_same_pace() -> None:
     """100 generations in 50 s; left are 50, 50 and twice 100."""
-    forecast = TimeEstimate(SETTINGS, packs=4, workers=2, since=1000.0)
-    assert forecast.seconds_left(at(50, 50), 1050.0) == pytest.approx(150)
+    estimate = TimeEstimate(SETTINGS, packs=4, workers=2, since=1000.0)
+    assert estimate.seconds_left(at(50, 50), 1050.0) == pytest.approx(150)
 
 
 def test_the_last_pack_has_one_worker_alone() -> None:
     """Two workers did 150 generations in 60 s, so that one does 1.25 a second."""
-    forecast = TimeEstimate(SETTINGS, packs=2, workers=2, since=0.0)
-    forecast.finish(0, pack(99))
-    assert forecast.seconds_left([Progress(1, 49, 0.4)], 60.0) == pytest.approx(40)
+    estimate = TimeEstimate(SETTINGS, packs=2, workers=2, since=0.0)
+    estimate.finish(0, pack(99))
+    assert estimate.seconds_left([Progress(1, 49, 0.4)], 60.0) == pytest.approx(40)
 
 
 def test_what_was_there_before_took_none_of_the_time() -> None:
     done = {0: pack(99)}
-    forecast = TimeEstimate(SETTINGS, 2, 1, since=0.0, before=[Progress(1, 39, 0.4)], done=done)
-    assert forecast.seconds_left([Progress(1, 39, 0.4)], 10.0) is None
-    assert forecast.seconds_left([Progress(1, 59, 0.4)], 10.0) == pytest.approx(20)
+    estimate = TimeEstimate(SETTINGS, 2, 1, since=0.0, before=[Progress(1, 39, 0.4)], done=done)
+    assert estimate.seconds_left([Progress(1, 39, 0.4)], 10.0) is None
+    assert estimate.seconds_left([Progress(1, 59, 0.4)], 10.0) == pytest.approx(20)
 
 
 def test_evolutions_are_as_long_as_those_that_ended() -> None:
-    """The first ended after 50 + 21 generations; one that goes on longer may do so to the end."""
-    forecast = TimeEstimate(SETTINGS, packs=3, workers=1, since=0.0)
-    forecast.finish(0, pack(50))
-    assert forecast.seconds_left([], 71.0) == pytest.approx(2 * 71)
-    assert forecast.seconds_left([Progress(1, 79, 0.4)], 151.0) == pytest.approx(20 + 71)
+    """The first ended after 50 + 21 generations; one that takes longer may run to the end."""
+    estimate = TimeEstimate(SETTINGS, packs=3, workers=1, since=0.0)
+    estimate.finish(0, pack(50))
+    assert estimate.seconds_left([], 71.0) == pytest.approx(2 * 71)
+    assert estimate.seconds_left([Progress(1, 79, 0.4)], 151.0) == pytest.approx(20 + 71)
 
 
 def test_a_checkpoint_of_a_finished_pack_is_let_be() -> None:
-    forecast = TimeEstimate(SETTINGS, packs=1, workers=8, since=0.0)
-    forecast.finish(0, pack(99))
-    assert forecast.is_over(0) and not forecast.is_over(1)
-    assert forecast.seconds_left(at(90), 10.0) == 0
+    estimate = TimeEstimate(SETTINGS, packs=1, workers=8, since=0.0)
+    estimate.finish(0, pack(99))
+    assert estimate.is_over(0) and not estimate.is_over(1)
+    assert estimate.seconds_left(at(90), 10.0) == 0
 
 
 def test_packs_without_a_recorded_generation_count_as_the_longest() -> None:
-    forecast = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack(None)})
-    assert forecast.seconds_left([Progress(1, 49, 0.4)], 50.0) == pytest.approx(50)
+    estimate = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack(None)})
+    assert estimate.seconds_left([Progress(1, 49, 0.4)], 50.0) == pytest.approx(50)
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_packs_without_a_recorded_generation_count_as_the_longest() -> None:
         (2.25 * 86400, "about 2.2 days left"),
     ],
 )
-def test_a_time_is_told_as_roughly_as_it_is_known(seconds: float | None, text: str) -> None:
+def test_a_time_is_rounded_to_its_accuracy(seconds: float | None, text: str) -> None:
     assert format_remaining(seconds) == text

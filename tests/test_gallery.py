@@ -1,4 +1,4 @@
-"""Contact sheets: what is in a tile, where tiles and labels are, and what is refused."""
+"""Contact sheets: contents and positions of tiles and labels, and errors."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_messages_are_wrapped_at_spaces_and_within_long_words() -> None:
     assert not np.array_equal(*ends)
 
 
-def test_a_message_stands_in_for_a_shape_and_the_rest_goes_on() -> None:
+def test_a_message_replaces_a_failed_shape_and_the_rest_is_drawn() -> None:
     tiles = [("broken", str(MeshError("no triangles"))), ("cube", CUBE), ("gone", "no file")]
     sheet = contact_sheet(tiles, columns=3, side=SIDE)
     messages = [tile(sheet.image, 0, n)[0] for n in (0, 2)]

@@ -1,4 +1,4 @@
-"""Generation: stopped at any moment it goes on, loses little, and ends in the same packs."""
+"""Generation: resumable at any moment with little loss, and with the same packs."""
 
 import errno
 import os
@@ -57,23 +57,26 @@ def order(library: ShapeLibrary, packs: int = 3, **changes: object) -> Generatio
     )
 
 
-def test_a_dataset_holds_its_packs_by_seed_and_nothing_else_is_left(
+def test_a_dataset_has_its_packs_by_seed_and_nothing_else_is_left(
     library, undisturbed, tmp_path
 ) -> None:
     seen = []
     with Workers(2) as workers:
-        made = generate(
-            order(library), tmp_path / "train.jsonl", workers, lambda *told: seen.append(told)
+        generated = generate(
+            order(library),
+            tmp_path / "train.jsonl",
+            workers,
+            lambda *reported: seen.append(reported),
         )
-    assert made == undisturbed == read_packs(tmp_path / "train.jsonl")
-    assert [pack.provenance.seed for pack in made] == [40, 41, 42]
+    assert generated == undisturbed == read_packs(tmp_path / "train.jsonl")
+    assert [pack.provenance.seed for pack in generated] == [40, 41, 42]
     assert sorted(number for number, _ in seen) == [0, 1, 2]
-    assert all(verify(pack, library) == [] for pack in made)
-    assert {item.shape for pack in made for item in pack.items} <= set(library.ids)
+    assert all(verify(pack, library) == [] for pack in generated)
+    assert {item.shape for pack in generated for item in pack.items} <= set(library.ids)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["train.jsonl", "train.manifest.json"]
     tasks = load_tasks(tmp_path, ShapeLibrary.open("everyday"), "train")
-    assert [task.pack for task in tasks] == made
+    assert [task.pack for task in tasks] == generated
 
 
 def test_more_packs_are_added_to_those_there_are(library, undisturbed, tmp_path) -> None:
@@ -127,7 +130,7 @@ def killed_until_done(file: Path, moments: list[float]) -> int:
     return kills
 
 
-def test_a_killed_generator_goes_on_and_ends_in_the_same_packs(undisturbed, tmp_path) -> None:
+def test_a_killed_generator_resumes_and_ends_in_the_same_packs(undisturbed, tmp_path) -> None:
     file = tmp_path / "train.jsonl"
     assert killed_until_done(file, [0.3, 0.9]) == 2
     assert read_packs(file) == undisturbed
@@ -260,7 +263,7 @@ def test_a_damaged_checkpoint_begins_its_pack_anew(library, undisturbed, tmp_pat
         ({"settings": EvolutionSettings(pool=9)}, "settings was"),
     ],
 )
-def test_an_order_that_differs_does_not_go_on(library, tmp_path, changes, named) -> None:
+def test_a_different_job_does_not_resume(library, tmp_path, changes, named) -> None:
     file = tmp_path / "train.jsonl"
     folder = work_folder(file)
     folder.mkdir()
@@ -281,8 +284,8 @@ def test_a_machine_without_our_folder_keeps_no_checkpoints(
     (anothers / "job.json").write_text(typed_json.encode(other))
     checkpoint(anothers, 1).write_text("{}")
     for folder in (tmp_path / "no" / "such" / "folder", anothers, Path("/proc/no/folder")):
-        made = jobs._evolve(wanted, wanted.record, folder, 1, os.getpid())
-        assert made == (1, undisturbed[1:2])
+        generated = jobs._evolve(wanted, wanted.record, folder, 1, os.getpid())
+        assert generated == (1, undisturbed[1:2])
     assert checkpoint(anothers, 1).read_text() == "{}"
     assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
 
@@ -319,7 +322,7 @@ def test_a_library_at_a_path_travels_with_all_of_the_path(tmp_path, monkeypatch)
         pickle.loads(travelling)
 
 
-def test_a_killed_worker_is_told_in_a_line() -> None:
+def test_a_killed_worker_is_reported_in_a_line() -> None:
     with Workers(2) as workers:
         for ask in (workers.map, lambda *jobs: list(workers.as_done(*jobs))):
             with pytest.raises(WorkersError, match="repeat the command to resume"):

@@ -1,4 +1,4 @@
-"""The heuristic policies: on tasks solved by hand, and against slow and obvious definitions."""
+"""The heuristic policies: tasks solved by hand, and comparisons with slow definitions."""
 
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -122,7 +122,7 @@ def test_shapes_come_in_the_order_known_by_hand(name, order) -> None:
 
 
 def test_the_largest_that_fits_comes_before_larger_ones_that_do_not() -> None:
-    """On the floor is room for one of two large blocks, and beside it for the cube."""
+    """The floor has space for one of two large blocks, and next to it for the cube."""
     items = block(24, 40, 24), cube_of(12), block(24, 40, 28)
     episode = episode_of(*items)
     assert choose(Stage.SHAPE, "largest-fitting-first", episode) == 2
@@ -134,7 +134,7 @@ def test_the_largest_that_fits_comes_before_larger_ones_that_do_not() -> None:
     assert scores.argmax() == 1 and scores[0] > -20 and np.isneginf(scores[2])
 
 
-def test_a_shape_that_fits_only_in_another_rotation_has_room_where_the_game_is_easy() -> None:
+def test_a_shape_that_fits_only_in_another_rotation_fits_in_the_easy_game() -> None:
     """Of two boards the larger one is too deep for the box, and not too wide."""
     items, cells = (block(8, 36, 24), block(8, 20, 24)), (40, 24, 40)
     chosen = [
@@ -192,7 +192,7 @@ def test_lowest_stands_a_shape_up_in_a_slot_where_flat_it_would_lie_on_top() -> 
     assert episode.chosen_item is not None and episode.chosen_item.blbf == (0, 7, 0)
 
 
-def test_first_fit_goes_on_where_aligned_does_not_fit() -> None:
+def test_first_fit_continues_if_aligned_does_not_fit() -> None:
     episode = episode_of(block(8, 16, 24), cells=(40, 20, 40))
     episode.step(0)
     assert turned_cells("aligned", episode) == (16, 24, 8)
@@ -204,7 +204,7 @@ def test_first_fit_goes_on_where_aligned_does_not_fit() -> None:
 
 
 @pytest.mark.parametrize("name", ["first-fit", "lowest"])
-def test_rotations_that_tie_and_shapes_without_room_are_aligned(name) -> None:
+def test_ties_and_shapes_that_do_not_fit_are_aligned(name) -> None:
     ties, no_room = (40, 40, 40), (8, 8, 8)
     for item, cells in ((cube_of(8), ties), (block(8, 16, 24), ties), (RING_39, no_room)):
         episode = episode_of(item, cells=cells)
@@ -248,7 +248,7 @@ ROOF = (
     (block(4, 20, 8), (9, 0, 0)),
     (block(20, 20, 4), (5, 0, 2)),
 )
-"""A bridge at the right and the back of a box of 40 cells, with a room of 12 x 20 x 8 below it."""
+"""A bridge at the right and the back of a box of 40 cells, with a space of 12 x 20 x 8 below it."""
 
 STEPS = ((block(4, 8, 8), (0, 0, 0)), (block(20, 8, 12), (5, 0, 0)))
 """A box of 40 x 8 cells in steps: 4 of 8 cells high, 16 of none, 20 of 12."""
@@ -489,7 +489,7 @@ def test_scores_are_those_of_slow_loops(seed, cells) -> None:
             assert scores[tuple(node)] == expected, slow.__name__
 
 
-def test_nothing_is_scored_where_there_is_no_room() -> None:
+def test_nothing_is_scored_if_nothing_fits() -> None:
     box, item = Box((40, 40, 40)), cube_of(50)
     mask = box.feasible(item)
     assert not mask.any()

@@ -1,4 +1,4 @@
-"""Import: meshes of any source made into a stored library, and what is said of the rest."""
+"""Import: meshes from any source become a stored library, or are reported."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_an_import_is_a_library_with_a_report(tmp_path: Path) -> None:
     assert sorted(id for split in SPLITS for id in library.split(split)) == list(library)
 
 
-def test_the_error_bound_holds(tmp_path: Path) -> None:
+def test_the_error_bound_is_valid(tmp_path: Path) -> None:
     outcomes = import_library([candidate("ball", BALL)], tmp_path / "lib", "mine", "", QUICK)
     info = outcomes[0].info
     assert info is not None
@@ -142,7 +142,7 @@ def test_the_same_object_is_one_group_and_in_one_split(tmp_path: Path) -> None:
     assert len({info.group for info in map(library.info, library)}) == 4
 
 
-def test_what_takes_too_much_is_refused_and_the_rest_goes_on(tmp_path: Path) -> None:
+def test_too_costly_meshes_are_refused_and_the_rest_is_imported(tmp_path: Path) -> None:
     troubles = [
         Candidate(kind, "bad", Trouble(kind)) for kind in ("sleep", "memory", "crash", "surprise")
     ]

@@ -1,4 +1,4 @@
-"""The kinematic rule: cases whose answer is known, the oracle, and lifting step by step."""
+"""The kinematic rule: cases with a known answer, the oracle, and lifting in small steps."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def lifted_by_steps(box: Box, item: Item, location: tuple[int, int, int]) -> boo
     return all(tall.feasible(item)[i, j, level] for level in range(k, box.nodes[2]))
 
 
-def test_what_stands_under_a_shelf_is_not_clear_and_beside_it_is() -> None:
+def test_an_item_under_a_shelf_is_not_clear_and_one_next_to_it_is() -> None:
     box = Box((40, 40, 40))
     box.place(cube_of(8), (4, 4, 5))
     small = cube_of(4)
@@ -93,7 +93,7 @@ def test_sheets_that_stand_upright_cover_what_is_straight_below_them() -> None:
 
 
 def test_hooks_hold_each_other() -> None:
-    """A ring through a ring can't be lifted out; the same beside it can."""
+    """A ring through a ring can't be lifted out; the same next to it can."""
     ring = Item(RING, 0.05, 4)
     box = Box()
     box.place(ring, (5, 5, 0))

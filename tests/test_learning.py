@@ -1,4 +1,4 @@
-"""PackNN: what its layers must not depend on, weights as data, training that goes on exactly."""
+"""PackNN: invariances of its layers, weights as data, and exactly resumable training."""
 
 import hashlib
 import json
@@ -64,22 +64,22 @@ SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2)
 
 
 def seen(
-    batch: int, room: int, seed: int = 0, placement_features: bool = True
+    batch: int, slots: int, seed: int = 0, placement_features: bool = True
 ) -> dict[str, torch.Tensor]:
     drawn = torch.Generator().manual_seed(seed)
-    outside = torch.rand(batch, room, generator=drawn) < 0.6
+    outside = torch.rand(batch, slots, generator=drawn) < 0.6
     outside[:, 0] = True
     fields = {
-        "shapes": torch.rand(batch, room, 8, 8, 8, generator=drawn),
+        "shapes": torch.rand(batch, slots, 8, 8, 8, generator=drawn),
         "box": torch.rand(batch, 10, 10, 10, generator=drawn),
         "outside": outside,
     }
     if placement_features:
-        fields["placement_features"] = torch.rand(batch, room, PLACEMENT_FEATURES, generator=drawn)
+        fields["placement_features"] = torch.rand(batch, slots, PLACEMENT_FEATURES, generator=drawn)
     return fields
 
 
-def made(
+def build(
     name: str, *, value: bool = False, placement_features: int = PLACEMENT_FEATURES
 ) -> torch.nn.Module:
     torch.manual_seed(3)
@@ -99,13 +99,13 @@ def test_the_order_of_shapes_changes_nothing(name) -> None:
     fields = doubled(seen(3, 7))
     order = torch.randperm(7, generator=torch.Generator().manual_seed(1))
     turned = {key: field if key == "box" else field[:, order] for key, field in fields.items()}
-    logits, again = (masked(made(name)(f), f["outside"]) for f in (fields, turned))
+    logits, again = (masked(build(name)(f), f["outside"]) for f in (fields, turned))
     torch.testing.assert_close(again, logits[:, order])
-    torch.testing.assert_close(made(name, value=True)(turned), made(name, value=True)(fields))
+    torch.testing.assert_close(build(name, value=True)(turned), build(name, value=True)(fields))
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_room_that_is_left_and_shapes_that_are_inside_change_nothing(name) -> None:
+def test_padding_and_shapes_that_are_inside_change_nothing(name) -> None:
     fields = doubled(seen(2, 5))
     wider = doubled(seen(2, 9, seed=8))
     for key, field in fields.items():
@@ -117,12 +117,12 @@ def test_room_that_is_left_and_shapes_that_are_inside_change_nothing(name) -> No
     inside = ~fields["outside"]
     other = {key: field.clone() for key, field in fields.items()}
     other["shapes"][inside] = 0.123
-    expected = masked(made(name)(fields), fields["outside"])
-    found = masked(made(name)(wider), wider["outside"])
+    expected = masked(build(name)(fields), fields["outside"])
+    found = masked(build(name)(wider), wider["outside"])
     torch.testing.assert_close(found[:, :5], expected)
     assert torch.isneginf(found[:, 5:]).all()
-    torch.testing.assert_close(masked(made(name)(other), other["outside"]), expected)
-    value = made(name, value=True)
+    torch.testing.assert_close(masked(build(name)(other), other["outside"]), expected)
+    value = build(name, value=True)
     assert value(fields).shape == (2, 1)
     torch.testing.assert_close(value(wider), value(fields))
 
@@ -130,7 +130,7 @@ def test_room_that_is_left_and_shapes_that_are_inside_change_nothing(name) -> No
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("value", [False, True])
 def test_a_gradient_reaches_every_parameter(name, value) -> None:
-    net = made(name, value=value)
+    net = build(name, value=value)
     fields = doubled(seen(4, 6))
     found = net(fields) if value else net(fields)[fields["outside"]]
     (found**2).sum().backward()
@@ -141,21 +141,21 @@ def test_a_gradient_reaches_every_parameter(name, value) -> None:
 def test_masked_shapes_have_probability_0() -> None:
     fields = seen(5, 6)
     arrays = {name: field.numpy() for name, field in fields.items()}
-    found = np.exp(log_probabilities(made("packnn").float(), arrays, arrays["outside"]))
+    found = np.exp(log_probabilities(build("packnn").float(), arrays, arrays["outside"]))
     assert (found[~fields["outside"].numpy()] == 0).all()
     assert np.allclose(found.sum(1), 1)
 
 
 def test_networks_see_placement_features_only_where_they_are_observed() -> None:
-    plain = made("packnn", placement_features=0)
+    plain = build("packnn", placement_features=0)
     assert plain(doubled(seen(1, 4, placement_features=False))).shape == (1, 4)
 
 
-def everything(batch: int, room: int) -> dict[str, torch.Tensor]:
+def everything(batch: int, slots: int) -> dict[str, torch.Tensor]:
     """What networks see that choose rotations and locations too, at all three stages."""
     drawn = torch.Generator().manual_seed(5)
     return {
-        **seen(batch, room, placement_features=False),
+        **seen(batch, slots, placement_features=False),
         "stage": torch.arange(batch) % len(Stage),
         "chosen": torch.zeros(batch, dtype=torch.int64),
         "item": torch.rand(batch, 8, 8, 8, generator=drawn),
@@ -171,8 +171,8 @@ def test_heads_for_all_policies_answer_at_their_stage_alone() -> None:
     assert logits.shape == (6, 25**3)
     for row, (stage, actions) in enumerate([(0, 5), (1, 24), (2, 25**3)] * 2):
         assert fields["stage"][row] == stage
-        told = logits[row].abs() > 0
-        assert not told[actions:].any() and told[:actions].sum() > actions / 3
+        chosen = logits[row].abs() > 0
+        assert not chosen[actions:].any() and chosen[:actions].sum() > actions / 3
         alone = net({name: field[row : row + 1] for name, field in fields.items()})
         torch.testing.assert_close(alone[0], logits[row])
     (logits**2).sum().backward()
@@ -264,25 +264,25 @@ def test_placement_features_are_what_the_box_says(library, rule, count) -> None:
             if step == 5:  # back to where the box was emptier, and on another way
                 observed, _ = env.set_state(states[2])
             assert observed in env.observation_space
-            for n, told in enumerate(observed["placement_features"]):
+            for n, values in enumerate(observed["placement_features"]):
                 if rule and n % 4:
                     continue  # masks take long there
                 if not observed["outside"][n]:
-                    assert not told.any()
+                    assert not values.any()
                     continue
                 item, box = env.episode.task.items[n], env.episode.box
                 in_turn = [item.turned(r) for r in rotations.by_alignment(item.extents)]
                 if rule != "easy":
                     in_turn = in_turn[:1]
                 elif not box.feasible_in_any(item).any():
-                    assert not told[0]
+                    assert not values[0]
                 found = ((turned, box.blbf(turned)) for turned in in_turn)
                 item, location = next((pair for pair in found if pair[1]), (in_turn[0], None))
                 fits.add(location is not None)
-                assert told[0] == (location is not None)
-                assert np.allclose(told[1:4] * 25, location or (0, 0, 0))
-                assert np.allclose(told[4:7], item.extents)
-                assert told[7] == pytest.approx(item.volume, rel=1e-5)
+                assert values[0] == (location is not None)
+                assert np.allclose(values[1:4] * 25, location or (0, 0, 0))
+                assert np.allclose(values[4:7], item.extents)
+                assert values[7] == pytest.approx(item.volume, rel=1e-5)
             outside = np.flatnonzero(observed["outside"])
             smallest = min(outside, key=lambda n: env.episode.task.items[n].volume)
             observed, *_ = env.step(smallest if rule == "easy" else rng.choice(outside))
@@ -365,9 +365,9 @@ def header(file: Path, **changes: str) -> None:
     """Write other metadata into a file of weights."""
     data = file.read_bytes()
     (size,) = struct.unpack("<Q", data[:8])
-    told = json.loads(data[8 : 8 + size])
-    told["__metadata__"].update(changes)
-    text = json.dumps(told).encode()
+    entries = json.loads(data[8 : 8 + size])
+    entries["__metadata__"].update(changes)
+    text = json.dumps(entries).encode()
     file.write_bytes(struct.pack("<Q", len(text)) + text + data[8 + size :])
 
 
@@ -581,7 +581,7 @@ def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
-    """The trap of the searches: the largest cube must wait, or the other two find no room."""
+    """The trap of the searches: the largest cube must wait, or the other two do not fit."""
     settings = cubes(tmp_path, (60, 52, 48), (100, 60, 60))
     settings = replace(settings, network=replace(SMALL, network=name))
     done = Training(settings, tmp_path / "run", "cpu")
@@ -591,7 +591,7 @@ def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
 
 
 def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
-    """In the box is room for the largest cube alone, or for a smaller one alone."""
+    """The box has space for the largest cube alone, or for a smaller one alone."""
     settings = cubes(tmp_path, (20, 44, 60), (60, 60, 60))
     taught = replace(settings, teacher="smallest-first/aligned/blbf", imitation=1024)
     for how, first in ((taught, 0), (settings, 2)):
@@ -688,19 +688,19 @@ def test_mixed_tasks_are_of_two(library) -> None:
     tasks = load_tasks("starter", library)
     mixture = Mixture(tasks, library, share=0.5)
     rng = np.random.default_rng(0)
-    made = [mixture(rng) for _ in range(40)]
+    mixed_tasks = [mixture(rng) for _ in range(40)]
     known = {task.digest: task for task in tasks}
-    mixed = [task for task in made if task.digest not in known]
+    mixed = [task for task in mixed_tasks if task.digest not in known]
     assert 8 < len(mixed) < 32
     of = {(item.shape.id, item.scale) for task in tasks for item in task.items}
     for task in mixed:
         assert {(item.shape.id, item.scale) for item in task.items} <= of
         assert task.cells == tasks[0].cells and not task.solution
-    assert np.mean([len(t.items) for t in made]) == pytest.approx(
+    assert np.mean([len(t.items) for t in mixed_tasks]) == pytest.approx(
         np.mean([len(t.items) for t in tasks]), rel=0.2
     )
     again = np.random.default_rng(0)
-    assert [mixture(again).digest for _ in made] == [task.digest for task in made]
+    assert [mixture(again).digest for _ in mixed_tasks] == [task.digest for task in mixed_tasks]
 
 
 def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
@@ -721,18 +721,18 @@ def test_costs_are_lowest_for_the_teachers_choice_and_highest_for_what_does_not_
     over, without_room = False, 0
     while not over:
         assert seen in env.observation_space
-        told, outside = seen[LABEL], seen["outside"] > 0
-        room = seen["placement_features"][:, 0] > 0
+        label, outside = seen[LABEL], seen["outside"] > 0
+        fitting = seen["placement_features"][:, 0] > 0
         volumes = np.array([item.volume for item in plain.episode.task.items])
         best = teacher(plain.episode, np.random.default_rng(0))
-        assert told[best] == 0 and (told[~outside] == IMPOSSIBLE).all()
-        without = outside & ~room
+        assert label[best] == 0 and (label[~outside] == IMPOSSIBLE).all()
+        without = outside & ~fitting
         without[best] = False
-        assert (told[without] == 1).all() and (told[outside & room] <= SMALLER).all()
-        fits = np.flatnonzero(outside & room)
-        if room[best]:
+        assert (label[without] == 1).all() and (label[outside & fitting] <= SMALLER).all()
+        fits = np.flatnonzero(outside & fitting)
+        if fitting[best]:
             expected = SMALLER * (1 - volumes[fits] / volumes[best])
-            np.testing.assert_allclose(told[fits], expected, atol=1e-6)
+            np.testing.assert_allclose(label[fits], expected, atol=1e-6)
         without_room += int(without.sum())
         smallest = min(np.flatnonzero(outside), key=volumes.__getitem__)
         seen, _, over, *_ = env.step(smallest if easy else best)
@@ -740,7 +740,7 @@ def test_costs_are_lowest_for_the_teachers_choice_and_highest_for_what_does_not_
 
 
 def test_with_costs_a_safe_choice_is_preferred_to_a_gamble() -> None:
-    """Two shapes may have room one time in two, a small one always: choices alone would gamble."""
+    """Two shapes fit one time in two, a small one always: learning choices alone would gamble."""
     model = ImitationPPO.__new__(ImitationPPO)
     model.imitation, model.num_timesteps = 100, 100
     logits = torch.zeros(1, 3, requires_grad=True)

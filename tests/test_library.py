@@ -1,4 +1,4 @@
-"""Shape libraries: the built-in one, stored ones, folders of mesh files, and what can be wrong."""
+"""Shape libraries: the built-in one, stored ones, folders of mesh files, and their errors."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def folder(tmp_path: Path) -> Path:
     return meshes
 
 
-def test_everyday_holds_many_shapes_of_many_kinds(everyday: ShapeLibrary) -> None:
+def test_everyday_has_many_shapes_of_many_kinds(everyday: ShapeLibrary) -> None:
     assert len(everyday) >= 550
     assert len(everyday.categories) >= 40
     assert list(everyday) == sorted(everyday.ids) == sorted(sum(everyday.categories.values(), ()))
@@ -122,7 +122,7 @@ def test_no_object_is_in_two_splits(everyday: ShapeLibrary) -> None:
         assert min(sizes) > 0 or len(objects) < 3, category
 
 
-def test_everyday_tells_where_each_shape_is_from(everyday: ShapeLibrary) -> None:
+def test_everyday_records_the_source_of_each_shape(everyday: ShapeLibrary) -> None:
     rows = (assets_folder() / "everyday.md").read_text(encoding="utf-8").splitlines()
     listed = {row.split(" | ")[0].lstrip("| "): row for row in rows if row.startswith("| ")}
     for info in map(everyday.info, everyday):

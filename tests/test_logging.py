@@ -1,4 +1,4 @@
-"""Long work is logged: what starts, what is resumed, what is finished; only `-v` configures it."""
+"""Logs of long work: started, resumed and finished; only `-v` configures logging."""
 
 import logging
 import sys

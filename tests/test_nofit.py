@@ -1,4 +1,4 @@
-"""No-fit tables against the oracle's word on a pair, at every offset."""
+"""No-fit tables compared with the oracle for a pair, at every offset."""
 
 import numpy as np
 import pytest

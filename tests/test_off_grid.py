@@ -1,4 +1,4 @@
-"""Masks among items that lie off the grid: cases with a known answer, and the oracle."""
+"""Masks among items that are off the grid: cases with a known answer, and the oracle."""
 
 from __future__ import annotations
 

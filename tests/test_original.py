@@ -1,4 +1,4 @@
-"""Pack files of the original PackIt, written by hand here, beside a small ShapeNet."""
+"""Pack files of the original PackIt, written by hand, with a small ShapeNet."""
 
 import copy
 import itertools
@@ -216,7 +216,7 @@ def test_a_name_in_another_case_is_found_and_the_exact_one_comes_first(read) -> 
         ("a/b/../chair", "it is not of the form Shapes_SPLIT/CATEGORY/MODEL/model.obj"),
     ],
 )
-def test_a_source_without_a_shape_is_told_and_its_pack_left_out(read, source, reason) -> None:
+def test_a_source_without_a_shape_is_reported_and_its_pack_left_out(read, source, reason) -> None:
     bad = pack(f"{MUG}/mug1", source)
     original = read(GOOD, bad)
     assert [task.pack.provenance.pack for task in original.tasks] == [0]
@@ -229,7 +229,7 @@ def test_a_source_without_a_shape_is_told_and_its_pack_left_out(read, source, re
     assert line.startswith("0_te, pack 1, item 1: Shapes_te/")
 
 
-def test_what_is_larger_than_the_box_is_told(read) -> None:
+def test_items_larger_than_the_box_are_reported(read) -> None:
     (unresolved,) = read(pack(f"{CHAIR}/plank", factor=1.5)).unresolved
     assert unresolved.reason == (
         "at its scale it needs (150, 2, 2) cells: the box has (100, 100, 100)"
@@ -373,11 +373,11 @@ FIELDS += [(key, 1, axis) for key in ("positions", "scales", "rotations") for ax
 def test_any_value_in_any_field_is_read_or_refused(library, tmp_path_factory, field, value) -> None:
     file = write(tmp_path_factory.getbasetemp() / "fuzz_te", changed(field, value))
     try:
-        told = read_original(file, library, partial=True).report()
+        text = read_original(file, library, partial=True).report()
     except PackFormatError as error:
-        told = str(error)
-    assert told.startswith("1 pack: ") or re.match(r"\S*/fuzz_te, pack 0: field '.*\Z", told)
-    told.encode()
+        text = str(error)
+    assert text.startswith("1 pack: ") or re.match(r"\S*/fuzz_te, pack 0: field '.*\Z", text)
+    text.encode()
 
 
 @given(content=st.binary() | JSON.map(json.dumps).map(str.encode))

@@ -52,7 +52,7 @@ def test_replay_reproduces_the_pack(pack, library) -> None:
     assert verify(pack, library) == []
 
 
-def test_a_task_holds_the_items_outside_in_canonical_orientation(pack, library) -> None:
+def test_a_task_has_the_items_in_canonical_orientation(pack, library) -> None:
     task = pack.task(library)
     assert all(item.rotation == 0 for item in task.items)
     assert sorted((i.shape.id, i.scale) for i in task.items) == sorted(

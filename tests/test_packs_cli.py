@@ -1,4 +1,4 @@
-"""`packit packs` as a user runs it: what it counts, writes and refuses."""
+"""`packit packs` as a user runs it: statistics, files and errors."""
 
 import json
 import re
@@ -68,7 +68,7 @@ def blocks(tmp_path_factory: pytest.TempPathFactory) -> ShapeLibrary:
     return ShapeLibrary.open(f"folder:{folder}")
 
 
-def made(
+def pack_of(
     library: ShapeLibrary, *items: tuple[str, float, int], provenance: Provenance = UNKNOWN
 ) -> Pack:
     """A pack of items (shape, scale, rotation), all of them somewhere."""
@@ -82,22 +82,22 @@ def counted(blocks: ShapeLibrary, tmp_path_factory: pytest.TempPathFactory) -> P
     """A dataset of two splits whose numbers are known by hand."""
     folder = tmp_path_factory.mktemp("counted")
     train = [
-        made(
+        pack_of(
             blocks,
             ("toy/cube", 0.125, 0),
             ("brick", 0.25, 5),
             ("toy/cube", 0.03125, 23),
             provenance=Evolved(seed=0, generation=4, size=0.5, settings=SMALL),
         ),
-        made(
+        pack_of(
             blocks,
             ("toy/cube", 0.216, 1),
             provenance=Evolved(seed=1, generation=10, size=0.6, settings=SMALL),
         ),
-        made(blocks, ("brick", 1.0, 0), ("toy/dice", 1.0, 3), provenance=Other(author="hand")),
+        pack_of(blocks, ("brick", 1.0, 0), ("toy/dice", 1.0, 3), provenance=Other(author="hand")),
     ]
     write_packs(folder / "train.jsonl", train)
-    write_packs(folder / "test.jsonl", [made(blocks, ("brick", 0.5, 7))])
+    write_packs(folder / "test.jsonl", [pack_of(blocks, ("brick", 0.5, 7))])
     return folder
 
 
@@ -111,7 +111,7 @@ def evolved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_census_by_hand(blocks: ShapeLibrary, counted: Path) -> None:
+def test_statistics_by_hand(blocks: ShapeLibrary, counted: Path) -> None:
     train, test = take(counted, blocks)
     assert (train.split, test.split) == ("train", "test")
     assert (train.packs, test.packs) == (3, 1)
@@ -145,18 +145,18 @@ def test_a_box_of_another_size_counts_by_its_own_volume(blocks: ShapeLibrary) ->
     pack = Pack(
         LibraryRef.of(blocks), (200, 100, 100), (PackedItem("brick", 1.0, 0, (0, 0, 0)),), 0.5
     )
-    census = DatasetStatistics.of("packs", [pack], blocks)
-    assert census.volumes.tolist() == pytest.approx([BRICK / 2])
+    statistics = DatasetStatistics.of("packs", [pack], blocks)
+    assert statistics.volumes.tolist() == pytest.approx([BRICK / 2])
 
 
-def test_scales_that_are_all_different_are_told_together(blocks: ShapeLibrary) -> None:
+def test_scales_that_are_all_different_are_summarised(blocks: ShapeLibrary) -> None:
     items = [("brick", 0.1 + 0.01 * n, 0) for n in range(20)]
-    rows = DatasetStatistics.of("packs", [made(blocks, *items)], blocks).rows()
+    rows = DatasetStatistics.of("packs", [pack_of(blocks, *items)], blocks).rows()
     assert rows["scales"] == "20: 0.1 to 0.29"
     assert not any(name.startswith("items of scale") for name in rows)
 
 
-def test_splits_stand_beside_each_other(counted: Path, blocks: ShapeLibrary) -> None:
+def test_splits_are_next_to_each_other(counted: Path, blocks: ShapeLibrary) -> None:
     library = f"folder:{blocks.path}"
     shown = packit("stats", counted, "--library", library)
     assert shown.exit_code == 0, shown.output
@@ -175,11 +175,11 @@ def test_counts_are_written_as_json_and_drawn(
     library = ("--library", f"folder:{blocks.path}")
     done = packit("stats", counted, *library, "--out", out, "--json", counts)
     assert done.exit_code == 0 and f"wrote {out}" in done.stdout, done.output
-    told = json.loads(counts.read_text())
-    assert list(told) == ["train", "test"]
-    assert told["train"]["items a pack"]["median"] == 2
-    assert told["train"]["items by scale"] == {"0.25": 1, "1": 4, "2": 1}
-    assert sum(told["train"]["items by rotation"]) == 6
+    counted_items = json.loads(counts.read_text())
+    assert list(counted_items) == ["train", "test"]
+    assert counted_items["train"]["items a pack"]["median"] == 2
+    assert counted_items["train"]["items by scale"] == {"0.25": 1, "1": 4, "2": 1}
+    assert sum(counted_items["train"]["items by rotation"]) == 6
     drawn = colours(out)
     assert {TRAIN, TEST, 0xFFFFFF} < drawn and VALIDATION not in drawn
     before = out.read_bytes()
@@ -202,7 +202,7 @@ def test_the_files_of_a_dataset_are_in_the_order_of_splits(tmp_path: Path) -> No
     assert dataset_files("starter")[0].name == "packs.jsonl"
 
 
-def test_a_page_tells_how_a_dataset_is_made_again(evolved: Path, tmp_path: Path) -> None:
+def test_a_page_says_how_to_regenerate_a_dataset(evolved: Path, tmp_path: Path) -> None:
     out = tmp_path / "small.md"
     done = packit("datasheet", evolved, "--licence", "CC0-1.0", "--out", out)
     assert done.exit_code == 0, done.output
@@ -230,8 +230,8 @@ def test_a_page_tells_how_a_dataset_is_made_again(evolved: Path, tmp_path: Path)
         words[words.index("--out") + 1] = str(tmp_path / "again")
         again = CliRunner().invoke(app, words)
         assert again.exit_code == 0, again.output
-        made = (tmp_path / "again" / f"{split}.jsonl").read_bytes()
-        assert made == (evolved / f"{split}.jsonl").read_bytes()
+        regenerated = (tmp_path / "again" / f"{split}.jsonl").read_bytes()
+        assert regenerated == (evolved / f"{split}.jsonl").read_bytes()
     packit("datasheet", evolved, "--licence", "CC0-1.0", "--out", out)
     assert out.read_text() == page
 
@@ -241,7 +241,7 @@ def prose(page: str) -> list[str]:
     return [line for line in page.splitlines() if not line.startswith(("|", "    ", "`"))]
 
 
-def test_a_page_of_one_split_and_of_what_tells_little(
+def test_a_page_of_one_split_and_of_minimal_packs(
     evolved: Path, counted: Path, blocks: ShapeLibrary, tmp_path: Path
 ) -> None:
     (tmp_path / "half").mkdir()
@@ -403,7 +403,7 @@ def test_packs_of_the_original_without_any_task_are_refused(shapenet: Path, tmp_
 
 
 def test_a_pack_may_leave_items_of_its_task_outside(blocks: ShapeLibrary) -> None:
-    whole = made(blocks, ("brick", 0.5, 7))
+    whole = pack_of(blocks, ("brick", 0.5, 7))
     line = whole.to_json()
     assert '"outside"' not in line and Pack.from_json(line) == whole
     raw = json.loads(line)
@@ -417,7 +417,7 @@ def test_a_pack_may_leave_items_of_its_task_outside(blocks: ShapeLibrary) -> Non
         ("toy/cube", 0.25),
     ]
     assert task.solution == ((1, 7, (0, 0, 0)),)
-    for field, value, told in (
+    for field, value, message in (
         ("outside", {}, "'outside' is {}: expected array"),
         (
             "outside",
@@ -426,5 +426,5 @@ def test_a_pack_may_leave_items_of_its_task_outside(blocks: ShapeLibrary) -> Non
         ),
         ("outside", [{"scale": 1}], r"'outside\[0\].shape' is missing"),
     ):
-        with pytest.raises(PackFormatError, match=told):
+        with pytest.raises(PackFormatError, match=message):
             Pack.from_json(json.dumps({**raw, field: value}))

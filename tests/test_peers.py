@@ -1,4 +1,4 @@
-"""Other ways of packing, on cases that are solved by hand, and the check of what they make."""
+"""Other packing methods on cases solved by hand, and the check of their packings."""
 
 import itertools
 import json
@@ -106,7 +106,7 @@ def test_cuboids_fill_a_box_whatever_their_turn() -> None:
         assert QualityScores.of(packing, task.cells).valid
 
 
-def test_an_agent_stops_by_the_rules_or_goes_on() -> None:
+def test_an_agent_stops_by_the_rules_or_skips() -> None:
     task = task_of(cube_of(60), cube_of(60), cube_of(40))
     assert len(Player(HEURISTIC, skipping=False).pack(task)) == 1
     assert [round(posed.item.extents[0], 6) for posed in Player(HEURISTIC).pack(task)] == [0.6, 0.4]
@@ -130,7 +130,7 @@ def test_sampled_voxels_miss_thin_walls_and_what_crosses_them() -> None:
     packing = Spectral(2, sampled=True).pack(task)
     assert len(packing) == 2
     assert QualityScores.of(packing, task.cells).pairs == ((0, 1),)
-    assert len(Spectral(2).pack(task)) == 1, "the cube in a corner leaves the crate no room"
+    assert len(Spectral(2).pack(task)) == 1, "the cube in a corner leaves no space for the crate"
 
 
 @examples(6)
@@ -189,7 +189,7 @@ def test_six_rotations_are_all_orders_of_the_axes() -> None:
     assert AXIS_ORDERS[0] == 0
 
 
-def test_the_verdict_is_that_of_the_check_of_foreign_packings(tmp_path) -> None:
+def test_conflicts_are_those_of_the_check_of_foreign_packings(tmp_path) -> None:
     """A cube in a wall, two that overlap, a ball inside a hollow cube, and one that is free."""
     cube, ball = cube_of(20), Item(BALL, 0.001)
     around = [(0.05, 0.5, 0.5), (0.3, 0.2, 0.2), (0.4, 0.3, 0.2), (0.7, 0.7, 0.7), (0.5, 0.8, 0.2)]
@@ -207,7 +207,7 @@ def test_the_verdict_is_that_of_the_check_of_foreign_packings(tmp_path) -> None:
     assert len(report.problems) == len(verdict.outside) + len(verdict.pairs)
 
 
-def test_what_touches_holds_and_what_overlaps_by_more_than_the_tolerance_does_not() -> None:
+def test_contact_is_valid_and_overlap_beyond_the_tolerance_is_not() -> None:
     first = Posed(cube_of(20), np.array((0.1, 0.1, 0.1)))
     for overlap, holds in ((-1e-3, True), (0.0, True), (0.9e-4, True), (2e-4, False)):
         second = Posed(cube_of(20), np.array((0.3 - overlap, 0.1, 0.1)))

@@ -107,7 +107,9 @@ def test_every_way_to_draw_a_pack_is_another_picture(packit, packs, tmp_path) ->
     assert (found[0][0, 0] == BACKGROUND).all()
 
 
-def test_legends_stand_beside_and_a_turntable_is_eight_views(packit, packs, tmp_path) -> None:
+def test_legends_are_next_to_pictures_and_a_turntable_is_eight_views(
+    packit, packs, tmp_path
+) -> None:
     packit("render", packs, "--out", tmp_path / "a.png", "--size", "200", "--color", "category")
     legend = pixels(tmp_path / "a.png")
     assert legend.shape[0] == 200 < legend.shape[1]
@@ -127,8 +129,16 @@ def test_colours_tell_what_moves_when_a_box_is_let_go(packit, tmp_path) -> None:
     box.place(Item(library["cube"], cube_of(30).scale), (10, 10, 10))
     write_packs(tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library))])
     out = tmp_path / "stability.png"
-    told = (tmp_path / "packs.jsonl", "--library", tmp_path, "--out", out, "--color", "stability")
-    done = packit("render", *told, "--size", "128", "--camera", "top", "--no-legend")
+    arguments = (
+        tmp_path / "packs.jsonl",
+        "--library",
+        tmp_path,
+        "--out",
+        out,
+        "--color",
+        "stability",
+    )
+    done = packit("render", *arguments, "--size", "128", "--camera", "top", "--no-legend")
     assert done.code == 0, done.err
     found = pixels(out).reshape(-1, 3).astype(int)
     for color in (ramp(0.0), ramp(1.0)):  # in whatever light
@@ -136,7 +146,7 @@ def test_colours_tell_what_moves_when_a_box_is_let_go(packit, tmp_path) -> None:
         bright = found[found.sum(axis=1) > 60]
         likeness = bright @ hue / np.linalg.norm(bright, axis=1)
         assert (likeness > 0.995).sum() > 100
-    done = packit("render", *told, "--task")
+    done = packit("render", *arguments, "--task")
     assert done.code == 2 and "--color stability needs a packed box" in done.err
 
 
@@ -259,7 +269,7 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_written_to_is_told_before_there_is_work(
+def test_a_read_only_folder_is_reported_before_any_work(
     packit, packs, tmp_path, monkeypatch
 ) -> None:
     """As root any folder can be: so `os.access` says what it says to others."""
@@ -288,9 +298,9 @@ def test_ctrl_c_ends_a_film_and_leaves_nothing(packs, tmp_path) -> None:
     while process.poll() is None and not children.read_text().split():
         time.sleep(0.05)  # until ffmpeg runs
     os.killpg(process.pid, signal.SIGINT)
-    told, error = process.communicate()
+    output, error = process.communicate()
     assert process.returncode == 130, error
-    assert "stopped: nothing is written" in told and "Traceback" not in error
+    assert "stopped: nothing is written" in output and "Traceback" not in error
     assert list(out.parent.iterdir()) == [] and list(temporary.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""The exact mask against the oracle, on shapes that are hard and in boxes filled at random."""
+"""The exact mask compared with the oracle, for hard shapes in randomly filled boxes."""
 
 import math
 
@@ -158,7 +158,7 @@ def _cells(node: np.ndarray, item: Item) -> tuple[slice, ...]:
 
 
 def test_what_is_wholly_inside_a_solid_is_rejected_though_no_surfaces_meet() -> None:
-    """FCL sees no contact there: only enclosed cells tell."""
+    """FCL sees no contact there: only enclosed cells show it."""
     for outside in (cube_of(40), Item(BALL, 0.6**3), Item(HOLLOW, 0.7**3)):
         inside = Item(CUBE, 0.05**3)
         middle = tuple(1 + c // 8 for c in outside.cells)

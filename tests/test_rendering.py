@@ -1,4 +1,4 @@
-"""What pictures show: cameras, layouts, cuts, panes, colours, depth; and what befalls them."""
+"""Contents of pictures: cameras, layouts, cuts, panes, colours, depth; and failures."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_exploded_items_are_all_in_the_picture() -> None:
     seed=st.integers(0, 99),
     size=st.sampled_from([None, np.array((1.0, 1.0, 1.0)), np.array((2.0, 0.4, 1.0))]),
 )
-def test_items_stand_apart_on_the_floor_beside_the_box(count, seed, size) -> None:
+def test_items_are_apart_on_the_floor_next_to_the_box(count, seed, size) -> None:
     rng = np.random.default_rng(seed)
     items = [Item(ZOO[rng.integers(len(ZOO))], rng.uniform(0.01, 0.5)) for _ in range(count)]
     layout = Layout.standing(items, size)
@@ -218,7 +218,7 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) ->
     assert bodies == 3 + 2
 
 
-def test_a_world_is_given_up_before_it_holds_too_many_sections(
+def test_a_world_is_replaced_before_it_has_too_many_sections(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("packit_sim.scene._MAX_SECTIONS", 6000)
@@ -278,12 +278,12 @@ def test_colours_are_the_look_s_and_go_back(renderer: str) -> None:
     blue_to_yellow = ByNumber("score", {0: 0.0, 2: 1.0})
     with Scene(three_cubes()) as scene:
         before = scene.snapshot(SIDE, SIDE)
-        told = scene.snapshot(SIDE, SIDE, Look(coloring=blue_to_yellow))
+        colored = scene.snapshot(SIDE, SIDE, Look(coloring=blue_to_yellow))
         after = scene.snapshot(SIDE, SIDE)
-    assert np.array_equal(before.segmentation, told.segmentation)
+    assert np.array_equal(before.segmentation, colored.segmentation)
     assert np.array_equal(before.image, after.image)
-    assert before.legend is None and told.legend is not None
-    colors = [np.median(told.image[told.segmentation == n], axis=0) for n in range(3)]
+    assert before.legend is None and colored.legend is not None
+    colors = [np.median(colored.image[colored.segmentation == n], axis=0) for n in range(3)]
     assert colors[0][2] > colors[0][0] and colors[2][0] > colors[2][2] + 50
     assert np.ptp(colors[1]) < 12
 

@@ -1,4 +1,4 @@
-"""Repairs: each is counted, and the rest of the mesh stays as it is."""
+"""Repairs: each is counted, and the rest of the mesh is unchanged."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The report in a browser: it loads alone, tables sort, boxes turn, and pictures differ."""
+"""The report in a browser: self-contained, with sortable tables and rotatable boxes."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def opened(chromium, file) -> Iterator[tuple[Any, list[str]]]:
-    """The page in a small window, and what went wrong or was asked for meanwhile."""
+    """The page in a small window, with its console messages, errors and requests."""
     shown = chromium.new_page(viewport={"width": 360, "height": 420}, color_scheme="light")
     shown.set_default_timeout(120_000)
-    told: list[str] = []
-    shown.on("console", lambda message: told.append(message.text))
-    shown.on("pageerror", lambda error: told.append(str(error)))
-    shown.on("request", lambda request: told.append(request.url))
+    events: list[str] = []
+    shown.on("console", lambda message: events.append(message.text))
+    shown.on("pageerror", lambda error: events.append(str(error)))
+    shown.on("request", lambda request: events.append(request.url))
     shown.goto(file.as_uri())
-    yield shown, told
+    yield shown, events
     shown.close()
 
 
@@ -106,7 +106,7 @@ def test_a_model_is_as_it_was_when_it_was_looked_at(card) -> None:
     now = picture(card)
     if not REFERENCE.exists():
         Image.fromarray(now.astype(np.uint8)).quantize(64).save(REFERENCE, optimize=True)
-        pytest.fail(f"made {REFERENCE}: look at it")
+        pytest.fail(f"created {REFERENCE}: inspect it")
     with Image.open(REFERENCE) as kept:
         before = np.asarray(kept.convert("RGB"), dtype=float)
     assert now.shape == before.shape and difference(now, before) < TOLERANCE

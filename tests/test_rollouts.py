@@ -1,4 +1,4 @@
-"""Whatever is played: the box stays sound, a seed says all, and nothing piles up."""
+"""Any rollout: the box stays consistent, seeds determine results, and memory is bounded."""
 
 import gc
 import hashlib
@@ -86,11 +86,14 @@ def fingerprint(env_id: str, vectorization: str, steps: int = 25) -> str:
     rng = np.random.default_rng(3)
     seen, info = envs.reset(seed=[8, 9])
     for _ in range(steps):
-        told = {**seen, **{k: v for k, v in info.items() if k not in ("fcl_calls", "_fcl_calls")}}
-        for key in sorted(told):
-            told_by_all = np.asarray(told[key])
-            plain = told_by_all.dtype != object
-            digest.update(told_by_all.tobytes() if plain else repr(told_by_all.tolist()).encode())
+        everything = {
+            **seen,
+            **{k: v for k, v in info.items() if k not in ("fcl_calls", "_fcl_calls")},
+        }
+        for key in sorted(everything):
+            values = np.asarray(everything[key])
+            plain = values.dtype != object
+            digest.update(values.tobytes() if plain else repr(values.tolist()).encode())
         actions = [rng.choice(np.flatnonzero(m)) if m.any() else 0 for m in seen["action_mask"]]
         seen, rewards, over, _, info = envs.step(np.array(actions))
         digest.update(rewards.tobytes() + over.tobytes())

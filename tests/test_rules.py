@@ -1,4 +1,4 @@
-"""The rules of the game as a value: what they say, how they are stored, which box they make."""
+"""The rules of the game as a value: their description, file format and box."""
 
 from __future__ import annotations
 

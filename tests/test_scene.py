@@ -1,4 +1,4 @@
-"""The PyBullet world: pictures by both renderers, clean-up, and contacts by a second opinion."""
+"""The PyBullet world: pictures by both renderers, clean-up, and an independent contact test."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
         assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
 
 
-def test_a_world_is_given_up_before_it_holds_too_many_triangles(
+def test_a_world_is_replaced_before_it_has_too_many_triangles(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("packit_sim.scene._MAX_TRIANGLES", 6000)

@@ -1,4 +1,4 @@
-"""What packs are worth: a box with known scores, and the command that tells them."""
+"""Quality scores of packs: a box with known scores, and the command that prints them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path / "kept"))
 
 
-def test_a_cube_that_floats_beside_one_that_stands() -> None:
+def test_a_floating_cube_next_to_a_supported_one() -> None:
     """It falls by 0.12; both go straight up; pushed together they are twice as deep as wide."""
     box = Box((40, 40, 40))
     box.place(cube_of(12), (0, 0, 0))
@@ -58,8 +58,8 @@ def test_the_command_judges_what_agents_packed(tmp_path: Path) -> None:
     ]
     write_packs(tmp_path / "packs.jsonl", packs)
     out = tmp_path / "scores.json"
-    told = ["score", str(tmp_path / "packs.jsonl"), "--pieces", "bisection", "--out", str(out)]
-    done = CliRunner().invoke(app, told)
+    arguments = ["score", str(tmp_path / "packs.jsonl"), "--pieces", "bisection", "--out", str(out)]
+    done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     mine, yours = json.loads(out.read_text())["each"]
     assert (mine["by"], mine["reward"], yours["by"]) == ("mine", 0.75, "yours")

@@ -1,4 +1,4 @@
-"""Searches: tasks whose whole tree is known, and what holds on any task."""
+"""Searches: tasks with a known tree, and properties on any task."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def played(task: Task, name: str, seed: int = 0, **rules: bool) -> Episode:
 @pytest.mark.parametrize(
     ("search", "expected"),
     [
-        # 60: then 52, then 48 find no room; 52: 60 finds none, 48 does, and then 60 none
+        # after 60 neither 52 nor 48 fits; after 52, 60 does not fit, 48 does, and then 60 does not
         ("backtrack=0", LARGEST_ALONE),
         ("backtrack=1", LARGEST_ALONE),
         ("backtrack=2", LARGEST_ALONE),

@@ -1,4 +1,4 @@
-"""Known scenes with known ends: what stands, what falls, and where it comes to rest."""
+"""Settling of scenes with known outcomes: stability, falls, and positions at rest."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_a_bounce_returns_what_restitution_says(restitution: float) -> None:
     assert max(heights[landed:]) == pytest.approx(restitution**2 * 0.5, abs=0.03)
 
 
-def test_friction_holds_or_lets_slide() -> None:
+def test_friction_prevents_or_allows_sliding() -> None:
     """A block on a slope of 15 degrees stays where friction is above tan(15), 0.27."""
     slope = transformations.rotation_matrix(math.radians(15), (0, 1, 0))[:3, :3]
     middle = np.array((0.5, 0.5, 0.5))
@@ -217,7 +217,7 @@ def test_what_falls_loses_energy_and_ends_through_nothing(settled_zoo: Settled) 
     assert max(penetrations(found).values(), default=0.0) < 0.02
 
 
-def told(found: Settled) -> list[tuple[object, ...]]:
+def as_tuples(found: Settled) -> list[tuple[object, ...]]:
     return [(found.seconds, found.energy, found.cut)] + [
         (item.move.tobytes(), item.displacement, item.farthest, item.items, item.walls)
         for item in found.items
@@ -225,7 +225,7 @@ def told(found: Settled) -> list[tuple[object, ...]]:
 
 
 def test_the_same_again_is_the_same(zoo_box: Box, settled_zoo: Settled) -> None:
-    assert told(settle(zoo_box, SETTINGS)) == told(settled_zoo)
+    assert as_tuples(settle(zoo_box, SETTINGS)) == as_tuples(settled_zoo)
 
 
 def test_what_is_light_is_not_pressed_through_the_floor() -> None:
@@ -326,7 +326,7 @@ def test_settings_out_of_range() -> None:
             PhysicsSettings(**{name: value})
 
 
-def test_no_room_for_another_world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_no_memory_for_another_world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(world.tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(pybullet, "connect", lambda mode: -1)
     with pytest.raises(PhysicsError, match="close other ones"):

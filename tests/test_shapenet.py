@@ -1,4 +1,4 @@
-"""ShapeNetCore's two layouts, on small trees that are made here."""
+"""ShapeNetCore's two layouts, on small generated trees."""
 
 import json
 import pickle
@@ -94,7 +94,7 @@ def test_a_model_in_two_synsets_is_one_object(tmp_path: Path) -> None:
     assert sum(map(len, models)) == len(set.union(*models)) == 12
 
 
-def test_models_without_a_mesh_are_told(tree: Path) -> None:
+def test_models_without_a_mesh_are_reported(tree: Path) -> None:
     (tree / MUG / "hollow" / "models").mkdir(parents=True)
     library = ShapeLibrary.open(f"shapenet:{tree}")
     assert "mug/hollow" not in library and list(library.missing) == ["mug/hollow"]

@@ -1,4 +1,4 @@
-"""Golden records of version 0.1.0: today's code makes the same packs and plays the same episodes.
+"""Golden records of version 0.1.0: the same packs are generated, the same episodes played.
 
 `references/format-1/README.md` says how each record was written.
 """

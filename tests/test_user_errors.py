@@ -1,4 +1,4 @@
-"""What a user gets wrong is one clear line on stderr and exit code 2, for every command."""
+"""A user's error is one clear line on stderr and exit code 2, for every command."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Environments side by side: one after the other, in processes, and sharing all they know."""
+"""Vectorised environments: synchronous, in processes, and sharing caches."""
 
 import contextlib
 

@@ -111,7 +111,7 @@ def _change_manifest(path: Path, **changes: Any) -> None:
     manifest_path(path).write_text(json.dumps({**manifest, **changes}))
 
 
-def _told(report: Report) -> str:
+def _problem_lines(report: Report) -> str:
     return "\n".join(map(str, report.problems))
 
 
@@ -128,25 +128,25 @@ def test_the_starter_packs_hold(count, tmp_path) -> None:
         ShapeLibrary.open("everyday"),
         lambda done, total: calls.append((done, total)),
     )
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
     assert calls == [(n + 1, count) for n in range(count)]
     assert (report.files, report.packs, report.broken) == (1, count, 0)
     assert report.density == pytest.approx(np.mean(recorded))
 
 
-def test_a_dataset_with_splits_holds(files, library, tmp_path) -> None:
+def test_a_dataset_with_splits_is_valid(files, library, tmp_path) -> None:
     report = verify_dataset(_written(tmp_path / "dataset", files), library)
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
     assert (report.files, report.packs, report.items) == (3, 6, 22)
 
 
-def test_what_evolution_makes_holds_with_all_that_it_kept(library, tmp_path) -> None:
+def test_generated_datasets_are_valid_with_all_kept_packs(library, tmp_path) -> None:
     sizes = {"pool": 8, "population": 6, "elite": 2, "lucky": 1, "generations": 1}
     settings = EvolutionSettings(**sizes, size_range=(0.4, 0.5))
     evolved = [evolve(library, seed, settings).best for seed in range(3)]
     write_packs(tmp_path / "packs.jsonl", evolved)
     report = verify_dataset(tmp_path, library)
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
     assert report.items >= 15
 
 
@@ -163,12 +163,12 @@ def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_p
             box.place(item, rng.choice(locations))
     evolved = Evolved(seed=0, generation=0, size=1.0, settings=EvolutionSettings(cells=box.cells))
     write_packs(tmp_path / "packs.jsonl", [Pack.of(box, LibraryRef.of(library), evolved)])
-    told = _told(verify_dataset(tmp_path, library))
+    lines = _problem_lines(verify_dataset(tmp_path, library))
     for n, (placed, first) in enumerate(zip(box.placed, places, strict=True)):
         wrong = f"item {n} ({placed.item.shape.id!r}) stands at {placed.location}, but"
         if placed.location != first:
-            assert f"{wrong} bottom-left-back fill puts it at {first}" in told
-        assert (wrong in told) == (placed.location != first)
+            assert f"{wrong} bottom-left-back fill puts it at {first}" in lines
+        assert (wrong in lines) == (placed.location != first)
     assert len(places) >= 5
 
 
@@ -394,12 +394,12 @@ TAMPERED: dict[str, tuple[Change, str]] = {
 
 
 @pytest.mark.parametrize("name", TAMPERED)
-def test_what_was_tampered_with_is_told(name, files, library, tmp_path) -> None:
+def test_tampering_is_reported(name, files, library, tmp_path) -> None:
     change, sentence = TAMPERED[name]
     change(files)
-    told = _told(verify_dataset(_written(tmp_path / "dataset", files), library))
-    assert re.search(sentence, told), told
-    assert "manifest" not in told
+    lines = _problem_lines(verify_dataset(_written(tmp_path / "dataset", files), library))
+    assert re.search(sentence, lines), lines
+    assert "manifest" not in lines
 
 
 def bytes_of(change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
@@ -507,15 +507,15 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_damage_is_told(name, files, library, tmp_path) -> None:
+def test_damage_is_reported(name, files, library, tmp_path) -> None:
     damage, sentence = DAMAGED[name]
     folder = _written(tmp_path / "dataset", files)
     damage(folder)
-    told = _told(verify_dataset(folder, library))
-    assert re.search(sentence, told), told
+    lines = _problem_lines(verify_dataset(folder, library))
+    assert re.search(sentence, lines), lines
 
 
-def test_one_run_tells_all(files, library, tmp_path) -> None:
+def test_one_run_reports_all_problems(files, library, tmp_path) -> None:
     put("train", 0, "density", 0.9)(files)
     put("train", 1, "items.0.location", [24, 24, 24])(files)
     put("validation", 1, "items.1.shape", "zebra")(files)
@@ -523,18 +523,18 @@ def test_one_run_tells_all(files, library, tmp_path) -> None:
     with (folder / "test.jsonl").open("ab") as file:
         file.write(b"garbage\n")
     report = verify_dataset(folder, library)
-    told = _told(report)
+    lines = _problem_lines(report)
     for found in (
         "test.jsonl, pack 2: line 3",
         "test.manifest.json: field 'packs'",
         "recorded as 0.9",
     ):
-        assert found in told
-    assert "train.jsonl, pack 1: item 0" in told and "zebra" in told
+        assert found in lines
+    assert "train.jsonl, pack 1: item 0" in lines and "zebra" in lines
     assert (report.packs, report.broken, report.holds) == (7, 4, False)
 
 
-def test_a_library_without_splits_is_told_once_a_pack(packs, tmp_path) -> None:
+def test_a_library_without_splits_is_reported_for_each_pack(packs, tmp_path) -> None:
     meshes = tmp_path / "meshes"
     meshes.mkdir()
     creation.box((1, 1, 1)).export(meshes / "cube.stl")
@@ -545,7 +545,7 @@ def test_a_library_without_splits_is_told_once_a_pack(packs, tmp_path) -> None:
         tmp_path / "train.jsonl", [Pack.of(box, LibraryRef.of(library), Other(split="train"))]
     )
     report = verify_dataset(tmp_path / "train.jsonl", library)
-    assert len(report.problems) == 1 and "has no splits" in _told(report)
+    assert len(report.problems) == 1 and "has no splits" in _problem_lines(report)
 
 
 def test_what_is_no_dataset_is_refused(library, tmp_path) -> None:
@@ -614,7 +614,7 @@ def _verify(folder: Path, tmp: Path, *items: tuple[str, Any], **fields: Any) -> 
     return verify_packing(tmp / "packing.json")
 
 
-def test_a_good_packing_holds_and_is_measured(parts, tmp_path) -> None:
+def test_a_good_packing_is_valid_and_is_measured(parts, tmp_path) -> None:
     report = _verify(
         parts,
         tmp_path,
@@ -625,7 +625,7 @@ def test_a_good_packing_holds_and_is_measured(parts, tmp_path) -> None:
         ("cube.stl", at(275, 75, 75, 1.5)),
         ("open.off", at(350, 200, 50)),
     )
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
     assert (report.files, report.packs, report.items) == (1, 1, 6)
     assert report.space == pytest.approx(400 * 300 * 200)
     solids = 2 * 100**3 + 100 * 50 * 25 + 150**3
@@ -681,15 +681,17 @@ WRONG: dict[str, tuple[list[tuple[str, Any]], str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_with_a_packing_is_told(name, parts, tmp_path) -> None:
+def test_problems_of_a_packing_are_reported(name, parts, tmp_path) -> None:
     items, sentence = WRONG[name]
     report = _verify(parts, tmp_path, *items, ("ball.ply", at(350, 250, 150)))
-    assert len(report.problems) == 1 and re.search(sentence, _told(report)), _told(report)
+    assert len(report.problems) == 1 and re.search(sentence, _problem_lines(report)), (
+        _problem_lines(report)
+    )
 
 
-def test_what_an_open_box_holds_is_no_conflict(parts, tmp_path) -> None:
+def test_contents_of_an_open_box_are_no_conflict(parts, tmp_path) -> None:
     report = _verify(parts, tmp_path, ("open.off", at(50, 50, 50)), ("ball.ply", at(50, 50, 60)))
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
 
 
 def test_surfaces_may_overlap_by_the_tolerance_of_the_box(parts, tmp_path) -> None:
@@ -756,7 +758,7 @@ def test_our_own_packs_hold_as_another_tools_packings(split, packs, library, tmp
         items.append({"mesh": name, "pose": placed.matrix.tolist()})
     (tmp_path / "packing.json").write_text(json.dumps({"box": [1, 1, 1], "items": items}))
     report = verify_packing(tmp_path / "packing.json")
-    assert report.holds, _told(report)
+    assert report.holds, _problem_lines(report)
     assert report.density == pytest.approx(pack.density, rel=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""The viewer's page in a real browser, Chromium without a screen: what it asks, shows and does."""
+"""The viewer's page in a real browser, headless Chromium: requests, contents and controls."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def settled_like(opened: Opened, name: str) -> npt.NDArray[np.float64]:
     if not path.exists():
         REFERENCES.mkdir(exist_ok=True)
         Image.fromarray(image.astype(np.uint8)).save(path)
-        pytest.fail(f"{path} was made: look at it, and run again")
+        pytest.fail(f"{path} was created: inspect it, and run again")
     reference = np.asarray(Image.open(path), dtype=float)
     deadline = time.monotonic() + LONG / 1000
     while (distance := np.abs(image - reference).mean()) >= NEAR:

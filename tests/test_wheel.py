@@ -1,4 +1,4 @@
-"""What is built is whole: the sdist makes the wheel, and the wheel works where no checkout is."""
+"""Built distributions: the sdist builds the wheel, and the wheel works without a checkout."""
 
 import subprocess
 import sys
@@ -64,7 +64,7 @@ def below(names: set[str], folder: str) -> set[str]:
     return {name.removeprefix(folder) for name in names if name.startswith(folder)}
 
 
-def test_the_wheel_claims_its_own_names_only_and_holds_everything(wheel) -> None:
+def test_the_wheel_claims_only_its_own_names_and_has_everything(wheel) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     version = wheel.name.split("-")[1]

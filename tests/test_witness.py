@@ -1,4 +1,4 @@
-"""An independent witness: how much placed solids really share, by exact boolean intersection."""
+"""An independent check: the shared volume of placed solids by exact boolean intersection."""
 
 import itertools
 

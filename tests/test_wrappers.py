@@ -53,7 +53,7 @@ def test_a_flattened_observation_is_the_features_in_float32_one_after_the_other(
 
 
 @pytest.mark.parametrize("wrap", [features_only, flattened])
-def test_a_wrapped_environment_can_be_made_from_its_spec(wrap) -> None:
+def test_a_wrapped_environment_can_be_created_from_its_spec(wrap) -> None:
     env = wrap(gym.make("PackIt-v0", observation="features", **SHAPE_ONLY))
     spec = gym.envs.registration.EnvSpec.from_json(env.spec.to_json())
     again = gym.make(spec)

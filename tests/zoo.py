@@ -1,4 +1,4 @@
-"""Shapes made by hand that are hard for collision checks, and boxes filled with them."""
+"""Hand-made shapes that are hard for collision checks, and boxes filled with them."""
 
 from __future__ import annotations
 
