@@ -1,4 +1,4 @@
-"""`packit` as tests run it; and results and trainings made by hand, without playing."""
+"""Run `packit` in tests; build results and trainings by hand, without playing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rules of the game, every branch, and the heuristics on tasks whose answer is known."""
+"""The rules of the game, every branch, and the heuristics on tasks with a known answer."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Results: equal however they come about, kept in files that can be gone on with, compared."""
+"""Results: the same with any workers, kept in resumable files, and compared."""
 
 import json
 import os

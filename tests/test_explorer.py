@@ -1,4 +1,4 @@
-"""The explorer without a browser: what it holds, what its panel does, and what it answers."""
+"""The explorer without a browser: its models, its panel and its responses."""
 
 from __future__ import annotations
 

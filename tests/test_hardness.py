@@ -1,4 +1,4 @@
-"""The curve of hardness, of evolutions that are known by hand and of some that are run."""
+"""The curve of hardness, for evolutions computed by hand and for real ones."""
 
 import json
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Scores of what agents left: by hand, kept with results, made once, shown."""
+"""Quality scores of rollouts: solved by hand, computed once, stored, shown."""
 
 from __future__ import annotations
 

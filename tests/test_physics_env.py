@@ -1,4 +1,4 @@
-"""Boxes whose items settle, and the environment in which they do: scenes with known ends."""
+"""Boxes with settling items, and their environment: scenes with known outcomes."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
 
 
 def test_the_future_follows_from_the_state() -> None:
-    """A box that goes on, and one that was brought to the same state, end the same, bit for bit."""
+    """A box that continues, and one restored to the same state, end the same, bit for bit."""
     first_box, other = SettlingBox(CELLS, SETTINGS), SettlingBox(CELLS, SETTINGS)
     first_box.place(Item(TILTED, 0.01), (2, 2, 1))
     state = pickle.loads(pickle.dumps(first_box.snapshot()))

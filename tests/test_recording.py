@@ -283,19 +283,19 @@ def test_voxels_are_compressed_and_come_back(tmp_path, tasks) -> None:
     assert raw > 40_000_000 and size < 1_000_000
 
 
-@pytest.mark.parametrize("made", [False, True])
-def test_tasks_that_are_objects_are_recorded_with_a_warning(tmp_path, tasks, made) -> None:
-    source = (lambda rng: tasks[int(rng.integers(3))]) if made else tasks[:3]
+@pytest.mark.parametrize("generated", [False, True])
+def test_tasks_that_are_objects_are_recorded_with_a_warning(tmp_path, tasks, generated) -> None:
+    source = (lambda rng: tasks[int(rng.integers(3))]) if generated else tasks[:3]
     settings = {"tasks": source, "observation": "none", "max_shapes": 40}
     env = gym.make("PackIt-v0", **settings)
-    if made:
+    if generated:
         with pytest.raises(RecordingError, match="pass `episodes`"):
             record(env, tmp_path / "r")
     with pytest.warns(UserWarning, match="has settings that are objects: tasks"):
         dataset = record(env, tmp_path / "r", episodes=2)
     assert [episode.rewards.sum() for episode in dataset] == pytest.approx([1, 1])
     all_metadata = dataset.storage.get_episode_metadata([0, 1])
-    assert [metadata["task"] == -1 for metadata in all_metadata] == [made, made]
+    assert [metadata["task"] == -1 for metadata in all_metadata] == [generated, generated]
     steps = stage_steps(dataset, Stage.SHAPE, PackItEnv(**settings))
     assert sum(1 for _ in steps) == dataset.total_steps // 3
     with pytest.raises(ValueError, match="cannot be recovered"):

@@ -1,4 +1,4 @@
-"""Reports without a browser: the numbers of the tables, the models, and what is refused."""
+"""Reports without a browser: numbers in tables, models, and errors."""
 
 from __future__ import annotations
 

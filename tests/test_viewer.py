@@ -1,4 +1,4 @@
-"""The page in a browser's place: what it shows, where it listens, and what is left of it."""
+"""The viewer with a fake browser: what it shows, its address, and its clean-up."""
 
 from __future__ import annotations
 
