@@ -80,13 +80,8 @@ class Workers:
         self._leave = _join_cluster(address) if is_ray else lambda: None
         with joblib.parallel_config(backend):
             self.count = count or joblib.effective_n_jobs(-1)
-        self._settings: dict[str, Any] = {
-            "n_jobs": max(2, self.count)
-            if is_ray
-            else self.count,  # joblib runs a single one in this process
-            "backend": backend,
-            "batch_size": 1,
-        }
+        processes = max(2, self.count) if is_ray else self.count  # one would be this process
+        self._settings = {"n_jobs": processes, "backend": backend, "batch_size": 1}
         self._ahead = self.count * (2 if is_ray and count == 0 else 1)
         self._parallel: joblib.Parallel | None = None
 

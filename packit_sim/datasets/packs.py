@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from msgspec import Meta, Struct
 from packit_sim import placement
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
-from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
+from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN, Provenance, RotationIndex
@@ -289,18 +290,10 @@ class Pack:
 
     def to_json(self) -> str:
         """Write the pack as one line of JSON; floats keep every bit."""
-        fields = {
-            "format": FORMAT,
-            "version": __version__,
-            "library": self.library,
-            "cells": self.cells,
-            "items": self.items,
-            "density": self.density,
-            "provenance": self.provenance,
-        }
-        if self.outside:
-            fields["outside"] = self.outside
-        return typed_json.encode(fields)
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        if not self.outside:
+            del fields["outside"]
+        return typed_json.encode({"format": FORMAT, "version": __version__, **fields})
 
     @classmethod
     def from_json(cls, line: bytes | str) -> Pack:
@@ -335,17 +328,15 @@ class Pack:
 
     def _check(self) -> None:
         """Raise PackFormatError if the box or a location is not possible."""
+        field = "cells"
         try:
             box_cells(self.cells)
+            for n, item in enumerate(self.items):
+                if item.location is not None:
+                    field = f"items[{n}].location"
+                    placement.checked_location(self.cells, item.location)
         except ValueError as error:
-            raise PackFormatError(f"field 'cells': {error}") from None
-        for n, item in enumerate(self.items):
-            if item.location is None:
-                continue
-            try:
-                placement.checked_location(self.cells, item.location)
-            except InfeasibleError as error:
-                raise PackFormatError(f"field 'items[{n}].location': {error}") from None
+            raise PackFormatError(f"field {field!r}: {error}") from None
 
 
 @dataclass(frozen=True)

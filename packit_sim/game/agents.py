@@ -220,11 +220,6 @@ def policy_names(stage: Stage) -> tuple[str, ...]:
     return tuple(_installed(_group(stage)))
 
 
-def search_names() -> tuple[str, ...]:
-    """Return the names of the installed searches."""
-    return tuple(_installed(_SEARCHES))
-
-
 _SEARCHES = "packit_sim.searches"
 
 

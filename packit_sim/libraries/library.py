@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -56,12 +57,11 @@ class ShapeLibrary:
         self._split = split
         self.ids = tuple(sorted(source.splits[split] if split else source.categories))
         self._ids = frozenset(self.ids)
-        names = sorted({source.categories[id] for id in self.ids})
-        members: dict[str, list[str]] = {name: [] for name in names}
+        members: dict[str, list[str]] = defaultdict(list)
         for id in self.ids:
             members[source.categories[id]].append(id)
         self.categories: Mapping[str, tuple[str, ...]] = MappingProxyType(
-            {name: tuple(ids) for name, ids in members.items()}
+            {name: tuple(ids) for name, ids in sorted(members.items())}
         )
 
     @staticmethod

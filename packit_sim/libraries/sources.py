@@ -232,8 +232,8 @@ def _kept_shape(source: Source, id: str) -> Shape:
     return source.load(id)
 
 
-def listed(values: Iterable[object], most: int = 8) -> str:
-    """List values for a message, up to a number of them."""
+def listed(values: Iterable[object]) -> str:
+    """List values for a message, eight at most."""
     texts = [str(value) for value in values]
-    more = len(texts) - most
-    return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(texts) - 8
+    return ", ".join(texts[:8]) + (f" and {more} more" if more > 0 else "")
