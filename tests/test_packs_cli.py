@@ -254,7 +254,7 @@ def test_a_page_of_one_split_and_of_minimal_packs(
     done = packit("datasheet", counted, *library, "--out", tmp_path / "counted.md")
     assert done.exit_code == 0, done.output
     page = " ".join((tmp_path / "counted.md").read_text().split())
-    assert "No one command makes train" in page and "unknown" in page
+    assert "No single command reproduces train" in page and "unknown" in page
     assert "as far as those shapes do" in page and "not ShapeNet's" not in page
     assert "1 object occurs in more than one split" in page  # the brick
 
