@@ -223,8 +223,10 @@ def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
     data = read_bytes(path)
     packs = []
     for number, line in numbered_lines(data):
-        with located(f"{path}, line {number}", PackFormatError):
+        try:
             packs.append(Pack.from_json(line))
+        except PackFormatError as error:
+            raise PackFormatError(f"{path}, line {number}: {error}") from None
     if not packs:
         raise PackFormatError(f"{path} holds no packs")
     described = manifest_path(path)

@@ -328,14 +328,14 @@ class Pack:
 
     def _check(self) -> None:
         """Raise PackFormatError if the box or a location is not possible."""
-        field = "cells"
+        n: int | None = None
         try:
             box_cells(self.cells)
             for n, item in enumerate(self.items):
                 if item.location is not None:
-                    field = f"items[{n}].location"
                     placement.checked_location(self.cells, item.location)
         except ValueError as error:
+            field = "cells" if n is None else f"items[{n}].location"
             raise PackFormatError(f"field {field!r}: {error}") from None
 
 
