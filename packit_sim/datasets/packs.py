@@ -331,7 +331,7 @@ class Pack:
         n: int | None = None
         try:
             box_cells(self.cells)
-            for n, item in enumerate(self.items):
+            for n, item in enumerate(self.items):  # noqa: B007 (used in the message)
                 if item.location is not None:
                     placement.checked_location(self.cells, item.location)
         except ValueError as error:
