@@ -118,7 +118,7 @@ def measure_decompositions(
 
 def drift(box: BoxState[PlacedItem], settings: PhysicsSettings, fitted: bool) -> float:
     """Measure how far overlaps alone move the farthest item, in box units."""
-    weightless = replace(settings, fitted=fitted, gravity=0.0, limit=WEIGHTLESS)
+    weightless = replace(settings, fitted=fitted, gravity=0.0, time_limit=WEIGHTLESS)
     return max(item.farthest for item in settle(box, weightless).items)
 
 

@@ -11,7 +11,7 @@ import msgspec
 from packit_sim.box import BaseBox, Box
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,15 @@ class Rules:
         Raises
         ------
         ArgumentError
-            If there is no rule of such a name, or a value is not valid.
+            If there is no rule or setting of such a name, or a value is not valid.
         """
         _check_names(values, ArgumentError)
+        physics = values.get("physics")
+        if isinstance(physics, Mapping):
+            _check_names(physics, ArgumentError, PhysicsSettings)
+            decomposition = physics.get("decomposition")
+            if isinstance(decomposition, Mapping):
+                _check_names(decomposition, ArgumentError, DecompositionSettings)
         try:
             return msgspec.convert(_with_physics(values), cls)
         except msgspec.ValidationError as error:
@@ -131,11 +137,12 @@ PACKIT = Rules()
 """The rules of the paper."""
 
 
-def _check_names(values: Mapping[str, Any], error: type[Exception]) -> None:
-    names = [field.name for field in fields(Rules)]
+def _check_names(values: Mapping[str, Any], error: type[Exception], of: type = Rules) -> None:
+    names = [field.name for field in fields(of)]
+    kind = "rules" if of is Rules else "settings"
     for name in values:
         if name not in names:
-            raise error(f"there is no setting {name!r}: the rules are {', '.join(names)}")
+            raise error(f"there is no setting {name!r}: the {kind} are {', '.join(names)}")
 
 
 def _with_physics(values: Mapping[str, Any]) -> dict[str, Any]:

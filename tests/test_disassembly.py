@@ -72,9 +72,9 @@ def test_the_space_between_cubes(axis: Axis) -> None:
     assert found == pytest.approx(0.15 + CONTACT_TOLERANCE, abs=1e-9)
     assert free_distance(cube, cube, -offset, axis, forward=False) == pytest.approx(found, abs=1e-9)
     assert free_distance(cube, cube, offset, axis, forward=False) == math.inf
-    beside = offset.copy()
-    beside[(axis + 1) % 3] = 0.1
-    assert free_distance(cube, cube, beside, axis, forward=True) == math.inf
+    shifted = offset.copy()
+    shifted[(axis + 1) % 3] = 0.1
+    assert free_distance(cube, cube, shifted, axis, forward=True) == math.inf
 
 
 def test_the_space_of_a_ball_in_a_bowl() -> None:
@@ -134,10 +134,10 @@ def test_what_is_under_a_bridge_comes_from_the_side() -> None:
     box = box_of((48, 60, 40), (BRIDGE, (2, 5, 0)), (cube_of(12), (4, 6, 0)))
     bridge, cube = box.placed
     assert find_route([bridge], cube, box.cells, moves=1) is None
-    way = find_route([bridge], cube, box.cells, moves=2)
-    assert way is not None and len(way) == 2
-    assert way[0] == (4, 6, 0) and way[1][0] == 4 and way[1][2] == 0
-    assert way[1][1] <= 2 or way[1][1] >= 10
+    route = find_route([bridge], cube, box.cells, moves=2)
+    assert route is not None and len(route) == 2
+    assert route[0] == (4, 6, 0) and route[1][0] == 4 and route[1][2] == 0
+    assert route[1][1] <= 2 or route[1][1] >= 10
     found = disassemble(box, moves=1)
     share = cube.item.volume / (cube.item.volume + bridge.item.volume)
     assert found.insertable == pytest.approx(1 - share)
@@ -147,7 +147,7 @@ def test_what_is_under_a_bridge_comes_from_the_side() -> None:
 
 
 def test_a_tunnel_between_walls_has_no_way() -> None:
-    """As long as the box: what is in it has no way until the bridge is taken away."""
+    """As long as the box: what is in it has no route until the bridge is removed."""
     box = box_of((48, 20, 40), (BRIDGE, (2, 0, 0)), (cube_of(12), (4, 1, 0)))
     found = disassemble(box)
     assert found.into == (((2, 0, 0),), None)
@@ -164,8 +164,8 @@ def test_a_ring_on_a_post_comes_off_and_one_between_heads_is_locked() -> None:
     assert found.out == (None, None)
     assert found.interlocked == (0, 1)
     assert found.into == (((2, 2, 0),), None)
-    beside = box_of((80, 40, 48), (DUMBBELL, (2, 2, 0)), (FRAME, (2, 2, 2)), (POST, (15, 2, 0)))
-    assert disassemble(beside).interlocked == (0, 1)
+    shifted = box_of((80, 40, 48), (DUMBBELL, (2, 2, 0)), (FRAME, (2, 2, 2)), (POST, (15, 2, 0)))
+    assert disassemble(shifted).interlocked == (0, 1)
 
 
 def test_rings_through_each_other_are_locked() -> None:

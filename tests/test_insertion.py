@@ -29,7 +29,7 @@ def packed(rng: np.random.Generator, items: list[Item], cells: tuple[int, int, i
 
 
 def lifted_by_steps(box: Box, item: Item, location: tuple[int, int, int]) -> bool:
-    """Whether no grid step of the way up is in conflict: what is clear is never stopped by it."""
+    """Decide whether all grid steps on the way up are feasible; for a clear item they are."""
     tall = Box((*box.cells[:2], 2 * box.cells[2] + 100))
     for placed in box.placed:
         tall.place(placed.item, placed.location)
@@ -44,7 +44,7 @@ def test_an_item_under_a_shelf_is_not_clear_and_one_next_to_it_is() -> None:
     mask = box.feasible(small)
     clear = insertion.clear_mask(box.placed, small, mask)
     assert mask[4, 4, 0] and not clear[4, 4, 0] and not clear[5, 4, 3]
-    assert clear[3, 4, 0] and clear[6, 4, 0]  # beside it: sides may touch on the way
+    assert clear[3, 4, 0] and clear[6, 4, 0]  # next to it: sides may touch on the way
     assert clear[4, 4, 7] and not mask[4, 4, 6]
     assert (mask & ~clear).sum() == 2 * 2 * 5  # under its 2 x 2 grid steps, on 5 levels
 

@@ -48,7 +48,7 @@ CELLS: Triple = (40, 40, 40)
 
 @pytest.fixture(autouse=True, scope="module")
 def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Pieces are made once for this module, and left nowhere else."""
+    """Pieces are computed once for this module, in a temporary cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
         yield
@@ -76,7 +76,7 @@ def number(i: int, j: int, k: int) -> int:
 
 @pytest.fixture(scope="module")
 def settled() -> SettlingBox:
-    """What tilts, rolls and lies across, let go one after the other."""
+    """Items that tilt, roll and lie across others, released one after the other."""
     box = SettlingBox(CELLS, SETTINGS)
     for item in (Item(TILTED, 0.01), Item(BALL, 0.006), Item(PLATE, 0.02, 3), cube_of(10)):
         locations = np.argwhere(box.feasible(item))
@@ -171,7 +171,7 @@ def test_what_counts() -> None:
 
 
 def test_what_does_not_come_to_rest_does_not_count_until_it_does() -> None:
-    box = SettlingBox(CELLS, replace(SETTINGS, limit=0.1))
+    box = SettlingBox(CELLS, replace(SETTINGS, time_limit=0.1))
     settled = box.place(cube_of(8), (3, 3, 8))
     assert not settled.at_rest and box.density == 0.0 and box.placed[0].landed is None
     assert box.put(cube_of(4), (9, 9, 0)) == 0.0

@@ -219,8 +219,8 @@ def test_overlap_up_to_the_tolerance_is_contact_and_beyond_it_a_conflict() -> No
     for overlap, expected in ((0.9e-4, False), (1.1e-4, True)):
         cube = cube_of(24 + 100 * overlap)
         assert cube.cells == (25, 25, 25)
-        beside = PlacedItem(cube, (6, 0, 0))
-        assert placement.conflicts(PlacedItem(cube, (0, 0, 0)), beside) is expected
+        neighbour = PlacedItem(cube, (6, 0, 0))
+        assert placement.conflicts(PlacedItem(cube, (0, 0, 0)), neighbour) is expected
 
 
 @pytest.mark.parametrize("shape", [PLATE, SOUP], ids=lambda s: s.id)

@@ -51,6 +51,11 @@ def test_fields_that_are_missing_in_json_keep_their_defaults() -> None:
         ({"easy": 1}, r"Expected `bool`, got `int` - at `\$.easy`"),
         ({"cells": [1, 2, 3]}, "a box of 1 x 2 x 3 cells is not possible"),
         ({"physics": {"friction": -1.0}}, "friction -1.0 is not possible"),
+        ({"physics": {"frictoin": 0.7}}, "no setting 'frictoin': the settings are side, density"),
+        (
+            {"physics": {"decomposition": {"overhang": 0.02}}},
+            "no setting 'overhang': the settings are method, threshold",
+        ),
         ({"kinematic": True, "physics": True}, "either kinematic or has physics, not both"),
     ],
 )

@@ -39,7 +39,7 @@ STILL = 0.002
 
 @pytest.fixture(autouse=True, scope="module")
 def _store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Pieces are made once for this module, and left nowhere else."""
+    """Pieces are computed once for this module, in a temporary cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path_factory.mktemp("kept")))
         yield
@@ -111,8 +111,8 @@ def test_a_ball_in_a_bowl_comes_to_rest_at_the_bottom() -> None:
     mask = box.feasible(ball)
     inside = np.argwhere(mask) * STEP / 100
     away = np.linalg.norm(inside[:, :2] - (box.placed[0].center[:2] - ball.extents[0] / 2), axis=1)
-    beside = np.argwhere(mask)[(away > 0.1) & (away < 0.2) & (inside[:, 2] < 0.3)][0]
-    box.place(ball, beside)
+    off_centre = np.argwhere(mask)[(away > 0.1) & (away < 0.2) & (inside[:, 2] < 0.3)][0]
+    box.place(ball, off_centre)
     start = box.placed[1].center
     found = settle(box, SETTINGS)
     bowl_now, ball_now = found.items
@@ -235,17 +235,17 @@ def test_what_is_light_is_not_pressed_through_the_floor() -> None:
     found = settle(box, SETTINGS)
     assert found.at_rest and max(item.farthest for item in found.items) < STILL
     assert max(wall_penetrations(found)) < 0.001
-    assert max(wall_penetrations(settle(box, replace(SETTINGS, lightest=0.0)))) > 0.005
+    assert max(wall_penetrations(settle(box, replace(SETTINGS, min_mass_ratio=0.0)))) > 0.005
 
 
 def test_packed_items_are_not_driven_apart(zoo_box: Box) -> None:
     """Without gravity nothing moves, though pieces fill what is a little hollow."""
-    weightless = replace(SETTINGS, gravity=0.0, limit=0.5)
+    weightless = replace(SETTINGS, gravity=0.0, time_limit=0.5)
     assert max(item.farthest for item in settle(zoo_box, weightless).items) < STILL
 
 
 def test_time_runs_out() -> None:
-    found = settle(box_of((cube_of(10), (10, 10, 20))), replace(SETTINGS, limit=0.1))
+    found = settle(box_of((cube_of(10), (10, 10, 20))), replace(SETTINGS, time_limit=0.1))
     assert not found.at_rest
     assert found.seconds == pytest.approx(0.1, abs=0.05)
     assert not found.items[0].walls
@@ -259,7 +259,7 @@ def test_an_empty_box_is_at_rest() -> None:
 
 
 def test_each_by_itself_meets_only_those_before_it() -> None:
-    """A plank that a load holds: it tips while the load is not there, and the load stays on it."""
+    """A plank that a load holds: without the load it tips; with the load both stay."""
     box = box_of((cube_of(24), (0, 0, 0)), (block(60, 24, 4), (0, 0, 6)), (cube_of(24), (0, 0, 7)))
     found = stability(box, SETTINGS)
     cube, plank, load = found.each.items
@@ -321,7 +321,7 @@ def test_walls_that_are_gone_through() -> None:
 
 
 def test_settings_out_of_range() -> None:
-    for name, value in (("side", 0.0), ("friction", -1.0), ("step", 1.0), ("limit", math.nan)):
+    for name, value in (("side", 0.0), ("friction", -1.0), ("step", 1.0), ("time_limit", math.nan)):
         with pytest.raises(ValueError, match=f"{name} {value} is not possible"):
             PhysicsSettings(**{name: value})
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 Rows = npt.NDArray[Any]
 
 UNIT = 100.0
-"""Metres of PyBullet's worlds to a box unit: its tolerances are absolute, and small in this way."""
+"""Metres in PyBullet's worlds for a box unit; relative to it, PyBullet's tolerances are small."""
 
 _CREASE = np.radians(35)
 """Edges sharper than this angle are drawn as edges, in radians."""
@@ -23,7 +23,7 @@ def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
     """Split a mesh's surface into convex pieces: vertices (n, 3) and faces (m, 3) of each."""
     pieces: list[tuple[Rows, Rows]] = []
     for part in mesh.split(only_watertight=False, repair=False):
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a part that holds no volume
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a part without volume
             convex = part.is_volume and part.is_convex
         if convex:
             pieces.append((part.vertices, part.faces))
@@ -51,7 +51,7 @@ def drawn(mesh: trimesh.Trimesh, scale: float) -> str:
     str
         The text.
     """
-    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # what it caches goes with it
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # so that its caches are freed
     joined = mesh.face_adjacency[mesh.face_adjacency_angles <= _CREASE]
     group = trimesh.graph.connected_component_labels(joined, node_count=len(mesh.faces))
     corners = mesh.faces + group[:, None].astype(np.int64) * len(mesh.vertices)

@@ -76,7 +76,7 @@ class QuantizedMesh:
             return cls(arrays["vertices"], arrays["faces"], arrays["extents"])
 
     def save(self, file: Path) -> None:
-        """Write it as npz, making the folders on the way."""
+        """Write the shape as npz; missing folders are created."""
         file.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(file, vertices=self.vertices, faces=self.faces, extents=self.extents)
 

@@ -56,7 +56,7 @@ def turn_extents(extents: npt.NDArray[np.float64], rotation: int) -> npt.NDArray
 
 
 def turn_array(array: npt.NDArray[Any], rotation: int) -> npt.NDArray[Any]:
-    """Return a view of a centred array [x, y, z, ...] whose contents are turned."""
+    """Return a view of a centred array [x, y, z, ...] with its contents rotated."""
     x, y, z = AXES[rotation].tolist()
     turned = np.transpose(array, (x, y, z, *range(3, array.ndim)))
     return np.flip(turned, axis=tuple(np.flatnonzero(SIGNS[rotation] < 0).tolist()))

@@ -55,7 +55,7 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
     if max(cells) > MAX_CELLS:
         raise ArgumentError(
             f"a mesh of {' x '.join(map(str, cells))} cells is too large to voxelise: "
-            f"at most {MAX_CELLS} an axis"
+            f"at most {MAX_CELLS} along each axis"
         )
     touched = touched_cells(triangles, np.array(cells), CELL, CONTACT_TOLERANCE / 2)
     return touched, reached_cells(touched)

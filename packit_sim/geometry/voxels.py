@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import (
     Words,
@@ -225,11 +226,11 @@ def centred(cells: npt.NDArray[np.bool_], shape: Triple) -> npt.NDArray[np.bool_
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the cells don't fit.
     """
     if any(own > space for own, space in zip(cells.shape, shape, strict=True)):
-        raise ValueError(f"{cells.shape} cells do not fit into {shape}")
+        raise ArgumentError(f"{cells.shape} cells do not fit into {shape}")
     padded = np.zeros(shape, dtype=bool)
     window = tuple(
         slice((space - own) // 2, (space - own) // 2 + own)

@@ -1,1 +1,1 @@
-"""Shapes as convex pieces, and what becomes of a pack that is let go: gravity, contacts, rest."""
+"""Convex pieces of shapes, and the simulation of packs under gravity until they rest."""

@@ -1,4 +1,4 @@
-"""How deep settled items are in each other and in the walls, by FCL on their meshes."""
+"""How deep settled items penetrate each other and the walls, by FCL on their meshes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from packit_sim.physics.settling import Settled, SettledItem
 from packit_sim.placement import PosedItem
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
-"""The depths, in box units, that are told apart."""
+"""The depths that are tried, in box units."""
 
 _DIRECTIONS = [
     np.array(steps) / math.hypot(*steps) for steps in product((-1, 0, 1), repeat=3) if any(steps)
@@ -23,18 +23,30 @@ _DIRECTIONS = [
 
 
 def penetrations(settled: Settled) -> dict[tuple[int, int], float]:
-    """How deep settled items are in each other, for each pair (i, j), i < j, whose meshes cross.
+    """Compute how deep settled items penetrate each other.
 
-    The depth is the least of `DEPTHS` that frees them, when one is shifted by it in one of the 26
-    directions of a cube's faces, edges and corners, or when it goes back by no more than that on
-    the straight way to where it was packed beside the other: the true depth, which is the least
-    motion that frees them, is at most that. The way back tells of what stands in another's hollow,
-    which no shift frees. Packed items are free of each other, within 1e-4. The depth is inf where
-    one is wholly inside another, or farther than all `DEPTHS`.
+    Parameters
+    ----------
+    settled : Settled
+        The items.
+
+    Returns
+    -------
+    dict of (int, int) to float
+        For each pair of numbers i < j whose meshes cross, an upper bound of the depth in box units.
+        It is inf if one item is wholly inside the other, or none of `DEPTHS` separates them.
+
+    Notes
+    -----
+    The depth is the smallest motion that separates two items. The bound is the first of `DEPTHS`
+    that separates them in one of two ways: a shift of one item in one of the 26 directions of a
+    cube's faces, edges and corners, or its return towards the place relative to the other item in
+    which it was packed. The return separates items in hollows of others, which no shift does, since
+    packed items penetrate each other by at most 1e-4.
     """
-    bodies = [_Body(item) for item in settled.items]
+    meshes = [_SettledMesh(item) for item in settled.items]
     found = {}
-    for (i, one), (j, other) in combinations(enumerate(bodies), 2):
+    for (i, one), (j, other) in combinations(enumerate(meshes), 2):
         if (one.low > other.high).any() or (other.low > one.high).any():
             continue
         if one.mesh.crosses(other.mesh):
@@ -45,16 +57,16 @@ def penetrations(settled: Settled) -> dict[tuple[int, int], float]:
 
 
 def wall_penetrations(settled: Settled) -> list[float]:
-    """How far each item reaches into the floor or through a wall, in box units."""
-    bodies = [_Body(item) for item in settled.items]
+    """Compute how far each item protrudes through the floor or a wall, in box units."""
+    meshes = [_SettledMesh(item) for item in settled.items]
     return [
-        max(0.0, float((-body.low).max()), float((body.high - settled.size)[:2].max()))
-        for body in bodies
+        max(0.0, float((-mesh.low).max()), float((mesh.high - settled.size)[:2].max()))
+        for mesh in meshes
     ]
 
 
-class _Body:
-    """A settled item where it ended. vertices: (n, 3) of its mesh, from low to high, (3,) each."""
+class _SettledMesh:
+    """The mesh of a settled item where it ended: vertices (n, 3), and their bounds (3,)."""
 
     def __init__(self, item: SettledItem) -> None:
         self.item = item
@@ -63,26 +75,26 @@ class _Body:
 
     @cached_property
     def mesh(self) -> LooseMesh:
-        return self.at(self.vertices)
+        return self.moved(self.vertices)
 
-    def at(self, vertices: Floats) -> LooseMesh:
-        """Its mesh, with the vertices elsewhere."""
+    def moved(self, vertices: Floats) -> LooseMesh:
+        """Return the mesh with other vertices."""
         return LooseMesh(vertices, self.item.item.mesh.faces)
 
 
-def _depth(one: _Body, other: _Body) -> float:
-    way = _WayBack(one.item, other.item)
+def _depth(one: _SettledMesh, other: _SettledMesh) -> float:
+    path = _ReturnPath(one.item, other.item)
     for depth in DEPTHS:
         if not all(one.mesh.crosses(other.mesh, depth * towards) for towards in _DIRECTIONS):
             return depth
-        back = way.after(depth)
-        if back is None or not one.at(back).crosses(other.mesh):
+        back = path.vertices(depth)
+        if back is None or not one.moved(back).crosses(other.mesh):
             return depth
     return math.inf
 
 
-class _WayBack:
-    """The straight way of a settled item to where it was packed beside another."""
+class _ReturnPath:
+    """The straight path of a settled item back to where it was packed, relative to another item."""
 
     def __init__(self, one: SettledItem, other: SettledItem) -> None:
         self._item, self._here = one.item, one.pose
@@ -92,31 +104,35 @@ class _WayBack:
         shift = float(np.linalg.norm(self._start.position - self._here.position))
         self._length = shift + 2 * math.acos(cosine) * radius
 
-    def after(self, length: float) -> Floats | None:
-        """(n, 3) of its mesh, so far on that no point has moved by more; None where it is over."""
+    def vertices(self, length: float) -> Floats | None:
+        """Return the mesh's vertices (n, 3) after a motion of this length, None past the end.
+
+        No vertex has moved by more than the length.
+        """
         if self._length <= length:
             return None
         between = self._here.interpolate(self._start, length / self._length)
         return between.apply(self._item.turned(0).mesh.vertices)
 
 
-def _is_in(one: _Body, other: _Body) -> bool:
-    """Whether a corner of one is in what another's surface encloses, where their surfaces part.
+def _is_in(one: _SettledMesh, other: _SettledMesh) -> bool:
+    """Decide whether a vertex of one item is enclosed by the other; their surfaces don't cross.
 
-    Voxels tell that, and may close the way into a hollow in which one was packed: that is allowed.
+    Voxels decide it, and they may close the opening of a hollow: an item that was packed in the
+    hollow is not counted.
     """
     shape, packed = other.item.item.shape, other.item.start.matrix
     half = shape.extents / 2
-    corners = _seen_from(other.item.move @ packed, one.vertices)
+    corners = _in_frame(other.item.move @ packed, one.vertices)
     if (np.abs(corners) > half).any():
         return False
-    before = _seen_from(packed, one.item.start.vertices)
+    before = _in_frame(packed, one.item.start.vertices)
     before = before[(np.abs(before) <= half).all(axis=1)]
     solid = Solid(shape)
     return bool(solid.encloses(corners).any() and not solid.encloses(before).any())
 
 
-def _seen_from(pose: Floats, points: Floats) -> Floats:
-    """Points (n, 3) in the frame that a pose (4, 4) takes to theirs."""
+def _in_frame(pose: Floats, points: Floats) -> Floats:
+    """Map points (n, 3) by the inverse of a pose (4, 4)."""
     inward = np.linalg.inv(pose)
     return points @ inward[:3, :3].T + inward[:3, 3]

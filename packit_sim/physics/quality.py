@@ -1,4 +1,4 @@
-"""What a packed box is worth beyond its density: does it stand, and can it be packed at all?"""
+"""The quality of a pack beyond its density: its stability, and whether it can be packed at all."""
 
 from __future__ import annotations
 
@@ -14,18 +14,27 @@ from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import Stability, stability, stable_share
 from packit_sim.placement import Contents, PlacedItem
 
-FLOATS = STEP * CELL
-"""Box units: an item that hangs higher above what is below it floats. On the grid all may hang by
-up to a step of it."""
+FLOATING_HEIGHT = STEP * CELL
+"""Box units: an item with a larger gap below it floats. On the grid, gaps of up to a grid step
+can't be avoided."""
 
 
 @dataclass(frozen=True, eq=False)
 class PackQuality:
-    """A packed box, judged.
+    """The quality of a pack.
 
-    density: placed volume over the box's. stability, extraction, compacted: what came of letting
-    go of it, of looking for ways in and out, and of pushing it together. floating: numbers of items
-    that hang by more than `FLOATS`, the others as they are.
+    Attributes
+    ----------
+    density : float
+        The placed volume, relative to the box's volume.
+    stability : Stability
+        How the items move under gravity.
+    disassembly : Disassembly
+        The routes of the items into the box and out of it.
+    compacted : Compacted
+        The items, pushed together.
+    floating : tuple of int
+        Numbers of the items with a gap below them of more than `FLOATING_HEIGHT`.
     """
 
     density: float
@@ -35,7 +44,7 @@ class PackQuality:
     floating: tuple[int, ...]
 
     def row(self) -> dict[str, float]:
-        """All as numbers: shares of volume, but for counts of items."""
+        """Return all scores by name: shares of volume, except for counts of items."""
         before, after = self.compacted.filled
         return {
             "density": self.density,
@@ -58,9 +67,30 @@ def pack_quality(
     distance: float = DISTANCE,
     moves: int = MOVES,
 ) -> PackQuality:
-    """Judges a box: see `stability`, `extraction`, `compact` and `drops`, which take so long.
+    """Measure the quality of a pack.
 
-    Raises ValueError where distance or moves are not possible.
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    settings : PhysicsSettings, optional
+        The simulated world.
+    distance : float, default: 0.05
+        Box units by which no point of a stable item moves.
+    moves : int, default: 3
+        Largest number of straight moves in a route.
+
+    Returns
+    -------
+    PackQuality
+        The scores.
+
+    Raises
+    ------
+    ArgumentError
+        If `distance` is not above 0, or `moves` is less than 1.
+    PhysicsError
+        If an item can't be decomposed into convex pieces.
     """
     volume = sum(placed.item.volume for placed in box.placed)
     return PackQuality(
@@ -74,9 +104,16 @@ def pack_quality(
 
 @dataclass(frozen=True)
 class QualityScores:
-    """A packed box, judged in short: those of its scores that tell most for the time they take.
+    """The most informative scores of a pack for the time they take.
 
-    stable, insertable: shares of volume. floating: how many items hang by more than `FLOATS`.
+    Attributes
+    ----------
+    stable : float
+        Share of the volume that is stable.
+    insertable : float
+        Share of the volume that can be inserted.
+    floating : int
+        Number of items with a gap below them of more than `FLOATING_HEIGHT`.
     """
 
     stable: float
@@ -87,7 +124,7 @@ class QualityScores:
     def of(
         cls, box: Contents[PlacedItem], settings: PhysicsSettings | None = None
     ) -> QualityScores:
-        """The same numbers as of `pack_quality`, without all else that it finds out."""
+        """Compute the same scores as `pack_quality`, without the others."""
         volumes = [placed.item.volume for placed in box.placed]
         return cls(
             stable_share(settle(box, settings)),
@@ -97,5 +134,5 @@ class QualityScores:
 
 
 def floating(box: Contents[PlacedItem]) -> tuple[int, ...]:
-    """Numbers of items that hang by more than `FLOATS`, all others as they are."""
-    return tuple(np.flatnonzero(drops(box) > FLOATS).tolist())
+    """Find the numbers of the items with a gap below them of more than `FLOATING_HEIGHT`."""
+    return tuple(np.flatnonzero(drops(box) > FLOATING_HEIGHT).tolist())

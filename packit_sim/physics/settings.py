@@ -1,4 +1,4 @@
-"""Settings of physics: the simulated world, and how shapes become convex pieces for it."""
+"""Settings of the simulated world and of the decomposition into convex pieces."""
 
 from __future__ import annotations
 
@@ -12,25 +12,48 @@ Method = Literal["coacd", "bisection"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 INSIDE = 0.005
-"""Box units by which an item may reach out of the box and still be inside: a contact gives way a
-little, and pieces fall short of the mesh by about as much."""
+"""Box units by which an item inside the box may protrude from it: contacts are slightly soft, and
+pieces are smaller than the mesh by about as much."""
 
 DISTANCE = 0.05
-"""Box units by which no point of a stable item moves. Items are placed on grid nodes, so that one
-may be up to a grid step, 0.04, above what supports it: dropping by that much is no instability. A
-corner 0.5 from the edge over which an item tilts moves this far at 6 degrees."""
+"""Box units by which no point of a stable item moves. Items are placed on grid nodes, so that there
+may be a gap of up to a grid step, 0.04, below them: a drop of that height is no instability. A
+corner 0.5 away from the edge over which an item tilts moves this far at 6 degrees."""
 
 
 @dataclass(frozen=True)
 class DecompositionSettings:
-    """How shapes become convex pieces.
+    """How shapes are decomposed into convex pieces.
 
-    method: "coacd", or "bisection", which needs no extra, takes about a second, and ends in more
-    pieces that are worse. threshold, preprocess_resolution, mcts_iterations, mcts_nodes,
-    mcts_max_depth, seed: CoACD's own, of which the first is how hollow a piece may be, 0.01 to 1.
-    seconds: of a processor that CoACD may take for a shape, before halving does it. overhang: how
-    far halving lets a piece reach out of the shape, in canonical units, and most: pieces that it
-    may make. Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    method : {"coacd", "bisection"}
+        Bisection needs no extra package and takes about a second, but its pieces are more and
+        worse.
+    threshold : float
+        CoACD's concavity threshold, 0.01 to 1: how hollow a piece may be.
+    preprocess_resolution : int
+        CoACD's resolution of the remeshed surface, 20 to 100.
+    mcts_iterations : int
+        Iterations of CoACD's tree search, 20 to 2000.
+    mcts_nodes : int
+        Child nodes in CoACD's tree search, 10 to 40.
+    mcts_max_depth : int
+        Depth of CoACD's tree search, 2 to 7.
+    seed : int
+        CoACD's random seed.
+    seconds : int
+        Limit of CoACD's CPU time for a shape; after it the shape is bisected.
+    hausdorff : float
+        Bisection divides pieces with a larger one-sided Hausdorff distance from the shape, in
+        canonical units.
+    max_pieces : int
+        Largest number of pieces of a bisection.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range.
     """
 
     method: Method = "coacd"
@@ -41,8 +64,8 @@ class DecompositionSettings:
     mcts_max_depth: int = 2
     seed: int = 0
     seconds: int = 120
-    overhang: float = 0.01
-    most: int = 64
+    hausdorff: float = 0.01
+    max_pieces: int = 64
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -55,8 +78,8 @@ class DecompositionSettings:
             ("mcts_nodes", 10, 40),
             ("mcts_max_depth", 2, 7),
             ("seconds", 1, 10**6),
-            ("overhang", 0.001, 1.0),
-            ("most", 1, 1000),
+            ("hausdorff", 0.001, 1.0),
+            ("max_pieces", 1, 1000),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
@@ -65,33 +88,58 @@ class DecompositionSettings:
 
 @dataclass(frozen=True)
 class PhysicsSettings:
-    """The world in which items move, and when it ends. SI units, but for `side`.
+    """The simulated world, and when a simulation ends; in SI units, except for `side`.
 
-    side: metres of a box unit. density: kg/m3 of every item, whose mass is that times its
-    volume. lightest: the share of the heaviest item's mass that none in its box is taken to
-    fall short of; 0 takes them as they are, but a solver presses what is very light through
-    walls, where something very heavy lies on it. gravity: m/s2. friction: Coulomb's
-    coefficient, between items as with walls. rolling: the arm of rolling resistance, in metres,
-    without which no ball would ever rest. restitution: the share of speed that comes back from
-    an impact. damping: the share of all speed that is lost in a second. step: seconds of a step
-    of time. limit: seconds after which it ends in any case. rest: m/s below which each point of
-    every item stays for `calm` seconds, where all are at rest. decomposition: how shapes become
-    convex pieces. fitted: whether pieces are cut back where they reach into others' at the
-    start (see `fitting`). Raises ValueError where one is out of range.
+    Parameters
+    ----------
+    side : float
+        Metres in a box unit.
+    density : float
+        Density of all items, kg/m3. An item's mass is its density times its volume.
+    min_mass_ratio : float
+        Minimum mass of an item, relative to the heaviest item in the box; 0 for no minimum. The
+        solver would press very light items through walls if very heavy ones lie on them.
+    gravity : float
+        Acceleration, m/s2.
+    friction : float
+        Coulomb's coefficient of friction, between items and with walls.
+    rolling : float
+        Arm of the rolling resistance, m; with 0 no ball would ever come to rest.
+    restitution : float
+        Share of the speed that remains after an impact.
+    damping : float
+        Share of the speed that is lost in a second.
+    step : float
+        Time step, s.
+    time_limit : float
+        Simulated time after which a simulation ends, s.
+    rest_speed : float
+        Items are at rest if no point of them moves faster, m/s, for `rest_time`.
+    rest_time : float
+        Time for which items stay below `rest_speed` before a simulation ends, s.
+    decomposition : DecompositionSettings
+        How shapes are decomposed into convex pieces.
+    fitted : bool
+        Whether pieces that overlap those of other items at the start are cut (see `fitting`).
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range.
     """
 
     side: float = 0.5
     density: float = 500.0
-    lightest: float = 0.01
+    min_mass_ratio: float = 0.01
     gravity: float = 9.81
     friction: float = 0.5
     rolling: float = 0.001
     restitution: float = 0.1
     damping: float = 0.04
     step: float = 1 / 240
-    limit: float = 5.0
-    rest: float = 0.02
-    calm: float = 0.25
+    time_limit: float = 5.0
+    rest_speed: float = 0.02
+    rest_time: float = 0.25
     decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
     fitted: bool = True
 
@@ -99,16 +147,16 @@ class PhysicsSettings:
         for name, low, high in (
             ("side", 1e-3, 1e3),
             ("density", 1e-3, 1e6),
-            ("lightest", 0.0, 1.0),
+            ("min_mass_ratio", 0.0, 1.0),
             ("gravity", 0.0, 1e3),
             ("friction", 0.0, 10.0),
             ("rolling", 0.0, 1.0),
             ("restitution", 0.0, 1.0),
             ("damping", 0.0, 1.0),
             ("step", 1e-5, 0.02),
-            ("limit", 0.0, 3600.0),
-            ("rest", 0.0, 10.0),
-            ("calm", 0.0, 60.0),
+            ("time_limit", 0.0, 3600.0),
+            ("rest_speed", 0.0, 10.0),
+            ("rest_time", 0.0, 60.0),
         ):
             value = getattr(self, name)
             if not low <= value <= high:

@@ -1,4 +1,4 @@
-"""What becomes of placed items when they are let go: where they come to rest, and in what touch."""
+"""Settling: where placed items come to rest under gravity, and which of them touch."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS, World
 from packit_sim.placement import Contents, ItemInBox, PosedItem
 
-_LOOK = 10
-"""Steps of time from one look at the speeds to the next."""
+_CHECK_STEPS = 10
+"""Time steps between two checks of the speeds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +31,13 @@ class SettledItem:
     Attributes
     ----------
     start : ItemInBox
-        The item where it was let go.
+        The item where it was released.
     move : ndarray of float64, shape (4, 4)
         The rigid motion from there to where it ended, in box units.
     items : tuple of int
-        The numbers of the items that press on it or that it presses on, at the end.
+        Numbers of the items with which it is in contact at the end.
     walls : tuple of str
-        The walls and the floor that it presses on, at the end, in the order of `WALLS`.
+        The walls and the floor with which it is in contact at the end, in the order of `WALLS`.
     inside : bool
         Whether all of it is inside the box (see `INSIDE`).
     landed : PosedItem, optional
@@ -53,7 +53,7 @@ class SettledItem:
 
     @cached_property
     def posed(self) -> PosedItem:
-        """The item where it ended."""
+        """Item where it ended."""
         return PosedItem(self.item, self.move @ self.start.matrix)
 
     @property
@@ -63,44 +63,44 @@ class SettledItem:
 
     @property
     def center(self) -> Floats:
-        """Where the centre of its shape's bounding box ended, (3,) in box units."""
+        """Centre of its shape's bounding box where it ended, (3,) in box units."""
         return self.posed.center
 
     @property
     def matrix(self) -> Floats:
-        """The (4, 4) shape-to-box matrix where it ended."""
+        """Shape-to-box matrix (4, 4) where it ended."""
         return self.posed.matrix
 
     @property
     def pose(self) -> Pose:
-        """The same without the item's scale."""
+        """Shape-to-box matrix without the item's scale."""
         return self.posed.pose
 
     @property
     def vertices(self) -> Floats:
-        """The vertices of its mesh where it ended, (n, 3) in box units."""
+        """Vertices of its mesh where it ended, (n, 3) in box units."""
         return self.posed.vertices
 
     @property
     def displacement(self) -> float:
-        """How far the centre of its bounding box moved, in box units."""
+        """Distance by which the centre of its bounding box moved, in box units."""
         center = self.move[:3, :3] @ self.start.center + self.move[:3, 3]
         return float(np.linalg.norm(center - self.start.center))
 
     @cached_property
     def farthest(self) -> float:
-        """How far the point of its mesh moved that moved most, in box units."""
+        """Largest distance by which a point of its mesh moved, in box units."""
         return _farthest(self.start.vertices, _moved(self.start, self.move))
 
     @property
     def rotation(self) -> float:
-        """The angle of the motion, in degrees."""
+        """Angle of the motion, in degrees."""
         cosine = (np.trace(self.move[:3, :3]) - 1) / 2
         return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
 
     @cached_property
     def drift(self) -> float:
-        """How far the point of its mesh is that is farthest from where it landed, in box units."""
+        """Largest distance of a point of its mesh from where it landed, in box units."""
         return np.inf if self.landed is None else _farthest(self.landed.vertices, self.vertices)
 
     @property
@@ -119,11 +119,22 @@ class SettledItem:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """What became of a box's items.
+    """The items of a box after they settled.
 
-    items: in the order of placing. size: (3,) of the box. seconds: that it took them, and
-    at_rest: whether they came to rest before the time ran out. energy: in J, at the start and at
-    the end. cut: the share of the pieces' volume that was cut away at the start (see `fitting`).
+    Attributes
+    ----------
+    items : tuple of SettledItem
+        The items, in the order of placing.
+    size : ndarray of float64, shape (3,)
+        Extents of the box, in box units.
+    seconds : float
+        Simulated time.
+    at_rest : bool
+        Whether all items came to rest within the time limit.
+    energy : tuple of float
+        Energy at the start and at the end, in J.
+    cut : float
+        Share of the pieces' volume that was cut off at the start (see `fitting`).
     """
 
     items: tuple[SettledItem, ...]
@@ -135,24 +146,55 @@ class Settled:
 
 
 def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
-    """Lets go of all that is placed, at once, until it is at rest or the time is over.
+    """Release all items at once, and simulate them until they are at rest.
 
-    Items start where they were packed, without speed. The same box and settings give the same
-    answer on one machine. Shapes that are new are decomposed first: see `decompose_all` for many.
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it, which start without speed.
+    settings : PhysicsSettings, optional
+        The simulated world.
+
+    Returns
+    -------
+    Settled
+        The items afterwards; the same on one machine for the same box and settings.
+
+    Raises
+    ------
+    PhysicsError
+        If an item can't be decomposed into convex pieces. Shapes that were not decomposed before
+        take seconds: see `decompose_all` for many.
     """
     settings = settings or PhysicsSettings()
     items, cut = _pieces(box.placed, settings)
     with World(_size(box), settings) as world:
         free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
-        return _simulated(world, box, settings, cut, free, [])
+        return _simulate(world, box, settings, cut, free, [])
 
 
 def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
-    """Lets go of each item by itself, where it was packed, on those placed before it.
+    """Release each item alone, among fixed items that were placed before it.
 
-    Those are held where they were packed, and what comes later is not there yet: it is what the
-    hand sees that packs the box and lets go. All is simulated at once, in one world in which only
-    an item and those before it meet. Else as `settle`.
+    This is what happens while a box is packed by hand. All items are simulated at once, in one
+    world in which each collides only with those before it.
+
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it, which start without speed.
+    settings : PhysicsSettings, optional
+        The simulated world.
+
+    Returns
+    -------
+    Settled
+        The items afterwards.
+
+    Raises
+    ------
+    PhysicsError
+        If an item can't be decomposed into convex pieces.
     """
     settings = settings or PhysicsSettings()
     items, cut = _pieces(box.placed, settings)
@@ -162,7 +204,7 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
         for n, one in enumerate(free):
             for other in (*free[:n], *held[n:]):
                 world.ignore(one, other)
-        return _simulated(world, box, settings, cut, free, held)
+        return _simulate(world, box, settings, cut, free, held)
 
 
 def _size(box: Contents[ItemInBox]) -> Floats:
@@ -170,16 +212,16 @@ def _size(box: Contents[ItemInBox]) -> Floats:
 
 
 def _masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
-    """In kg."""
+    """Compute the mass of each item, in kg."""
     masses = [p.item.volume * settings.side**3 * settings.density for p in box.placed]
-    least = settings.lightest * max(masses, default=0.0)
+    least = settings.min_mass_ratio * max(masses, default=0.0)
     return [max(mass, least) for mass in masses]
 
 
 def _pieces(
     items: Sequence[ItemInBox], settings: PhysicsSettings
 ) -> tuple[list[list[Piece]], float]:
-    """The pieces of items in their places, and the share of their volume that was cut away."""
+    """Compute the pieces of items where they are, and the share of their volume that is cut off."""
     whole = [
         _parts(placed, decompose(placed.item.shape, settings.decomposition)) for placed in items
     ]
@@ -199,7 +241,7 @@ def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
     ]
 
 
-def _simulated(
+def _simulate(
     world: World,
     box: Contents[ItemInBox],
     settings: PhysicsSettings,
@@ -207,20 +249,20 @@ def _simulated(
     free: Sequence[int],
     held: Sequence[int],
 ) -> Settled:
-    """Lets time go by.
+    """Simulate the items until they are at rest.
 
-    free, held: the world's numbers of the items as they move, and as they are held for others.
+    free, held: the world's numbers of the moving items, and of the fixed ones.
     """
-    energy, calm, seconds = world.energy, 0.0, 0.0
-    look = _LOOK * settings.step
-    while calm < settings.calm and seconds < settings.limit:
-        for _ in range(_LOOK):
+    energy, rested, seconds = world.energy, 0.0, 0.0
+    interval = _CHECK_STEPS * settings.step
+    while rested < settings.rest_time and seconds < settings.time_limit:
+        for _ in range(_CHECK_STEPS):
             world.step()
-        seconds += look
-        calm = calm + look if (world.speeds < settings.rest).all() else 0.0
+        seconds += interval
+        rested = rested + interval if (world.speeds < settings.rest_speed).all() else 0.0
     moves, contacts = world.moves, world.contacts
     known = {number: n for numbers in (held, free) for n, number in enumerate(numbers)}
-    at_rest, size = calm >= settings.calm, _size(box)
+    at_rest, size = rested >= settings.rest_time, _size(box)
     items = []
     for start, own in zip(box.placed, free, strict=True):
         met = [b if a == own else a for a, b in contacts if own in (a, b)]

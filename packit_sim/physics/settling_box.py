@@ -45,12 +45,12 @@ class SettlingBox(BaseBox[SettledItem]):
 
     @property
     def counted(self) -> float:
-        """The volume of the items that are inside and stable, in box units cubed."""
+        """The volume of the items that are inside and stable, in cubic box units."""
         return sum(settled.item.volume for settled in self.placed if settled.counts)
 
     @property
     def density(self) -> float:
-        """The volume of the items that are inside and stable, over the box's volume."""
+        """The volume of the items that are inside and stable, relative to the box's volume."""
         return self.counted / float(self.size.prod())
 
     def place(self, item: Item, location: Sequence[int]) -> Settled:

@@ -1,4 +1,4 @@
-"""How firmly a pack stands: what of it stays where it was packed when it is let go."""
+"""The stability of a pack: the share that stays where it was packed under gravity."""
 
 from __future__ import annotations
 
@@ -12,10 +12,16 @@ from packit_sim.placement import Contents, ItemInBox
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """What came of letting go of a pack.
+    """How the items of a pack move under gravity.
 
-    settled: of all its items at once; each: of each by itself on those before it, which are held.
-    distance: box units by which no point of an item moves that counts as stable.
+    Attributes
+    ----------
+    settled : Settled
+        All items, released at once.
+    each : Settled
+        Each item, released alone on those placed before it, which are fixed.
+    distance : float
+        Box units by which no point of a stable item moves.
     """
 
     settled: Settled
@@ -24,26 +30,48 @@ class Stability:
 
     @property
     def whole(self) -> float:
-        """Share of the volume that is stable in the finished pack; 1 where there is none."""
+        """Share of the volume that is stable in the finished pack; 1 without items."""
         return stable_share(self.settled, self.distance)
 
     @property
     def as_packed(self) -> float:
-        """Share of the volume that is stable when it is let go, item by item in packing order."""
+        """Share of the volume that is stable when items are released one by one."""
         return stable_share(self.each, self.distance)
 
 
 def stability(
     box: Contents[ItemInBox], settings: PhysicsSettings | None = None, distance: float = DISTANCE
 ) -> Stability:
-    """Lets go of a pack, whole and item by item. Raises ValueError unless distance is above 0."""
+    """Release the items of a pack, all at once and one by one.
+
+    Parameters
+    ----------
+    box : Contents
+        The box and the items in it.
+    settings : PhysicsSettings, optional
+        The simulated world.
+    distance : float, default: 0.05
+        Box units by which no point of a stable item moves.
+
+    Returns
+    -------
+    Stability
+        How the items move.
+
+    Raises
+    ------
+    ArgumentError
+        If `distance` is not above 0.
+    PhysicsError
+        If an item can't be decomposed into convex pieces.
+    """
     if not distance > 0:
         raise ArgumentError(f"distance {distance!r} is not possible: it must be above 0")
     return Stability(settle(box, settings), settle_each(box, settings), distance)
 
 
 def stable_share(settled: Settled, distance: float = DISTANCE) -> float:
-    """Share of the volume of which no point moved so far; 1 where there is none."""
+    """Compute the share of the volume in items that moved less than a distance; 1 without items."""
     volumes = [item.item.volume for item in settled.items]
     stable = [item.item.volume for item in settled.items if item.farthest < distance]
     return sum(stable) / sum(volumes) if volumes else 1.0

@@ -1,4 +1,4 @@
-"""A PyBullet world in which packed items move: gravity, the box's walls, contacts, friction."""
+"""A PyBullet world in which items move: gravity, the box's walls, contacts and friction."""
 
 from __future__ import annotations
 
@@ -23,40 +23,62 @@ from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
 
 WALLS = ("left", "right", "back", "front", "floor")
-"""What a box is made of: low and high x, low and high y, and the ground that it stands on."""
+"""The parts of a box: the walls at low and high x and at low and high y, and the floor."""
 
 _THICKNESS = 0.25
-"""Of the walls, in box units."""
+"""Thickness of the walls, in box units."""
 
 _ITERATIONS = 120
-"""Of the solver of contacts, in each step."""
+"""Iterations of the contact solver in each time step."""
 
 _NEAR = 0.002
-"""Box units at which PyBullet begins to watch a contact, and forgets it again."""
+"""Distance in box units up to which PyBullet keeps a contact."""
 
 _NO_BOUNCE = 0.05
-"""m/s below which nothing bounces: else items would rattle and never rest."""
+"""Speed in m/s below which items don't bounce, or else they would rattle and never rest."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Body:
-    """PyBullet's number for an item, and where it was put.
+class _SimulatedItem:
+    """An item in the world, as it was added.
 
-    bulk: of its pieces, in box units. reach: from the centre of mass to its farthest corner.
+    number: PyBullet's number of its body. properties: mass properties of its pieces, in box units.
+    reach: distance from the centre of mass to its farthest corner, in box units.
     """
 
     number: int
     mass: float
-    bulk: MassProperties
+    properties: MassProperties
     reach: float
 
 
 class World:
-    """The box's walls on the ground, and what is put in, in a PyBullet world of its own.
+    """A separate PyBullet world with the walls of a box on the ground, and items.
 
-    size: (3,) of the box in box units. The box is open above; what leaves it lands beside it. Close
-    it, or use it in a `with`. PyBullet's own units are 100 to a box unit, in which its tolerances,
-    such as the 0.001 by which it grows hulls, are far below the contact tolerance.
+    The box is open at the top; items that leave it land next to it. Close the world after use, or
+    use it in a `with` statement.
+
+    Parameters
+    ----------
+    size : ndarray of float64, shape (3,)
+        Extents of the box, in box units.
+    settings : PhysicsSettings
+        The settings of the world.
+
+    Attributes
+    ----------
+    close : Callable[[], None]
+        Disconnects from PyBullet; calling it again does nothing.
+
+    Raises
+    ------
+    PhysicsError
+        If PyBullet refuses another world.
+
+    Notes
+    -----
+    A box unit is 100 of PyBullet's units, so that its tolerances, such as the 0.001 by which it
+    grows hulls, are far below the contact tolerance.
     """
 
     def __init__(self, size: Floats, settings: PhysicsSettings) -> None:
@@ -69,12 +91,12 @@ class World:
             with quiet():
                 self._client = self._pybullet.connect(self._pybullet.DIRECT)
             if self._client < 0:
-                raise PhysicsError("PyBullet has no room for another world: close other ones")
+                raise PhysicsError("PyBullet allows no further world: close other ones")
             undo.callback(_disconnect, self._client)
             self._set_up()
             self._walls = self._build_walls(size)
             self.close = weakref.finalize(self, undo.pop_all().close)
-        self._bodies: list[_Body] = []
+        self._items: list[_SimulatedItem] = []
 
     def __enter__(self) -> World:
         return self
@@ -83,65 +105,75 @@ class World:
         self.close()
 
     def add(self, pieces: Sequence[Piece], mass: float) -> int:
-        """Puts in an item of convex pieces, where they are; returns its number.
+        """Add an item.
 
-        mass: kg, spread evenly over the pieces; 0 for an item that stays where it is.
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            The convex pieces of the item where it is, in box units.
+        mass : float
+            Mass in kg, uniform over the pieces; 0 for an item that is fixed.
+
+        Returns
+        -------
+        int
+            The number of the item.
         """
-        bulk = MassProperties.of(pieces)
-        own = [((p.vertices - bulk.center) @ bulk.axes, p.faces) for p in pieces]
-        path = self._folder / f"{len(self._bodies)}.obj"
+        properties = MassProperties.of(pieces)
+        own = [((p.vertices - properties.center) @ properties.axes, p.faces) for p in pieces]
+        path = self._folder / f"{len(self._items)}.obj"
         path.write_text(objects(own, 1.0))
         with quiet():
             shape = self._pybullet.createCollisionShape(
                 self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
             )
-        number = self._body(shape, mass, Pose.from_axes(bulk.center, bulk.axes))
+        number = self._create_body(shape, mass, Pose.from_axes(properties.center, properties.axes))
         if mass:
             self._pybullet.changeDynamics(
                 number,
                 -1,
                 mass=mass,  # else it becomes 0
-                localInertiaDiagonal=(bulk.moments * mass * UNIT**2).tolist(),
+                localInertiaDiagonal=(properties.moments * mass * UNIT**2).tolist(),
                 physicsClientId=self._client,
             )
         reach = max(float(np.linalg.norm(vertices, axis=1).max()) for vertices, _ in own)
-        self._bodies.append(_Body(number, mass, bulk, reach))
-        return len(self._bodies) - 1
+        self._items.append(_SimulatedItem(number, mass, properties, reach))
+        return len(self._items) - 1
 
     def ignore(self, one: int, other: int) -> None:
-        """Lets two items pass through each other."""
-        numbers = (self._bodies[n].number for n in (one, other))
+        """Disable collisions between two items."""
+        numbers = (self._items[n].number for n in (one, other))
         self._pybullet.setCollisionFilterPair(*numbers, -1, -1, 0, physicsClientId=self._client)
 
     def step(self) -> None:
-        """Goes on by one step of time."""
+        """Advance by one time step."""
         self._pybullet.stepSimulation(physicsClientId=self._client)
 
     @property
     def speeds(self) -> Floats:
-        """(n,) m/s that no point of an item exceeds."""
+        """Upper bound of the speed of each item's points: (n,) in m/s."""
         found = []
-        for body in self._bodies:
-            linear, angular = (np.linalg.norm(v) for v in self._velocity(body))
-            found.append(float(linear + angular * body.reach * UNIT) / self._scale)
+        for item in self._items:
+            linear, angular = (np.linalg.norm(v) for v in self._velocity(item))
+            found.append(float(linear + angular * item.reach * UNIT) / self._scale)
         return np.array(found)
 
     @property
     def moves(self) -> list[Floats]:
-        """How each item has moved since it was put in: (4, 4) matrices, in box units."""
+        """Rigid motion of each item since it was added: (4, 4) matrices, in box units."""
         found = []
-        for body in self._bodies:
-            pose = self._pose(body)
+        for item in self._items:
+            pose = self._pose(item)
             move = np.eye(4)
-            move[:3, :3] = pose.axes @ body.bulk.axes.T
-            move[:3, 3] = pose.position - move[:3, :3] @ body.bulk.center
+            move[:3, :3] = pose.axes @ item.properties.axes.T
+            move[:3, 3] = pose.position - move[:3, :3] @ item.properties.center
             found.append(move)
         return found
 
     @property
     def contacts(self) -> set[tuple[int, int | str]]:
-        """Items that press on each other, the lower number first, and on which of `WALLS`."""
-        names: dict[int, int | str] = {body.number: n for n, body in enumerate(self._bodies)}
+        """Pairs in contact: two items, the lower number first, or an item and one of `WALLS`."""
+        names: dict[int, int | str] = {item.number: n for n, item in enumerate(self._items)}
         names |= dict(zip(self._walls, WALLS, strict=True))
         points = self._pybullet.getContactPoints(physicsClientId=self._client)
         found = set()
@@ -155,14 +187,14 @@ class World:
 
     @property
     def energy(self) -> float:
-        """J of all that can move: of its motion, and of its height above the ground."""
+        """Kinetic and potential energy of the items that can move, in J."""
         total = 0.0
-        for body in self._bodies:
-            pose = self._pose(body)
-            linear, angular = (np.array(v) for v in self._velocity(body))
-            spin = body.bulk.moments * UNIT**2 @ (pose.axes.T @ angular) ** 2
+        for item in self._items:
+            pose = self._pose(item)
+            linear, angular = (np.array(v) for v in self._velocity(item))
+            spin = item.properties.moments * UNIT**2 @ (pose.axes.T @ angular) ** 2
             height = pose.position[2] * self._settings.side
-            total += body.mass * (
+            total += item.mass * (
                 (linear @ linear + spin) / self._scale**2 / 2 + self._settings.gravity * height
             )
         return total
@@ -184,7 +216,7 @@ class World:
         )
 
     def _build_walls(self, size: Floats) -> list[int]:
-        """Bodies of `WALLS`, in order."""
+        """Create the bodies of `WALLS` and return their numbers, in order."""
         walls = []
         for axis in (0, 1):
             half = size / 2 + _THICKNESS * np.array((1, 1, 0))
@@ -197,13 +229,13 @@ class World:
                     halfExtents=(half * UNIT).tolist(),
                     physicsClientId=self._client,
                 )
-                walls.append(self._body(shape, 0.0, Pose(center)))
+                walls.append(self._create_body(shape, 0.0, Pose(center)))
         ground = self._pybullet.createCollisionShape(
             self._pybullet.GEOM_PLANE, physicsClientId=self._client
         )
-        return [*walls, self._body(ground, 0.0, Pose(np.zeros(3)))]
+        return [*walls, self._create_body(ground, 0.0, Pose(np.zeros(3)))]
 
-    def _body(self, shape: int, mass: float, pose: Pose) -> int:
+    def _create_body(self, shape: int, mass: float, pose: Pose) -> int:
         number: int = self._pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
@@ -230,17 +262,17 @@ class World:
         )
         return number
 
-    def _pose(self, body: _Body) -> Pose:
+    def _pose(self, item: _SimulatedItem) -> Pose:
         """Look up the pose of the centre of mass and the principal axes, in box units."""
         position, xyzw = self._pybullet.getBasePositionAndOrientation(
-            body.number, physicsClientId=self._client
+            item.number, physicsClientId=self._client
         )
         return Pose.from_xyzw(np.array(position) / UNIT, xyzw)
 
-    def _velocity(self, body: _Body) -> tuple[Sequence[float], Sequence[float]]:
-        """PyBullet's, linear and in radians."""
+    def _velocity(self, item: _SimulatedItem) -> tuple[Sequence[float], Sequence[float]]:
+        """Look up the linear and the angular velocity, the latter in radians per second."""
         found: tuple[Sequence[float], Sequence[float]] = self._pybullet.getBaseVelocity(
-            body.number, physicsClientId=self._client
+            item.number, physicsClientId=self._client
         )
         return found
 

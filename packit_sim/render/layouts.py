@@ -15,7 +15,7 @@ from packit_sim.placement import ItemInBox, PosedItem
 Floats = npt.NDArray[np.float64]
 
 GAP = 0.06
-"""Box units between items that stand next to each other, and from them to the box."""
+"""Gap in box units between neighbouring items, and between them and the box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Layout:
         items : Sequence[Item]
             The items.
         size : Floats | None
-            Extents (3,) of a box next to which they stand, on the left of its usual picture; by
+            Extents (3,) of a box next to them, on the left of its usual picture; by
             default there is none.
 
         Returns

@@ -15,7 +15,7 @@ RGB = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 
 BACKGROUND: RGB = (246, 247, 249)
-"""The colour where a picture shows nothing."""
+"""The colour of the background."""
 
 BoxStyle = Literal["edges", "ghost", "none"]
 BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
@@ -95,4 +95,4 @@ class Look:
 
 
 DEFAULT_LOOK = Look()
-"""How a box is shown where no look is given."""
+"""How a box is shown by default."""

@@ -1,6 +1,6 @@
-"""Which renderer draws: EGL where it starts, TinyRenderer elsewhere.
+"""The choice of a renderer: EGL if it starts, else TinyRenderer.
 
-EGL draws on the GPU, or with Mesa's software rasteriser where there is none. PyBullet's own
+EGL draws on the GPU, or with Mesa's software rasteriser if there is none. PyBullet's own
 TinyRenderer has no requirements.
 """
 
@@ -40,7 +40,7 @@ def acquire_renderer(load_egl: Callable[[str], bool]) -> str:
     Parameters
     ----------
     load_egl : Callable[[str], bool]
-        Loads the EGL plugin, whose path it is given, into the world; returns whether it started.
+        Loads the EGL plugin from a path into the world; returns whether it started.
 
     Returns
     -------
@@ -88,10 +88,9 @@ def release_renderer(renderer: str) -> None:
 
 @functools.cache
 def egl_problem() -> str | None:
-    """Return why EGL does not start, or None where it does.
+    """Return why EGL does not start, or None if it does.
 
-    The probe runs in a separate process: where a part of EGL is missing, the plugin ends its
-    process.
+    The probe runs in a separate process: if a part of EGL is missing, the plugin ends its process.
     """
     plugin = _egl_plugin()
     if not plugin:

@@ -34,8 +34,8 @@ from packit_sim.physics.settings import DecompositionSettings
 PIECES_BUDGET = 200_000
 """Pieces in the process's cache of decompositions, roughly 5 kB each."""
 
-_FORMAT = 2
-"""Version of the entries on disk; it is raised by changes that give other pieces."""
+_FORMAT = 3
+"""Version of the entries on disk, raised when their arrays or the pieces change."""
 
 _PATIENCE = 20
 """Limit of CoACD's wall-clock time, relative to that of its CPU time."""
@@ -172,7 +172,7 @@ def _kept(shape: Shape, settings: DecompositionSettings) -> Decomposition:
 
 
 def _version(settings: DecompositionSettings) -> str:
-    """Return the version of CoACD, whose pieces may depend on it."""
+    """Return the version of CoACD, on which its pieces may depend."""
     if settings.method != "coacd":
         return ""
     try:
@@ -194,7 +194,7 @@ def decompose_anew(shape: Shape, settings: DecompositionSettings) -> Decompositi
         if method == "coacd":
             pieces, problem = _by_coacd(shape, settings)
         if method == "bisection" or problem is not None:
-            pieces = bisect(shape, solid, settings.overhang, settings.most)
+            pieces = bisect(shape, solid, settings.hausdorff, settings.max_pieces)
             method = "bisection"
     return Decomposition(
         tuple(pieces),
@@ -241,7 +241,7 @@ def _hulls(shape: Shape, settings: DecompositionSettings) -> tuple[list[Floats],
         except subprocess.TimeoutExpired:
             return [], f"it took more than {_PATIENCE * settings.seconds} s"
         if run.returncode == -signal.SIGXCPU:
-            return [], f"it took more than {settings.seconds} s of a processor"
+            return [], f"it took more than {settings.seconds} s of CPU time"
         if run.returncode:
             return [], f"it ended with status {run.returncode}"
         with np.load(Path(folder) / "hulls.npz") as hulls:
@@ -254,8 +254,8 @@ def _arrays(decomposition: Decomposition) -> disk_cache.Arrays:
         "vertices": np.concatenate([piece.vertices for piece in pieces]),
         "faces": np.concatenate([piece.faces for piece in pieces]),
         "counts": np.array([(len(piece.vertices), len(piece.faces)) for piece in pieces]),
-        "overhangs": np.array(decomposition.distances),
-        "told": np.array([decomposition.method, decomposition.problem or ""]),
+        "distances": np.array(decomposition.distances),
+        "outcome": np.array([decomposition.method, decomposition.problem or ""]),
         "volume_error": np.array(decomposition.volume_error),
     }
 
@@ -264,10 +264,10 @@ def _read(arrays: disk_cache.Arrays) -> Decomposition:
     ends = np.cumsum(arrays["counts"], axis=0)[:-1]
     vertices = np.split(arrays["vertices"], ends[:, 0])
     faces = np.split(arrays["faces"], ends[:, 1])
-    method, problem = arrays["told"].tolist()
+    method, problem = arrays["outcome"].tolist()
     return Decomposition(
         tuple(Piece(*both) for both in zip(vertices, faces, strict=True)),
-        tuple(arrays["overhangs"].tolist()),
+        tuple(arrays["distances"].tolist()),
         method,
         problem or None,
         float(arrays["volume_error"]),

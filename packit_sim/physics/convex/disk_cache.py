@@ -36,7 +36,7 @@ def cache_folder() -> Path:
 
 
 def entry(kind: str, digest: str, *settings: object) -> Path:
-    """Return the file of what is computed from the object with this digest, with these settings."""
+    """Return the file of the result for the object with this digest and with these settings."""
     settings_digest = hashlib.sha256(repr(settings).encode()).hexdigest()
     return cache_folder() / kind / f"{digest[:32]}-{settings_digest[:16]}.npz"
 

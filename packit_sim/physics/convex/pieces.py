@@ -68,7 +68,7 @@ class Piece:
 
     @cached_property
     def planes(self) -> Floats:
-        """Unit normals and offsets (k, 4): normal @ p + offset <= 0 for all points p inside."""
+        """Planes (k, 4) of the faces: unit normal and offset; normal @ p + offset <= 0 inside."""
         crosses = _crosses(self.triangles)
         lengths = np.linalg.norm(crosses, axis=1)
         real = lengths > 0
@@ -116,7 +116,19 @@ class MassProperties:
     def of(cls, pieces: Sequence[Piece]) -> MassProperties:
         """Compute the mass properties of pieces.
 
-        Not by trimesh: it rounds moments otherwise, and settling amplifies the last bit.
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            The pieces.
+
+        Returns
+        -------
+        MassProperties
+            Their mass properties, in the unit of the vertices.
+
+        Notes
+        -----
+        trimesh rounds moments differently, and settling amplifies differences in the last bit.
         """
         triangles = np.concatenate([piece.triangles for piece in pieces])
         origin = triangles.mean(axis=(0, 1))

@@ -9,10 +9,25 @@ from packit_sim.core.compilation import kernel
 
 @kernel
 def clip(triangles, planes, slack):
-    """Return (n, 3) corners of the parts of triangles (m, 3, 3) that are behind planes (k, 4).
+    """Return the corners of the parts of triangles that are behind all planes.
 
-    Each triangle is cut by one plane after the other (Sutherland and Hodgman, 1974). slack: how far
-    a point may be beyond a plane and count as behind it.
+    Parameters
+    ----------
+    triangles : ndarray
+        (m, 3, 3) float64.
+    planes : ndarray
+        (k, 4) float64, unit normals and offsets.
+    slack : float
+        How far a point may be beyond a plane and count as behind it.
+
+    Returns
+    -------
+    ndarray
+        (n, 3) float64.
+
+    Notes
+    -----
+    Each triangle is cut by one plane after the other (Sutherland and Hodgman, 1974).
     """
     most = len(planes) + 4
     polygon, left, beyond = np.empty((most, 3)), np.empty((most, 3)), np.empty(most)
@@ -53,9 +68,23 @@ def clip(triangles, planes, slack):
 
 @kernel
 def farthest_inside(distance, low, high, planes):
-    """Return the largest distance [x, y, z] among the voxels behind all planes (k, 4).
+    """Return the largest distance among the voxels behind all planes.
 
-    low, high: (3,) the range of voxels to look at.
+    Parameters
+    ----------
+    distance : ndarray
+        float64 [x, y, z], the distance at each voxel.
+    low : ndarray
+        (3,) int64, the first voxel to look at along each axis.
+    high : ndarray
+        (3,) int64, the end of the range.
+    planes : ndarray
+        (k, 4) float64, normals and offsets, in voxels.
+
+    Returns
+    -------
+    float
+        The distance; 0 if no voxel is behind all planes.
     """
     farthest = 0.0
     for x in range(low[0], high[0]):
