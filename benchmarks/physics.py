@@ -38,7 +38,7 @@ from packit_sim.physics.convex.decomposition import (
     decompose_anew,
 )
 from packit_sim.physics.penetration import penetrations, wall_penetrations
-from packit_sim.physics.quality import FLOATS
+from packit_sim.physics.quality import FLOATING_HEIGHT
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
@@ -152,7 +152,7 @@ def measure_pack(
         "from above": routes.insertable_from_above,
         "removable": routes.removable,
         "interlocked": len(routes.interlocked),
-        "floating": int((drops(box) > FLOATS).sum()),
+        "floating": int((drops(box) > FLOATING_HEIGHT).sum()),
         "pushed, s": pushed_seconds,
         "filled": pushed.filled[0],
         "filled, pushed": pushed.filled[1],
