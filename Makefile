@@ -64,9 +64,9 @@ wheel: $(STAMP) ## sdist, and from it the wheel, into dist/
 	@rm -rf dist
 	@$(BIN)/python -m build --no-isolation
 
-constraints: ## constraints.txt anew, from the registry's newest that fit
+constraints: ## write constraints.txt again, with the newest versions that fit
 	@bash scripts/constraints.sh $(PYTHON)
 
-clean: ## away with everything made, .venv too
+clean: ## remove everything that was generated, .venv too
 	rm -rf $(VENV) build demo dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

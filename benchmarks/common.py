@@ -71,8 +71,10 @@ def summary_table(
     ----------
     rows : Mapping[str, Mapping[str, float]]
         Summaries by the names of measures.
-    first, median : str
-        Headers of the columns of names and of medians.
+    first : str
+        Header of the column of names.
+    median : str
+        Header of the column of medians.
     spec : str
         Format of the numbers.
 

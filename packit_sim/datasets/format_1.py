@@ -58,12 +58,12 @@ def _provenance(made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _agent(name: Any) -> Any:
-    """The name of an agent, which may have been renamed since."""
+    """Return the name of an agent, which may have been renamed since."""
     return name.replace("packnn-prospects", "packnn-placement") if isinstance(name, str) else name
 
 
 def _played(made: Mapping[str, Any]) -> dict[str, Any]:
-    """A rollout; numbers that are none of its own fields are scores."""
+    """Rewrite a rollout; numbers that are not fields of `Played` are scores."""
     if made["results"] != FORMAT:
         raise PackFormatError(f"field 'made.results' is {made['results']!r:.40}: expected {FORMAT}")
     fields = {key: made[key] for key in _PLAYED if key in made}

@@ -1,1 +1,1 @@
-"""The game played on a task, and Gymnasium's face of it."""
+"""The game as Gymnasium environments: observations, vector environments, recordings."""

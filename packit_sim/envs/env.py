@@ -85,9 +85,13 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         "random" draws a task at each reset, "cycle" takes them in turn, whatever the seed.
     rules : Rules
         The rules to play by; by default those of the paper.
-    shape, rotation, location : Policy or str, optional
-        A policy or its name, if that sub-task is not the agent's; then it is no step, and the
-        action space has only the actions of the others.
+    shape : Policy or str, optional
+        A policy for shapes or its name, if shapes are not the agent's choice: then they are not a
+        step, and the action space has only the actions of the other sub-tasks.
+    rotation : Policy or str, optional
+        The same for rotations.
+    location : Policy or str, optional
+        The same for locations.
     observation : str
         "voxels", "features", "placement-features" or "none" (see `observations`).
     max_shapes : int

@@ -1,4 +1,4 @@
-"""Quality scores of results: are boxes stable, can they be packed, do items float?"""
+"""Quality scores of results: stability, insertability and floating items."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class TimeEstimate:
         return seconds * max(sum(left), self._crew * max(left))
 
     def _expected(self, done: int) -> float:
-        """The length of an evolution of which so many generations are done."""
+        """Estimate the length of an evolution of which so many generations are done."""
         longer = [length for length in tuple(self._lengths.values()) if length > done]
         return sum(longer) / len(longer) if longer else max(self.settings.generations + 1, done)
 

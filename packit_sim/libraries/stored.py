@@ -242,6 +242,11 @@ def is_id(id: str) -> bool:
     id : str
         The id. Letters and digits of any script, `_`, `-`, `.` and `/` are valid, and each part
         begins with a letter, a digit or `_`.
+
+    Returns
+    -------
+    bool
+        Whether the id is valid.
     """
     return _ID.fullmatch(id) is not None
 

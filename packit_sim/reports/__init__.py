@@ -1,1 +1,1 @@
-"""Runs on one page that opens anywhere: tables, plots, and a gallery of boxes to be turned."""
+"""Evaluations and trainings on one HTML page: tables, plots, and interactive boxes."""

@@ -143,5 +143,5 @@ class DaggerDataset:
 
 
 def _by_environment(field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(steps * envs, ...) from (steps, envs, ...), one environment after the other."""
+    """Return (steps * envs, ...) of (steps, envs, ...), one environment after the other."""
     return field.swapaxes(0, 1).reshape(-1, *field.shape[2:])

@@ -163,7 +163,7 @@ class ImitationPPO(MaskablePPO):
         self.policy.optimizer.step()
 
     def _loss(self, distribution: Any, labels: Tensor) -> Tensor:
-        """The policy's loss for labels (b, 1) of choices or (b, actions) of costs."""
+        """Compute the policy's loss for labels (b, 1) of choices or (b, actions) of costs."""
         are_costs = labels.shape[1] > 1
         choices = labels.argmin(1) if are_costs else labels.long().flatten()
         cross_entropy: Tensor = -distribution.log_prob(choices).mean()

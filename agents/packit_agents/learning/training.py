@@ -242,7 +242,7 @@ class Training:
         return tuple(name for name in fields if observed or name != "placement_features")
 
     def _env_settings(self) -> dict[str, Any]:
-        """The settings of the environments, for training and for validation."""
+        """Return the settings of the environments, for training and for validation."""
         settings = self.settings
         fixed = {"rotation": "aligned", "location": "blbf"}
         return {
@@ -304,7 +304,7 @@ class Training:
         )
 
     def _provenance(self) -> dict[str, Any]:
-        """The settings, and the digests of the tasks and the library."""
+        """Return the settings, and the digests of the tasks and the library."""
         record: dict[str, Any] = {"settings": asdict(self.settings)}
         for name, tasks in (("tasks", self._tasks), ("validation", self._validation)):
             record[name] = tasks if isinstance(tasks, str) else _digest(tasks)
@@ -426,7 +426,7 @@ def _env(
 
 
 def _digest(tasks: Sequence[Task]) -> str:
-    """The digest of all tasks, in their order."""
+    """Compute the digest of all tasks, in their order."""
     return hashlib.sha256("".join(task.digest for task in tasks).encode()).hexdigest()
 
 

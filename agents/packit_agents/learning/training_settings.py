@@ -224,7 +224,7 @@ def _check_names(values: Mapping[str, Any]) -> None:
 
 
 def _value(text: str) -> Any:
-    """The value of TOML that a text stands for, None for "none", else the text itself."""
+    """Parse a value of TOML; "none" is None, and anything else is the text itself."""
     if text.lower() == "none":
         return None
     try:
