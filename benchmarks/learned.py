@@ -30,7 +30,7 @@ from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.evaluation import RETURN_SLACK
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.paper.reproduction import HEURISTIC
 from packit_sim.render import plots
@@ -67,9 +67,9 @@ class Row:
             name,
             len(agents),
             Estimate.of(means),
-            Estimate.of(100.0 * (own >= LEVEL - SLACK).mean(axis=0)),
+            Estimate.of(100.0 * (own >= LEVEL - RETURN_SLACK).mean(axis=0)),
             against,
-            Comparison.of(means.tolist(), returns[against], SLACK),
+            Comparison.of(means.tolist(), returns[against], RETURN_SLACK),
         )
 
 

@@ -28,11 +28,11 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.generation.evolution import densities
 from packit_sim.generation.pack_creator import Recipe
-from packit_sim.generation.strategies import Elitist, Generational, Search
+from packit_sim.generation.strategies import Elitist, EvolutionStrategy, Generational
 
 PAPERS = "generational (the paper's)"
 
-KINDS: dict[str, Callable[[EvolutionSettings], Search]] = {
+KINDS: dict[str, Callable[[EvolutionSettings], EvolutionStrategy]] = {
     PAPERS: Generational,
     "elitist": Elitist,
     "tournaments (DEAP)": Tournaments,

@@ -13,7 +13,7 @@ from deap import algorithms, base, tools
 
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.generation.chromosomes import Chromosome
-from packit_sim.generation.strategies import Search
+from packit_sim.generation.strategies import EvolutionStrategy
 from packit_sim.geometry import rotations
 
 TOURNAMENT = 3
@@ -42,7 +42,7 @@ class Individual:
         return cls(chromosome.to_json(), Density((density,)))
 
 
-class Tournaments(Search):
+class Tournaments(EvolutionStrategy):
     """DEAP's (mu + lambda): tournaments among parents and children; the best is kept.
 
     Children are created by partially matched crossover of the order and two-point crossover of

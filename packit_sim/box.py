@@ -15,9 +15,9 @@ from packit_sim.engine.feasibility import ORIGIN, Blockers, Mask, checked_locati
 from packit_sim.engine.items import BoxState, ItemT, PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry import rotations
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
-from packit_sim.geometry.poses import Floats
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
 

@@ -12,7 +12,7 @@ from packit_sim.render import coloring
 from packit_sim.render.coloring import (
     COLORINGS,
     PALETTE,
-    UNKNOWN,
+    UNKNOWN_COLOR,
     ByNumber,
     ByShare,
     ColorKey,
@@ -84,8 +84,8 @@ def test_order_and_share_by_hand() -> None:
 
 def test_numbers_that_are_not_there_equal_or_out_of_range() -> None:
     items = [Item(CUBE, 0.1)] * 3
-    assert ByNumber("score", {1: 5.0})(items).of == (UNKNOWN, ramp(0), UNKNOWN)
-    assert ByNumber("score", {})(items).of == (UNKNOWN,) * 3
+    assert ByNumber("score", {1: 5.0})(items).of == (UNKNOWN_COLOR, ramp(0), UNKNOWN_COLOR)
+    assert ByNumber("score", {})(items).of == (UNKNOWN_COLOR,) * 3
     found = ByNumber("score", {0: -1, 1: 0.5, 2: 9}, low=0, high=1, spec=".0%")(items)
     assert found.of == (ramp(0), ramp(0.5), ramp(1))
     assert found.legend == ColorScale("score", "0%", "100%")

@@ -15,6 +15,7 @@ from trimesh import creation, sample
 
 from packit_sim.core import caches
 from packit_sim.core.errors import PhysicsError
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import decomposition, disk_cache
 from packit_sim.physics.convex.bisection import bisect
@@ -23,7 +24,6 @@ from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import (
     MOST_CORNERS,
     SHEET,
-    Floats,
     MassProperties,
     Piece,
     clipped,

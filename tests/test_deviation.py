@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.core.errors import MeshError
-from packit_sim.geometry.deviation import RELATIVE_SLACK, SLACK, Surface, deviation
+from packit_sim.geometry.deviation import DIAGONAL_SLACK, RELATIVE_SLACK, Surface, deviation
 from packit_sim.geometry.deviation_kernels import distances
 
 ROUNDING = 1e-9
@@ -53,7 +53,7 @@ def by_brute_force(points: np.ndarray, mesh: trimesh.Trimesh) -> float:
 
 def allowed(distance: float, a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
     """The most that the bound may be."""
-    slack = SLACK * max(np.linalg.norm(mesh.extents) for mesh in (a, b))
+    slack = DIAGONAL_SLACK * max(np.linalg.norm(mesh.extents) for mesh in (a, b))
     return distance * (1 + RELATIVE_SLACK) + slack + ROUNDING
 
 
@@ -125,7 +125,7 @@ def test_it_does_not_depend_on_the_frame() -> None:
     first = deviation(a, b)
     turn = trimesh.transformations.rotation_matrix(1.1, (1, 2, 3), (5, -4, 2))
     second = deviation(a.copy().apply_transform(turn), b.copy().apply_transform(turn))
-    assert abs(first - second) <= RELATIVE_SLACK * min(first, second) + 10 * SLACK
+    assert abs(first - second) <= RELATIVE_SLACK * min(first, second) + 10 * DIAGONAL_SLACK
     large = deviation(a.copy().apply_scale(1024), b.copy().apply_scale(1024))
     assert large == 1024 * first
 

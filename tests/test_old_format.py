@@ -11,7 +11,7 @@ from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.pack_files import manifest_path, read_packs, write_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import (
-    UNKNOWN,
+    UNKNOWN_PROVENANCE,
     Evolved,
     FromOriginal,
     Other,
@@ -91,7 +91,7 @@ def test_all_that_was_recorded_of_a_rollout_is_kept() -> None:
 
 def test_free_form_records_become_notes() -> None:
     unknown, noted = read_packs(RECORDS / "packs" / "other.jsonl")
-    assert unknown.provenance == UNKNOWN
+    assert unknown.provenance == UNKNOWN_PROVENANCE
     assert isinstance(noted.provenance, Other)
     assert (noted.provenance.author, noted.provenance.split) == ("somebody", "train")
     assert json.loads(noted.provenance.notes) == {"tool": {"name": "mine", "version": 3}}

@@ -22,7 +22,7 @@ from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.original import read_original
 from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
-from packit_sim.datasets.provenance import UNKNOWN, Evolved, Other, Provenance
+from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Other, Provenance
 from packit_sim.datasets.statistics import DatasetStatistics, take
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
@@ -69,7 +69,9 @@ def blocks(tmp_path_factory: pytest.TempPathFactory) -> ShapeLibrary:
 
 
 def pack_of(
-    library: ShapeLibrary, *items: tuple[str, float, int], provenance: Provenance = UNKNOWN
+    library: ShapeLibrary,
+    *items: tuple[str, float, int],
+    provenance: Provenance = UNKNOWN_PROVENANCE,
 ) -> Pack:
     """A pack of items (shape, scale, rotation), all of them somewhere."""
     placed = tuple(PackedItem(*item, (0, 0, 0)) for item in items)

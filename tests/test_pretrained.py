@@ -70,7 +70,7 @@ def test_the_papers_network_sees_what_the_papers_does() -> None:
     network, placement_features, provenance = read_weights(FOLDER / "packnn.safetensors")
     assert placement_features == 0 and provenance["settings"]["network"]["network"] == "packnn"
     assert isinstance(network, PackNN)
-    assert pretrained.PackNN().provenance == provenance
+    assert pretrained.PACKNN().provenance == provenance
 
 
 def test_the_card_quotes_the_last_measurement() -> None:

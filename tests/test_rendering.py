@@ -23,7 +23,7 @@ from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render import renderers, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
-from packit_sim.render.layouts import GAP, Layout
+from packit_sim.render.layouts import ITEM_GAP, Layout
 from packit_sim.render.looks import BACKGROUND, Cut, Look
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.scene import Scene
@@ -150,11 +150,11 @@ def test_items_are_apart_on_the_floor_next_to_the_box(count, seed, size) -> None
     centers = np.array([pose.position for pose in layout.poses]).reshape(-1, 3)
     assert np.allclose(centers[:, 2], extents[:, 2] / 2)
     if size is not None:
-        assert (centers[:, 0] - extents[:, 0] / 2 >= size[0] + GAP).all()
+        assert (centers[:, 0] - extents[:, 0] / 2 >= size[0] + ITEM_GAP).all()
     for n in range(count):
         gaps = np.abs(centers - centers[n])[:, :2] - (extents + extents[n])[:, :2] / 2
         gaps[n] = np.inf
-        assert (gaps.max(axis=1) >= GAP - 1e-9).all()
+        assert (gaps.max(axis=1) >= ITEM_GAP - 1e-9).all()
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])

@@ -16,10 +16,9 @@ from benchmarks.peers.grids import profile_turned, profiles
 from benchmarks.peers.posed import ALL_ROTATIONS, Posed, largest_first
 from packit_sim.core.compilation import kernel
 from packit_sim.datasets.packs import Task
+from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.lattice import CELL, FINE, FINE_PER_CELL, Triple
 from packit_sim.geometry.shapes import Item
-
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

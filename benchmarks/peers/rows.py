@@ -15,7 +15,7 @@ from benchmarks.peers.validity import QualityScores
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.files import replace_text
 from packit_sim.datasets.packs import Task
-from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.evaluation import RETURN_SLACK
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 
 DIGITS = 6
@@ -150,7 +150,9 @@ class Summary:
             mean(float(row.pairs) for row in rows),
             sum(row.outside for row in rows),
             float(np.median([row.seconds for row in rows])),
-            Comparison.of([row.kept for row in rows], [row.kept for row in reference], SLACK),
+            Comparison.of(
+                [row.kept for row in rows], [row.kept for row in reference], RETURN_SLACK
+            ),
         )
 
 

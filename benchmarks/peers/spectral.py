@@ -33,7 +33,7 @@ HEIGHT_WEIGHT = 10.0
 both in box units. The paper's cost has such a term as well; on train packs weights from 0 to 100
 gave the same result."""
 
-Floats = npt.NDArray[np.float32]
+Floats32 = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
 
@@ -136,11 +136,11 @@ class Metrics:
             half = scipy.fft.fft(half, self.shape[axis], axis=axis)
         return np.asarray(half)
 
-    def collisions(self, item: Spectrum, size: tuple[int, ...]) -> Floats:
+    def collisions(self, item: Spectrum, size: tuple[int, ...]) -> Floats32:
         """Count an item's colliding voxels at each offset inside the box."""
         return self._correlation(self._filled, item, size)
 
-    def proximity(self, item: Spectrum, size: tuple[int, ...]) -> Floats:
+    def proximity(self, item: Spectrum, size: tuple[int, ...]) -> Floats32:
         """Sum the distances of an item's voxels from filled voxels, at each offset."""
         return self._correlation(self._distances, item, size)
 
@@ -152,7 +152,7 @@ class Metrics:
     def _distances(self) -> Spectrum:
         return self.spectrum(distances(self._voxels))
 
-    def _correlation(self, own: Spectrum, item: Spectrum, size: tuple[int, ...]) -> Floats:
+    def _correlation(self, own: Spectrum, item: Spectrum, size: tuple[int, ...]) -> Floats32:
         x, y, z = (n - m + 1 for n, m in zip(self.shape, size, strict=True))
         sums = scipy.fft.ifft(own * np.conj(item), axis=0)[:x]
         sums = scipy.fft.ifft(sums, axis=1)[:, :y]

@@ -35,14 +35,14 @@ app = typer.Typer(help="Describe shape libraries, and import meshes.", no_args_i
 CategoryOption = Annotated[
     list[str] | None, typer.Option("--category", help="Only this category; may be repeated.")
 ]
-SplitOption = Annotated[Split | None, typer.Option("--split", help="Only this split.")]
+OnlySplitOption = Annotated[Split | None, typer.Option("--split", help="Only this split.")]
 
 
 @app.command("list")
 def list_command(
     library: LibraryOption = "everyday",
     category: CategoryOption = None,
-    split: SplitOption = None,
+    split: OnlySplitOption = None,
 ) -> None:
     """List the shapes of a library."""
     opened = _opened(library, split)
@@ -119,7 +119,7 @@ def contact_sheet_command(
     out: Annotated[Path, typer.Option("--out", help="PNG file for the picture.")],
     library: LibraryOption = "everyday",
     category: CategoryOption = None,
-    split: SplitOption = None,
+    split: OnlySplitOption = None,
     id: Annotated[
         list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
     ] = None,

@@ -50,7 +50,7 @@ WIDTH = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SplitSummary:
     """One split of a dataset, with its statistics.
 
     Attributes
@@ -74,7 +74,7 @@ class Part:
     version: str | None
 
     @classmethod
-    def read(cls, file: Path, library: ShapeLibrary) -> Part:
+    def read(cls, file: Path, library: ShapeLibrary) -> SplitSummary:
         """Read a file; errors are those of `read_packs` and `DatasetStatistics.of`."""
         packs = read_packs(file)
         statistics = DatasetStatistics.of(file.stem, packs, library)
@@ -130,14 +130,14 @@ class Part:
         return shlex.join([*words, "--out", out])
 
 
-def read(source: Path | str, library: ShapeLibrary) -> tuple[Part, ...]:
+def read(source: Path | str, library: ShapeLibrary) -> tuple[SplitSummary, ...]:
     """Read the splits of a dataset."""
-    return tuple(Part.read(file, library) for file in dataset_files(source))
+    return tuple(SplitSummary.read(file, library) for file in dataset_files(source))
 
 
 def page(
     source: Path | str,
-    parts: Sequence[Part],
+    parts: Sequence[SplitSummary],
     library: ShapeLibrary,
     *,
     picture: str,
@@ -150,7 +150,7 @@ def page(
     ----------
     source : Path or str
         The dataset's name or path.
-    parts : sequence of Part
+    parts : sequence of SplitSummary
         Its splits.
     library : ShapeLibrary
         The library of its shapes.
@@ -215,7 +215,7 @@ def _known(library: ShapeLibrary) -> bool:
     return library.source.is_catalogued
 
 
-def _shared_objects(parts: Sequence[Part], library: ShapeLibrary) -> set[str]:
+def _shared_objects(parts: Sequence[SplitSummary], library: ShapeLibrary) -> set[str]:
     """Return the objects, or else the shapes, that more than one split contains."""
     held = [
         {library.info(id).group if _known(library) else id for id in part.statistics.shapes}

@@ -10,7 +10,6 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from msgspec import Meta, Struct
 
@@ -21,6 +20,7 @@ from packit_sim.datasets.pack_checks import named
 from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.verification import Problem, Report
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Shape
@@ -35,15 +35,12 @@ MAX_LENGTH = 1e30
 SAMPLES = 9
 """Points of a part that vote on whether it is inside another shell."""
 
-WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
+AXIS_WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 """The walls of a box by axis, the one at 0 first."""
 
 Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
 Extent = Annotated[float, Meta(gt=1 / MAX_LENGTH, lt=MAX_LENGTH)]
 Row = tuple[Length, Length, Length, Length]
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def verify_packing(file: Path | str) -> Report:
@@ -240,7 +237,7 @@ def winding_number(triangles: Floats, point: Floats) -> float:
 
 def _wall_problems(body: _Body, extents: Floats, unit: float) -> Iterator[str]:
     beyond = np.column_stack([-body.low, body.high - extents / unit])
-    for walls, depths in zip(WALLS, beyond.tolist(), strict=True):
+    for walls, depths in zip(AXIS_WALLS, beyond.tolist(), strict=True):
         for wall, depth in zip(walls, depths, strict=True):
             if not depth <= CONTACT_TOLERANCE:
                 yield f"{body.what} reaches {depth * unit:.3g} beyond the box's {wall} wall"

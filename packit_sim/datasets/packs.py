@@ -17,7 +17,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
-from packit_sim.datasets.provenance import UNKNOWN, Provenance, RotationIndex
+from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
@@ -158,11 +158,13 @@ class Pack:
     cells: Triple
     items: tuple[PackedItem, ...]
     density: Annotated[float, Meta(ge=0)]
-    provenance: Provenance = UNKNOWN
+    provenance: Provenance = UNKNOWN_PROVENANCE
     outside: tuple[ItemRecord, ...] = ()
 
     @classmethod
-    def of(cls, box: BaseBox[Any], library: LibraryRef, provenance: Provenance = UNKNOWN) -> Pack:
+    def of(
+        cls, box: BaseBox[Any], library: LibraryRef, provenance: Provenance = UNKNOWN_PROVENANCE
+    ) -> Pack:
         """Record the content of a box.
 
         Parameters

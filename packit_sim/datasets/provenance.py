@@ -173,5 +173,5 @@ class Other(_Record, frozen=True, kw_only=True, tag="other"):
 
 Provenance: TypeAlias = Evolved | Sampled | Played | FromOriginal | Other
 
-UNKNOWN = Other()
+UNKNOWN_PROVENANCE = Other()
 """The provenance of a pack without a record."""

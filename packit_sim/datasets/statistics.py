@@ -18,6 +18,7 @@ from packit_sim.datasets.pack_files import dataset_files, read_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved, Sampled
 from packit_sim.geometry import rotations
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -30,11 +31,8 @@ MOST_SCALES = 8
 DIGITS = 6
 """Significant digits to which scales must agree to count as one: rounding of products."""
 
-UPRIGHT = rotations.COUNT // 6
+UPRIGHT_ROTATIONS = rotations.COUNT // 6
 """Number of rotations, the first ones, that keep the canonical shape upright."""
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -207,7 +205,7 @@ class DatasetStatistics:
             for name, count in self.categories.most_common(MOST_FREQUENT)
         )
         rows["rotations in use"] = f"{np.count_nonzero(self.rotations)} of {rotations.COUNT}"
-        rows["items upright"] = f"{self.rotations[:UPRIGHT].sum() / total:.0%}"
+        rows["items upright"] = f"{self.rotations[:UPRIGHT_ROTATIONS].sum() / total:.0%}"
         return rows
 
     def to_json(self) -> dict[str, Any]:

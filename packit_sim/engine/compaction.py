@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.sweeping import Axis, free_distance
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
-
-Floats = npt.NDArray[np.float64]
 
 GAP = CONTACT_TOLERANCE / 10
 """Box units that moves leave between collision meshes, which are shrunk: more than the rounding of

@@ -9,8 +9,9 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from packit_sim.core.caches import cached_property
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL, STEP, Triple
-from packit_sim.geometry.poses import Floats, Pose
+from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 
 

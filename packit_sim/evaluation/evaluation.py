@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""
 
-SLACK = 1e-9
+RETURN_SLACK = 1e-9
 """Tolerance of returns for the rounding of sums: in comparisons with x, and with each other."""
 
 
@@ -73,7 +73,7 @@ class Score:
             agent,
             len(own),
             Estimate.of(totals),
-            {x: Estimate.of(100.0 * (totals >= x - SLACK)) for x in SUCCESS_LEVELS},
+            {x: Estimate.of(100.0 * (totals >= x - RETURN_SLACK)) for x in SUCCESS_LEVELS},
             Estimate.of([rollout.pack.density for rollout in own]),
             float(np.median([rollout.seconds for rollout in own])),
         )
@@ -103,7 +103,7 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
     shared = [digest for digest in ours if digest in theirs]
     if not shared:
         raise ArgumentError("there is no task that both have played")
-    return Comparison.of([ours[d] for d in shared], [theirs[d] for d in shared], SLACK)
+    return Comparison.of([ours[d] for d in shared], [theirs[d] for d in shared], RETURN_SLACK)
 
 
 def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = PACKIT) -> Episode:

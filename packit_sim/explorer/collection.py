@@ -12,7 +12,7 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.pack_files import dataset_file, read_packs
 from packit_sim.datasets.packs import Pack, Task
-from packit_sim.datasets.provenance import UNKNOWN, Evolved, Played
+from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
@@ -229,7 +229,7 @@ def _facts(pack: Pack, items: int) -> tuple[tuple[str, str], ...]:
         ("density", f"{pack.density:.3f}"),
         ("box", " x ".join(f"{c / 100:g}" for c in pack.cells)),
     ]
-    if origin != UNKNOWN:
+    if origin != UNKNOWN_PROVENANCE:
         rows.append(("by", origin.producer))
     if isinstance(origin, Played):
         rows += [("return", f"{origin.total:.3f}"), ("ended", origin.end)]

@@ -20,7 +20,7 @@ from packit_sim.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import ORIGIN, PlacedItem
-from packit_sim.render.coloring import COLORINGS, UNKNOWN, ByShare, Color, Legend, by_order
+from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, ByShare, Color, Legend, by_order
 from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
 from packit_sim.viewer.web_page import LOOPBACK, WebPage
 
@@ -303,7 +303,7 @@ def _colored(views: Sequence[PackView], name: str) -> tuple[list[tuple[Color, ..
     """Colour the items of each pack by the same rule, and return the legend."""
     if name == "order":
         ordered = [by_order([placed.item for placed in e.placed]) for e in views]
-        left = [(UNKNOWN,) * len(view.outside) for view in views]
+        left = [(UNKNOWN_COLOR,) * len(view.outside) for view in views]
         return [o.of + rest for o, rest in zip(ordered, left, strict=True)], ordered[0].legend
     rule = ByShare(views[0].total) if name == "share" else COLORINGS[name]
     both = rule([item for view in views for item in view.items])

@@ -106,7 +106,7 @@ class GenerationJob:
 
 
 @dataclass(frozen=True)
-class Progress:
+class EvolutionProgress:
     """An unfinished evolution at its last checkpoint.
 
     Attributes
@@ -195,14 +195,14 @@ def checkpoint(folder: Path, number: int) -> Path:
     return folder / f"{number:05d}.json"
 
 
-def under_way(file: Path) -> list[Progress]:
+def under_way(file: Path) -> list[EvolutionProgress]:
     """Read the progress of a dataset's unfinished evolutions from their checkpoints."""
     found = []
     for path in sorted(work_folder(file).glob("[0-9]*.json")):
         state = _read(path, EvolutionState)
         if state is not None and state.densities:
             last = len(state.densities) - 1
-            found.append(Progress(int(path.stem), last, state.densities[-1]))
+            found.append(EvolutionProgress(int(path.stem), last, state.densities[-1]))
     return found
 
 

@@ -32,7 +32,7 @@ class SearchState(Struct, frozen=True):
     densities: list[float]
 
 
-class Search(ABC):
+class EvolutionStrategy(ABC):
     """A search for dense packs.
 
     Parameters
@@ -88,7 +88,7 @@ class Search(ABC):
         self.densities = list(state.densities)
 
 
-class Generational(Search):
+class Generational(EvolutionStrategy):
     """The paper's search: the best survive, and some others by chance; children fill the rest.
 
     The others are drawn regardless of their densities, so a density below the elite's never
@@ -113,7 +113,7 @@ class Generational(Search):
         return [self._child(self.population, rng) for _ in range(self.settings.children)]
 
 
-class Elitist(Search):
+class Elitist(EvolutionStrategy):
     """The best parents and children survive, no two of them with the same density.
 
     A (mu + lambda) strategy with the same operators; equal densities are mostly equal packs.
@@ -135,9 +135,9 @@ class Elitist(Search):
         return [self._child(self.population, rng) for _ in range(self.settings.children)]
 
 
-def search_of(settings: EvolutionSettings) -> Search:
+def search_of(settings: EvolutionSettings) -> EvolutionStrategy:
     """Create the search that the settings name."""
-    kinds: dict[str, Callable[[EvolutionSettings], Search]] = {
+    kinds: dict[str, Callable[[EvolutionSettings], EvolutionStrategy]] = {
         "generational": Generational,
         "elitist": Elitist,
     }

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.generation.jobs import Progress
+from packit_sim.generation.jobs import EvolutionProgress
 
 ENOUGH = 20
 """Generations a worker before the first estimate: the first ones are the slowest."""
@@ -34,7 +34,7 @@ class TimeEstimate:
         How many evolutions run at a time.
     since : float
         When the measurement starts, in seconds of any clock.
-    before : iterable of Progress
+    before : iterable of EvolutionProgress
         The unfinished evolutions at that time.
     done : mapping of int to Pack
         The finished packs at that time, by number.
@@ -44,7 +44,7 @@ class TimeEstimate:
     packs: int
     workers: int
     since: float
-    before: Iterable[Progress] = ()
+    before: Iterable[EvolutionProgress] = ()
     done: Mapping[int, Pack] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -64,7 +64,7 @@ class TimeEstimate:
         self._worked += max(0, length - self._before.get(number, 0))
         self._finished += 1
 
-    def seconds_left(self, under_way: Iterable[Progress], now: float) -> float | None:
+    def seconds_left(self, under_way: Iterable[EvolutionProgress], now: float) -> float | None:
         """Estimate the seconds until the last pack is finished; None while too little is known."""
         at = {p.number: p.generation + 1 for p in under_way if not self.is_over(p.number)}
         worked = self._worked + sum(done - self._before.get(n, 0) for n, done in at.items())

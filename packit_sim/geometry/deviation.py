@@ -21,7 +21,7 @@ from packit_sim.geometry.deviation_kernels import bound, farthest
 RELATIVE_SLACK = 0.02
 """Relative slack of the bound: how much larger than the distance it may be."""
 
-SLACK = 1e-5
+DIAGONAL_SLACK = 1e-5
 """Further slack, relative to the larger bounding box's diagonal: a tenth of the contact tolerance
 for an item as long as the box."""
 
@@ -43,8 +43,8 @@ def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
     -------
     float
         No point of either surface is farther from the other, in the meshes' unit. The bound exceeds
-        the distance by at most `RELATIVE_SLACK` of it and `SLACK` of the larger diagonal; all this
-        up to the rounding of 64-bit arithmetic.
+        the distance by at most `RELATIVE_SLACK` of it and `DIAGONAL_SLACK` of the larger diagonal;
+        all this up to the rounding of 64-bit arithmetic.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
         If a mesh has no triangles, or vertices that are not finite.
     """
     one, other = sorted((Surface.of(a), Surface.of(b)), key=lambda surface: -len(surface.triangles))
-    slack = SLACK * max(one.diagonal, other.diagonal)
+    slack = DIAGONAL_SLACK * max(one.diagonal, other.diagonal)
     low = farthest(one.triangles.reshape(-1, 3), other, 0.0)
     low = farthest(other.triangles.reshape(-1, 3), one, low)
     low, high = bound(one.triangles, other, low, low, RELATIVE_SLACK, slack)

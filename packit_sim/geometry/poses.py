@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from trimesh import transformations
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.rotations import MATRICES
-
-Floats = npt.NDArray[np.float64]
 
 Quaternion = tuple[float, float, float, float]
 """A unit quaternion in the order w, x, y, z, unless its name says `xyzw`."""

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
 from packit_sim.placement import Contents, ItemInBox, PlacedItem
 from packit_sim.render.cameras import turntable
 from packit_sim.render.image_files import RGBImage
-from packit_sim.render.layouts import GAP, Floats, Layout
+from packit_sim.render.layouts import ITEM_GAP, Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.scene import Scene
 
@@ -226,8 +227,8 @@ class _Flight:
         axis, sign = side
         half = placed.item.extents / 2
         turn = end.position.copy()
-        turn[axis] = (size[axis] if sign > 0 else 0.0) + sign * (half[axis] + GAP + _BEND)
-        over = max(size[2] + half[2] + GAP, turn[2], start.position[2] + _RISE)
+        turn[axis] = (size[axis] if sign > 0 else 0.0) + sign * (half[axis] + ITEM_GAP + _BEND)
+        over = max(size[2] + half[2] + ITEM_GAP, turn[2], start.position[2] + _RISE)
         if axis == 0 and sign > 0:
             over = max(turn[2], start.position[2] + _RISE)
         ways = [np.array((*way[:2], over)) for way in (start.position, turn)]

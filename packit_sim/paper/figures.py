@@ -25,7 +25,7 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import BoxState, Contents, ItemInBox
 from packit_sim.render import plots
 from packit_sim.render.cameras import FRONT, TOP, Camera
-from packit_sim.render.coloring import COLORINGS, UNKNOWN, Color, Colors
+from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, Color, Colors
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look
 from packit_sim.render.rendering import Snapshot
@@ -48,7 +48,9 @@ class Highlight:
     chosen: frozenset[int]
 
     def __call__(self, items: Sequence[Item]) -> Colors:
-        return Colors(tuple(_CHOSEN if n in self.chosen else UNKNOWN for n in range(len(items))))
+        return Colors(
+            tuple(_CHOSEN if n in self.chosen else UNKNOWN_COLOR for n in range(len(items)))
+        )
 
 
 def draw_task(pack: Pack, library: ShapeLibrary, path: Path | str) -> None:

@@ -19,7 +19,7 @@ from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.evaluation import RETURN_SLACK
 from packit_sim.render import plots
 
 LEVELS = (1.0, 0.7)
@@ -141,7 +141,7 @@ def curve(evolutions: Evolutions, totals: Mapping[tuple[int, int], float]) -> li
                 generation,
                 sum(generation in packs for packs in evolutions.values()),
                 Estimate.of(reached),
-                {x: Estimate.of(100.0 * (reached >= x - SLACK)) for x in LEVELS},
+                {x: Estimate.of(100.0 * (reached >= x - RETURN_SLACK)) for x in LEVELS},
                 Estimate.of([evolutions[seed][after].density for seed, after in latest.items()]),
             )
         )

@@ -69,7 +69,7 @@ _FEW = ("reward", "S@0.7", "S@0.9")
 
 
 @dataclass(frozen=True)
-class Table:
+class PaperTable:
     """Agents to compare.
 
     Attributes
@@ -172,13 +172,13 @@ _EASY = (
 )
 
 TABLES = {
-    "table1": Table("Agents (paper, table 1)", _TABLE_1, _ALL),
-    "beam": Table("Beam search: beams", _searches("beam", (1, 2, 4), _BEAM)),
-    "backtrack": Table(
+    "table1": PaperTable("Agents (paper, table 1)", _TABLE_1, _ALL),
+    "beam": PaperTable("Beam search: beams", _searches("beam", (1, 2, 4), _BEAM)),
+    "backtrack": PaperTable(
         "Backtracking: backtracks", _searches("backtrack", (0, 2, 4, 8), _BACKTRACK)
     ),
-    "easy": Table("PackIt-Easy", _EASY, rules=EASY),
-    "baselines": Table(
+    "easy": PaperTable("PackIt-Easy", _EASY, rules=EASY),
+    "baselines": PaperTable(
         "Baselines beyond the paper", tuple(Row(agent, agent) for agent in STRONGER), _ALL
     ),
 }
@@ -208,7 +208,7 @@ class Reproduced:
         return self.score.reward if name == "reward" else self.score.success[float(name[2:])]
 
 
-def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
+def reproduced(table: PaperTable, rollouts: Sequence[Rollout]) -> tuple[Reproduced, ...]:
     """Compute the rows of a table that were played."""
     played: dict[str, list[Rollout]] = {}
     for rollout in rollouts:
@@ -225,7 +225,7 @@ def reproduced(table: Table, rollouts: Sequence[Rollout]) -> tuple[Reproduced, .
     )
 
 
-def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
+def to_json(table: PaperTable, found: Sequence[Reproduced]) -> dict[str, Any]:
     """Return a table in JSON's types: estimates as mean, low and high, and the paper's numbers."""
     return {
         "title": table.title,
@@ -246,7 +246,7 @@ def to_json(table: Table, found: Sequence[Reproduced]) -> dict[str, Any]:
     }
 
 
-def markdown(table: Table, found: Sequence[Reproduced]) -> str:
+def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
     """Write a table with the paper's numbers below ours, and the comparisons of agents."""
     lines = [
         f"## {table.title}",
@@ -278,7 +278,7 @@ def markdown(table: Table, found: Sequence[Reproduced]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def draw(table: Table, found: Sequence[Reproduced], path: Path) -> None:
+def draw(table: PaperTable, found: Sequence[Reproduced], path: Path) -> None:
     """Plot bars of Average Reward, ours with intervals, and the paper's if there are any."""
     paper = [each.row.paper["reward"] for each in found if each.row.paper]
     height = 0.9 + (0.55 if paper else 0.3) * len(found)

@@ -9,7 +9,7 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
-from packit_sim.physics.convex.pieces import Floats
+from packit_sim.geometry.arrays import Floats
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
 from packit_sim.placement import PosedItem

@@ -10,12 +10,13 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.items import triangles
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import Part, fitted
-from packit_sim.physics.convex.pieces import Floats, Piece
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS, World
 from packit_sim.placement import Contents, ItemInBox, PosedItem

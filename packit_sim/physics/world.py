@@ -17,9 +17,10 @@ import numpy as np
 
 from packit_sim.core.errors import PhysicsError
 from packit_sim.core.silence import quiet
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.obj_text import UNIT, objects
 from packit_sim.geometry.poses import Pose
-from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece
+from packit_sim.physics.convex.pieces import MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
 
 WALLS = ("left", "right", "back", "front", "floor")

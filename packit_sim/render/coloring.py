@@ -29,7 +29,7 @@ _SHADES = (0.0, 0.25, 0.45)
 _RAMP = ((0.24, 0.22, 0.52), (0.13, 0.46, 0.58), (0.36, 0.70, 0.46), (0.99, 0.90, 0.42))
 """From low to high: lighter at each step, so that brightness alone is enough to read it."""
 
-UNKNOWN: Color = (0.72, 0.72, 0.72)
+UNKNOWN_COLOR: Color = (0.72, 0.72, 0.72)
 """The colour of items without a number."""
 
 
@@ -181,7 +181,7 @@ class ByNumber:
         high = max(self.numbers.values(), default=1.0) if self.high is None else self.high
         width = high - low or 1.0
         colors = tuple(
-            ramp((self.numbers[n] - low) / width) if n in self.numbers else UNKNOWN
+            ramp((self.numbers[n] - low) / width) if n in self.numbers else UNKNOWN_COLOR
             for n in range(len(items))
         )
         return Colors(

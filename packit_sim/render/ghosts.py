@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 
 from packit_sim.render.cameras import Camera, Points
 
-Floats = npt.NDArray[np.floating]
+Reals = npt.NDArray[np.floating]
 
 _SAMPLES = 2
 """Samples along each side of a pixel, which make edges smooth."""
@@ -46,26 +46,26 @@ class Ghost:
     width: int
     height: int
 
-    def behind(self, background: tuple[int, int, int]) -> Floats:
+    def behind(self, background: tuple[int, int, int]) -> Reals:
         """Draw the panes on the far side over a background: (H, W, 3), 0 to 255."""
         image = np.full((self.height, self.width, 3), background, dtype=np.float32)
         for axis, side in self._panes(facing=False):
             image = _over(image, *self._pane(axis, side, *_BACK))
         return image
 
-    def before(self, image: Floats, depth: npt.NDArray[np.float32]) -> Floats:
+    def before(self, image: Reals, depth: npt.NDArray[np.float32]) -> Reals:
         """Draw the panes on the camera's side over a picture, except where it is nearer.
 
         Parameters
         ----------
-        image : Floats
+        image : Reals
             The picture, of shape (H, W, 3), 0 to 255.
         depth : npt.NDArray[np.float32]
             Depths of the picture, of shape (H, W), in box units, inf where there is nothing.
 
         Returns
         -------
-        Floats
+        Reals
             The picture with panes, of shape (H, W, 3), 0 to 255.
         """
         for axis, side in self._panes(facing=True):
@@ -82,7 +82,7 @@ class Ghost:
                 if (ahead > 0) == facing:
                     yield axis, side
 
-    def _pane(self, axis: int, side: int, fill: int, edge: int) -> tuple[Floats, Floats]:
+    def _pane(self, axis: int, side: int, fill: int, edge: int) -> tuple[Reals, Reals]:
         """Draw a pane: colour (H, W, 3) and opacity (H, W), 0 to 1."""
         corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
         corners = np.insert(corners, axis, side, axis=1) * self.size
@@ -97,7 +97,7 @@ class Ghost:
         pixels = np.asarray(image.reduce(_SAMPLES), dtype=np.float32)
         return pixels[..., :3], pixels[..., 3] / 255
 
-    def _depth(self, axis: int, side: int) -> Floats:
+    def _depth(self, axis: int, side: int) -> Reals:
         """Compute depths (H, W) of a pane's plane, inf where a pixel's ray does not meet it."""
         projection = self.camera.projection(self.eye, self.width, self.height)
         rays = np.linalg.inv(projection[:, :3])[axis]
@@ -108,5 +108,5 @@ class Ghost:
         return np.where(depth > 0, depth, np.inf)
 
 
-def _over(image: Floats, color: Floats, alpha: Floats) -> Floats:
+def _over(image: Reals, color: Reals, alpha: Reals) -> Reals:
     return image + (color - image) * alpha[..., None]

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import ItemInBox, PosedItem
 
-Floats = npt.NDArray[np.float64]
-
-GAP = 0.06
+ITEM_GAP = 0.06
 """Gap in box units between neighbouring items, and between them and the box."""
 
 
@@ -103,8 +101,8 @@ class Layout:
 
 def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
     """Compute centres (3,) of boxes with extents (n, 3), in rows along x from back to front."""
-    x, middle = (0.0, 0.0) if size is None else (float(size[0]) + 2 * GAP, float(size[1]) / 2)
-    area = float(np.prod(extents[:, :2] + GAP, axis=1).sum())
+    x, middle = (0.0, 0.0) if size is None else (float(size[0]) + 2 * ITEM_GAP, float(size[1]) / 2)
+    area = float(np.prod(extents[:, :2] + ITEM_GAP, axis=1).sum())
     length = max(1.3 * np.sqrt(area), extents[:, 0].max(initial=0.0))
     rows: list[list[int]] = []
     used = np.inf
@@ -113,16 +111,16 @@ def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
             rows.append([])
             used = 0.0
         rows[-1].append(n)
-        used += extents[n, 0] + GAP
+        used += extents[n, 0] + ITEM_GAP
     depths = [max(extents[n, 1] for n in row) for row in rows]
-    y = middle - (sum(depths) + GAP * (len(rows) - 1)) / 2
+    y = middle - (sum(depths) + ITEM_GAP * (len(rows) - 1)) / 2
     centers = [np.zeros(3)] * len(extents)
     for row, deep in zip(rows, depths, strict=True):
         at = x
         for n in row:
             centers[n] = np.array((at + extents[n, 0] / 2, y + deep / 2, extents[n, 2] / 2))
-            at += extents[n, 0] + GAP
-        y += deep + GAP
+            at += extents[n, 0] + ITEM_GAP
+        y += deep + ITEM_GAP
     return centers
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from packit_sim.datasets.packs import Pack, Task
-from packit_sim.evaluation.evaluation import SLACK
+from packit_sim.evaluation.evaluation import RETURN_SLACK
 from packit_sim.evaluation.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.reports.models import Models
@@ -41,7 +41,7 @@ class Example:
     @property
     def shown(self) -> str:
         """The return as text, which is 1.000 only if all items were placed."""
-        return f"{self.total if self.total >= 1 - SLACK else min(self.total, 0.999):.3f}"
+        return f"{self.total if self.total >= 1 - RETURN_SLACK else min(self.total, 0.999):.3f}"
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.poses import UPRIGHT, Pose
 from packit_sim.placement import Contents, ItemInBox, PlacedItem
@@ -22,7 +22,6 @@ from packit_sim.viewer.surfaces import surface
 if TYPE_CHECKING:
     from packit_sim.viewer.web_page import MeshHandle, ViserServer
 
-Floats = npt.NDArray[np.float64]
 
 EDGE_COLOR = (0.30, 0.32, 0.36)
 _FLOOR_COLOR = (0.90, 0.91, 0.93)

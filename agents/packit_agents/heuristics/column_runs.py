@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from packit_sim.placement import Mask
 
-Runs = npt.NDArray[np.int64]
+CellRuns = npt.NDArray[np.int64]
 """Begin and end (exclusive) of each run, (n, 2), in the mask's C order."""
 
 SHORTEST_GAP = 16
 """A gap of fewer False locations than this does not end a run: visiting them is cheaper."""
 
 
-def mask_runs(mask: Mask) -> Runs:
+def mask_runs(mask: Mask) -> CellRuns:
     """Cover the True locations of a mask by runs, each of which begins and ends with one."""
     places = np.flatnonzero(mask)
     cuts = np.flatnonzero(np.diff(places) > SHORTEST_GAP)

@@ -56,7 +56,7 @@ def count_contacts(digits, bricks, outer, runs):
         Int64 (n,), the offset of each of the item's bricks from its first one, in C order.
     outer : Words
         The outer cells of each of these bricks, (n,).
-    runs : Runs
+    runs : CellRuns
         Runs of nodes, see `column_runs`.
 
     Returns

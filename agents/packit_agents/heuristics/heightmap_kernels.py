@@ -79,7 +79,7 @@ def gaps_below(spaces, columns, nodes, runs):
         Int64 (n,), for each column of the item the index in `spaces` at the first node.
     nodes : int
         Number of the grid's nodes.
-    runs : Runs
+    runs : CellRuns
         Runs of nodes, see `column_runs`.
 
     Returns

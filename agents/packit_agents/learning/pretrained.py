@@ -12,11 +12,11 @@ from packit_sim.libraries.library import assets_folder
 
 _FOLDER = assets_folder() / "weights"
 
-PackNN = partial(LearnedShape, _FOLDER / "packnn.safetensors")
+PACKNN = partial(LearnedShape, _FOLDER / "packnn.safetensors")
 """The paper's network with the paper's observation."""
 
-PackNNPlacement = partial(LearnedShape, _FOLDER / "packnn-placement.safetensors")
+PACKNN_PLACEMENT = partial(LearnedShape, _FOLDER / "packnn-placement.safetensors")
 """The paper's network, which also observes placement features."""
 
-PackNNEasy = partial(LearnedShape, _FOLDER / "packnn-easy.safetensors")
-"""`PackNN` trained with the rules of PackIt-Easy."""
+PACKNN_EASY = partial(LearnedShape, _FOLDER / "packnn-easy.safetensors")
+"""`PACKNN` trained with the rules of PackIt-Easy."""

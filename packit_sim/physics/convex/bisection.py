@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
-from packit_sim.physics.convex.pieces import Floats, Piece, clipped
+from packit_sim.physics.convex.pieces import Piece, clipped
 from packit_sim.physics.convex.solids import Solid
 
 

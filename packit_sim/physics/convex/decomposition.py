@@ -24,10 +24,11 @@ import numpy as np
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import PhysicsError
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.bisection import bisect
-from packit_sim.physics.convex.pieces import Floats, MassProperties, Piece, covering, within
+from packit_sim.physics.convex.pieces import MassProperties, Piece, covering, within
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settings import DecompositionSettings
 

@@ -13,7 +13,8 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.physics.convex.pieces import Floats, Piece, clipped, meets
+from packit_sim.geometry.arrays import Floats
+from packit_sim.physics.convex.pieces import Piece, clipped, meets
 
 Part = tuple[Piece, float]
 """A piece, and its one-sided Hausdorff distance from its shape."""

@@ -11,10 +11,8 @@ from scipy.spatial import ConvexHull
 from trimesh import remesh
 
 from packit_sim.core.caches import cached_property
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.physics.convex.polytope_kernels import clip
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 SHEET = 1e-4
 """Least thickness of a piece: flat and linear ones are thickened to it."""

@@ -6,11 +6,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import FINE, cell_box
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.voxelization import fine_cells
 from packit_sim.geometry.voxels import unpack
-from packit_sim.physics.convex.pieces import Floats, Piece
+from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.convex.polytope_kernels import farthest_inside
 
 RESOLUTION = 128

@@ -4,8 +4,8 @@ import pytest
 
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import UNKNOWN, Evolved
-from packit_sim.generation.jobs import Progress
+from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved
+from packit_sim.generation.jobs import EvolutionProgress
 from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, format_remaining
 
 SETTINGS = EvolutionSettings(generations=99, patience=20)
@@ -14,16 +14,16 @@ SETTINGS = EvolutionSettings(generations=99, patience=20)
 
 def pack(generation: int | None) -> Pack:
     provenance = (
-        UNKNOWN
+        UNKNOWN_PROVENANCE
         if generation is None
         else Evolved(seed=0, generation=generation, size=1.0, settings=SETTINGS)
     )
     return Pack(LibraryRef("zoo", "1", ""), (100, 100, 100), (), 0.0, provenance)
 
 
-def at(*generations: int) -> list[Progress]:
+def at(*generations: int) -> list[EvolutionProgress]:
     """Where evolutions 0, 1, 2 ... stand, of which so many generations are done."""
-    return [Progress(n, done - 1, 0.4) for n, done in enumerate(generations)]
+    return [EvolutionProgress(n, done - 1, 0.4) for n, done in enumerate(generations)]
 
 
 def test_the_first_generations_tell_nothing() -> None:
@@ -43,14 +43,16 @@ def test_the_last_pack_has_one_worker_alone() -> None:
     """Two workers did 150 generations in 60 s, so that one does 1.25 a second."""
     estimate = TimeEstimate(SETTINGS, packs=2, workers=2, since=0.0)
     estimate.finish(0, pack(99))
-    assert estimate.seconds_left([Progress(1, 49, 0.4)], 60.0) == pytest.approx(40)
+    assert estimate.seconds_left([EvolutionProgress(1, 49, 0.4)], 60.0) == pytest.approx(40)
 
 
 def test_what_was_there_before_took_none_of_the_time() -> None:
     done = {0: pack(99)}
-    estimate = TimeEstimate(SETTINGS, 2, 1, since=0.0, before=[Progress(1, 39, 0.4)], done=done)
-    assert estimate.seconds_left([Progress(1, 39, 0.4)], 10.0) is None
-    assert estimate.seconds_left([Progress(1, 59, 0.4)], 10.0) == pytest.approx(20)
+    estimate = TimeEstimate(
+        SETTINGS, 2, 1, since=0.0, before=[EvolutionProgress(1, 39, 0.4)], done=done
+    )
+    assert estimate.seconds_left([EvolutionProgress(1, 39, 0.4)], 10.0) is None
+    assert estimate.seconds_left([EvolutionProgress(1, 59, 0.4)], 10.0) == pytest.approx(20)
 
 
 def test_evolutions_are_as_long_as_those_that_ended() -> None:
@@ -58,7 +60,7 @@ def test_evolutions_are_as_long_as_those_that_ended() -> None:
     estimate = TimeEstimate(SETTINGS, packs=3, workers=1, since=0.0)
     estimate.finish(0, pack(50))
     assert estimate.seconds_left([], 71.0) == pytest.approx(2 * 71)
-    assert estimate.seconds_left([Progress(1, 79, 0.4)], 151.0) == pytest.approx(20 + 71)
+    assert estimate.seconds_left([EvolutionProgress(1, 79, 0.4)], 151.0) == pytest.approx(20 + 71)
 
 
 def test_a_checkpoint_of_a_finished_pack_is_let_be() -> None:
@@ -70,7 +72,7 @@ def test_a_checkpoint_of_a_finished_pack_is_let_be() -> None:
 
 def test_packs_without_a_recorded_generation_count_as_the_longest() -> None:
     estimate = TimeEstimate(SETTINGS, packs=2, workers=1, since=0.0, done={0: pack(None)})
-    assert estimate.seconds_left([Progress(1, 49, 0.4)], 50.0) == pytest.approx(50)
+    assert estimate.seconds_left([EvolutionProgress(1, 49, 0.4)], 50.0) == pytest.approx(50)
 
 
 @pytest.mark.parametrize(
