@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import msgspec
-
 from packit_sim.box import BaseBox, Box
+from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settings import PhysicsSettings
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Rules:
         ArgumentError
             If the cells are not possible, or both `kinematic` and `physics` are asked for.
         """
-        _check_names(changes, TypeError)
+        typed_json.check_names(changes, Rules, TypeError)
         return replace(self, **_with_physics(changes))
 
     @classmethod
@@ -100,17 +99,8 @@ class Rules:
         ArgumentError
             If there is no rule or setting of such a name, or a value is not valid.
         """
-        _check_names(values, ArgumentError)
-        physics = values.get("physics")
-        if isinstance(physics, Mapping):
-            _check_names(physics, ArgumentError, PhysicsSettings)
-            decomposition = physics.get("decomposition")
-            if isinstance(decomposition, Mapping):
-                _check_names(decomposition, ArgumentError, DecompositionSettings)
-        try:
-            return msgspec.convert(_with_physics(values), cls)
-        except msgspec.ValidationError as error:
-            raise ArgumentError(f"the rules {dict(values)} are not valid: {error}") from None
+        typed_json.check_names(values, cls, ArgumentError)
+        return typed_json.convert(_with_physics(values), cls, ArgumentError, "rules")
 
     def new_box(self, cells: Triple) -> BaseBox[Any]:
         """Create an empty box to pack by these rules.
@@ -135,14 +125,6 @@ class Rules:
 
 PACKIT = Rules()
 """The rules of the paper."""
-
-
-def _check_names(values: Mapping[str, Any], error: type[Exception], of: type = Rules) -> None:
-    names = [field.name for field in fields(of)]
-    kind = "rules" if of is Rules else "settings"
-    for name in values:
-        if name not in names:
-            raise error(f"there is no setting {name!r}: the {kind} are {', '.join(names)}")
 
 
 def _with_physics(values: Mapping[str, Any]) -> dict[str, Any]:

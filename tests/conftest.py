@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from packit_sim.render import renderers
+from packit_sim.render import bullet, renderers
 
 settings.register_profile("quick", deadline=None, max_examples=25, derandomize=True)
 settings.register_profile("all", deadline=None, max_examples=100, print_blob=True)
@@ -50,7 +50,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Each renderer that starts here, set for the test."""
     name = str(request.param)
-    if name == "egl" and renderers.egl_problem() is not None:
+    if name == "egl" and renderers.egl_problem(bullet.EGL_PROBE) is not None:
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(renderers.RENDERER_VARIABLE, name)
     return name

@@ -449,7 +449,7 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         ("steps", "'steps' is not a setting: give NAME=VALUE"),
         ("steps=1.5", "field 'steps' is 1.5: expected int, got float"),
         ("steps=0", "steps = 0 is not possible"),
-        ("rules.easy=1", "Expected `bool`, got `int`"),
+        ("rules.easy=1", "field 'easy' is 1: expected bool, got int"),
         (
             "observation=voxels",
             "field 'observation' is 'voxels': choose from features, placement-features",

@@ -20,7 +20,7 @@ from packit_sim.core.errors import RenderError
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import BoxState, PlacedItem
-from packit_sim.render import renderers, rendering
+from packit_sim.render import bullet, renderers, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
 from packit_sim.render.layouts import ITEM_GAP, Layout
@@ -379,7 +379,7 @@ def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: P
         text=True,
         timeout=120,
     )
-    expected = "tiny" if missing or renderers.egl_problem() is not None else "egl"
+    expected = "tiny" if missing or renderers.egl_problem(bullet.EGL_PROBE) is not None else "egl"
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, f"{expected}\n", "")
 
 

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import BoxState, PosedItem
-from packit_sim.render import renderers
+from packit_sim.render import bullet, renderers
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
@@ -32,12 +31,10 @@ pytestmark = pytest.mark.usefixtures("tiny")
 
 
 @pytest.fixture
-def broken_probe(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+def broken_probe(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """EGL that does not start: the probe ends with status 1."""
-    monkeypatch.setattr(renderers, "_PROBE", "raise SystemExit(1)")
-    renderers.egl_problem.cache_clear()
-    yield monkeypatch
-    renderers.egl_problem.cache_clear()
+    monkeypatch.setattr(bullet, "EGL_PROBE", "raise SystemExit(1)")
+    return monkeypatch
 
 
 def three_items() -> Box:
@@ -86,7 +83,7 @@ def test_snapshot_shows_every_item(renderer: str) -> None:
 
 
 def test_renderers_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    if renderers.egl_problem() is not None:
+    if renderers.egl_problem(bullet.EGL_PROBE) is not None:
         pytest.skip("EGL does not start here")
     shots = []
     for name in ("egl", "tiny"):
@@ -183,7 +180,7 @@ def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
         box.place(Item(BALL, scale), (8 * n, 8 * n, 0))
     with Scene(box) as scene:
         assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
-    if renderers.egl_problem() is None:
+    if renderers.egl_problem(bullet.EGL_PROBE) is None:
         monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
         with pytest.raises(RenderError, match=r"more than the 3,000 triangles.*=tiny"):
             Scene(box)
@@ -246,7 +243,7 @@ def test_impossible_pictures(side: int) -> None:
 
 @pytest.mark.parametrize("probe", ["raise SystemExit(1)", "import time; time.sleep(60)"])
 def test_a_broken_egl_falls_back(broken_probe: pytest.MonkeyPatch, probe: str) -> None:
-    broken_probe.setattr(renderers, "_PROBE", probe)
+    broken_probe.setattr(bullet, "EGL_PROBE", probe)
     broken_probe.setattr(renderers, "PROBE_TIMEOUT", 0.5)
     broken_probe.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as scene:
@@ -264,7 +261,7 @@ def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) ->
 
 
 def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch) -> None:
-    if renderers.egl_problem() is not None:
+    if renderers.egl_problem(bullet.EGL_PROBE) is not None:
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as first, Scene(three_items()) as second:

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.wrappers import features_only, flattened
 
@@ -86,5 +87,5 @@ def test_wrapped_vector_environments_play_like_a_single_one(wrap, vectorization)
 
 def test_only_dict_observations_can_lose_their_mask() -> None:
     env = flattened(PackItEnv(observation="none", **SHAPE_ONLY))
-    with pytest.raises(TypeError, match="must be dicts, not of space Box"):
+    with pytest.raises(ArgumentError, match="must be dicts, not of space Box"):
         features_only(env)

@@ -97,7 +97,7 @@ def evaluate_command(
     if scores or physics:
         require(decomposition)
     world = PhysicsSettings(decomposition=decomposition) if physics else None
-    rules = Rules(easy, kinematic, world)
+    rules = Rules(easy=easy, kinematic=kinematic, physics=world)
     opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     wanted = load_tasks(packs, opened, split)[:tasks]

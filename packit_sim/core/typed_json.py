@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import msgspec
@@ -59,6 +59,38 @@ def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it")
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as problem:
         raise error(_sentence(str(problem), raw, kind, what)) from None
+
+
+def check_names(
+    values: Mapping[str, Any], kind: type, error: type[Exception], table: str = ""
+) -> None:
+    """Check that the names of settings exist, also those of settings within settings.
+
+    Parameters
+    ----------
+    values : Mapping
+        Settings by name.
+    kind : type
+        The dataclass of the settings.
+    error : type of Exception
+        What to raise.
+    table : str
+        What precedes the names in the message, such as "physics."; empty for the outermost.
+
+    Raises
+    ------
+    Exception
+        Of the given type, if there is no setting of such a name; the message lists the valid ones.
+    """
+    known = {
+        field.encode_name: field.type for field in getattr(inspect.type_info(kind), "fields", ())
+    }
+    for name, value in values.items():
+        if name not in known:
+            raise error(f"there is no setting {table + name!r}: choose from {', '.join(known)}")
+        for one in _alternatives(known[name]):
+            if isinstance(value, Mapping) and isinstance(one, inspect.DataclassType):
+                check_names(value, one.cls, error, f"{table}{name}.")
 
 
 class _Header(msgspec.Struct):

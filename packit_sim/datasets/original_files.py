@@ -204,8 +204,8 @@ def _scale(recorded: _Factors, field: str) -> float:
 
 def _rotation(recorded: _Quaternion, field: str) -> int:
     """Return the index of our rotation for a quaternion of Unity's."""
-    x, y, z, w = quaternion = structs.astuple(recorded)
-    unity = Pose.from_xyzw(np.zeros(3), (x, y, z, w)).axes
+    quaternion = (recorded.x, recorded.y, recorded.z, recorded.w)
+    unity = Pose.from_xyzw(np.zeros(3), quaternion).axes
     errors = np.abs(rotations.MATRICES - _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T)
     worst = errors.max(axis=(1, 2))
     nearest = int(worst.argmin())

@@ -59,8 +59,10 @@ class LibraryRef:
         return cls(library.name, library.version, library.digest)
 
 
-class FreePose(Struct, frozen=True):
+class PoseRecord(Struct, frozen=True):
     """A rigid pose off the grid, as recorded.
+
+    It has a `Pose`'s fields in JSON's types: a `Pose` has an array, which JSON does not know.
 
     Attributes
     ----------
@@ -98,7 +100,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         The index of the rotation in which it was placed, 0 to 23.
     location : tuple of int, optional
         The grid node of its cell box's minimum corner, for an item on the grid.
-    pose : FreePose, optional
+    pose : PoseRecord, optional
         Where it came to rest, for an item that settled.
     counted : bool
         Whether its volume counts for the density: items that settled count while they are inside
@@ -107,7 +109,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
 
     rotation: RotationIndex
     location: Triple | None = None
-    pose: FreePose | None = None
+    pose: PoseRecord | None = None
     counted: bool = True
 
     def __post_init__(self) -> None:
@@ -122,8 +124,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         if isinstance(inside, PlacedItem):
             return cls(*fields, inside.location)
         x, y, z = inside.pose.position.tolist()
-        counted = bool(getattr(inside, "counts", True))
-        return cls(*fields, None, FreePose((x, y, z), inside.pose.wxyz), counted)
+        return cls(*fields, None, PoseRecord((x, y, z), inside.pose.wxyz), bool(inside.counts))
 
     def placed(self, item: Item) -> PlacedItem | PosedItem:
         """Return the given item at the recorded location or pose."""

@@ -30,6 +30,9 @@ class ItemInBox(Protocol):
         The same without the item's scale.
     vertices : ndarray of float64, shape (n, 3)
         The vertices of its mesh, in box units.
+    counts : bool
+        Whether its volume counts for the box's density: items that settled count while they are
+        inside the box and stable, all others always.
     """
 
     @property
@@ -42,6 +45,8 @@ class ItemInBox(Protocol):
     def pose(self) -> Pose: ...
     @property
     def vertices(self) -> Floats: ...
+    @property
+    def counts(self) -> bool: ...
 
 
 ItemT = TypeVar("ItemT")
@@ -133,6 +138,11 @@ class PlacedItem:
         """Vertices of the item's mesh, (n, 3) in box units."""
         return np.asarray(self.item.mesh.vertices + self.center)
 
+    @property
+    def counts(self) -> bool:
+        """Whether its volume counts for the box's density: always."""
+        return True
+
 
 @dataclass(frozen=True, eq=False)
 class PosedItem:
@@ -176,6 +186,11 @@ class PosedItem:
     def vertices(self) -> Floats:
         """Vertices of the item's mesh, (n, 3) in box units."""
         return np.asarray(self.item.shape.mesh.vertices @ self.matrix[:3, :3].T + self.center)
+
+    @property
+    def counts(self) -> bool:
+        """Whether its volume counts for the box's density: always."""
+        return True
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, PosedItem):

@@ -227,8 +227,9 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         else:
             self._number = self._next() if wanted is None else wanted
             if self._number not in range(len(self.tasks)):
-                choices = f"choose 0 to {len(self.tasks) - 1}" if self.tasks else "all are made"
-                raise ArgumentError(f"there is no task {self._number!r}: {choices}")
+                last = len(self.tasks) - 1
+                hint = f"choose 0 to {last}" if self.tasks else "tasks are generated on the fly"
+                raise ArgumentError(f"there is no task {self._number!r}: {hint}")
             self._number = int(self._number)
             task = self.tasks[self._number]
         self._check(task)

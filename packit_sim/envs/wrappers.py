@@ -15,6 +15,8 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import FilterObservation
 
+from packit_sim.core.errors import ArgumentError
+
 __all__ = [
     "FlattenFloat32",
     "features_only",
@@ -39,7 +41,7 @@ def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
 
     Raises
     ------
-    TypeError
+    ArgumentError
         If the observations are not dicts.
 
     Notes
@@ -49,7 +51,7 @@ def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     """
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
-        raise TypeError(f"the observations must be dicts, not of space {space}")
+        raise ArgumentError(f"the observations must be dicts, not of space {space}")
     return FilterObservation(env, [key for key in space if key != "action_mask"])
 
 

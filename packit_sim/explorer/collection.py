@@ -18,6 +18,7 @@ from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import BoxState, PlacedItem, PosedItem
+from packit_sim.rules import PACKIT, Rules
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class PackView:
         The other items, in canonical orientation.
     total : float
         Volume of all items of the task, in box units cubed: rewards are shares of it.
-    kinematic : bool
-        Whether items must enter straight from above.
+    rules : Rules
+        The rules of the episode; those of the paper for packs that no agent packed.
     """
 
     title: str
@@ -51,7 +52,7 @@ class PackView:
     placed: tuple[PlacedItem | PosedItem, ...]
     outside: tuple[Item, ...]
     total: float
-    kinematic: bool = False
+    rules: Rules = PACKIT
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
@@ -74,7 +75,8 @@ class PackView:
     def box(self, step: int) -> Box:
         """Return the box after so many items were placed, which must be on the grid."""
         placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
-        box = Box(self.cells, kinematic=self.kinematic)
+        box = self.rules.changed(physics=None).new_box(self.cells)
+        assert isinstance(box, Box)  # without physics
         box.restore(BoxState(self.cells, placed))
         return box
 
@@ -166,7 +168,7 @@ class PackCollection:
             placed,
             outside,
             volume or 1.0,
-            played is not None and played.rules.kinematic,
+            PACKIT if played is None else played.rules,
         )
 
     def rivals(self, number: int) -> tuple[int, ...]:

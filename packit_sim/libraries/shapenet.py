@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from msgspec import Struct
+
+from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError
 from packit_sim.libraries import mesh_files, splits
@@ -86,6 +87,13 @@ CATEGORIES = {
     "04554684": "washer",
 }
 """Our name for each synset of ShapeNetCore; `taxonomy.json` names any other."""
+
+
+class _Synset(Struct):
+    """An entry of the taxonomy."""
+
+    synsetId: str
+    name: str
 
 
 class ShapeNet(Source):
@@ -188,12 +196,7 @@ def _names(taxonomy: Path) -> dict[str, str]:
     if not taxonomy.exists():
         return {}
     try:
-        synsets: list[dict[str, Any]] = json.loads(taxonomy.read_text(encoding="utf-8"))
-        return {
-            synset["synsetId"]: synset["name"].split(",")[0].strip().replace(" ", "-")
-            for synset in synsets
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise LibraryError(
-            f"{taxonomy}: can't be read as ShapeNet's taxonomy: {error!r}"
-        ) from error
+        synsets = typed_json.decode(taxonomy.read_bytes(), list[_Synset], LibraryError, "it")
+    except (OSError, LibraryError) as error:
+        raise LibraryError(f"{taxonomy}: can't be read as ShapeNet's taxonomy: {error}") from None
+    return {one.synsetId: one.name.split(",")[0].strip().replace(" ", "-") for one in synsets}

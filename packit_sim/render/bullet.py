@@ -24,6 +24,14 @@ from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.renderers import RENDERER_VARIABLE, acquire_renderer, release_renderer
 
+EGL_PROBE = """
+import sys, pybullet as p
+c = p.connect(p.DIRECT)
+assert p.loadPlugin(sys.argv[1], "_eglRendererPlugin", physicsClientId=c) >= 0
+p.getCameraImage(16, 16, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)
+"""
+"""A script that draws with the EGL plugin whose path is its argument, see `egl_problem`."""
+
 _EGL_TRIANGLES = 2**27 // 216
 """Triangles that EGL's buffer holds: PyBullet silently omits further ones from the picture."""
 
@@ -109,7 +117,7 @@ class BulletClient:
             self._pybullet.setPhysicsEngineParameter(
                 enableFileCaching=0, physicsClientId=self.number
             )
-            self.renderer = acquire_renderer(self._load_egl)
+            self.renderer = acquire_renderer(self._load_egl, EGL_PROBE)
             undo.pop_all()
         self.triangles = 0
         self.close = weakref.finalize(

@@ -23,24 +23,19 @@ RENDERER_VARIABLE = "PACKIT_RENDERER"
 PROBE_TIMEOUT = 20.0
 """Seconds that EGL may take to start in the probe; half a second is usual."""
 
-_PROBE = """
-import sys, pybullet as p
-c = p.connect(p.DIRECT)
-assert p.loadPlugin(sys.argv[1], "_eglRendererPlugin", physicsClientId=c) >= 0
-p.getCameraImage(16, 16, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)
-"""
-
 _EGL = threading.Lock()
 os.register_at_fork(after_in_child=lambda: _EGL.acquire(blocking=False))  # no EGL in a child
 
 
-def acquire_renderer(load_egl: Callable[[str], bool]) -> str:
+def acquire_renderer(load_egl: Callable[[str], bool], probe: str) -> str:
     """Choose the renderer of a PyBullet world, as `PACKIT_RENDERER` says, and reserve it.
 
     Parameters
     ----------
     load_egl : Callable[[str], bool]
         Loads the EGL plugin from a path into the world; returns whether it started.
+    probe : str
+        A Python script that draws with the EGL plugin of its argument, see `egl_problem`.
 
     Returns
     -------
@@ -62,7 +57,7 @@ def acquire_renderer(load_egl: Callable[[str], bool]) -> str:
         raise RenderError(f"{RENDERER_VARIABLE}={wanted!r} is not known: choose auto, egl or tiny")
     if wanted == "tiny":
         return "tiny"
-    problem = egl_problem()
+    problem = egl_problem(probe)
     if problem is None and not _EGL.acquire(blocking=False):
         problem = "another scene of this process or of its parent uses it"
     elif problem is None:
@@ -87,15 +82,27 @@ def release_renderer(renderer: str) -> None:
 
 
 @functools.cache
-def egl_problem() -> str | None:
-    """Return why EGL does not start, or None if it does.
+def egl_problem(script: str) -> str | None:
+    """Find out whether EGL starts.
 
-    The probe runs in a separate process: if a part of EGL is missing, the plugin ends its process.
+    Parameters
+    ----------
+    script : str
+        A Python script that draws with the EGL plugin whose path is its argument.
+
+    Returns
+    -------
+    str or None
+        Why EGL does not start, None if it does.
+
+    Notes
+    -----
+    The script runs in a separate process: if a part of EGL is missing, the plugin ends its process.
     """
     plugin = _egl_plugin()
     if not plugin:
         return "this PyBullet has no EGL plugin"
-    command = [sys.executable, "-c", _PROBE, plugin]
+    command = [sys.executable, "-c", script, plugin]
     try:
         probe = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PROBE_TIMEOUT

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -205,22 +205,10 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
         if not isinstance(target, dict):
             raise ArgumentError(f"{table} = {target!r} must be a table of settings")
         target[key] = _value(text)
-    _check_names(values)
+    typed_json.check_names(values, TrainingSettings, ArgumentError)
     if isinstance(values.get("rules"), dict):
         values["rules"] = Rules.from_json(values["rules"])
     return typed_json.convert(values, TrainingSettings, ArgumentError, "a file of settings")
-
-
-def _check_names(values: Mapping[str, Any]) -> None:
-    defaults = asdict(TrainingSettings())
-    for table, own in (("", defaults), ("network", defaults["network"])):
-        given = values.get(table, {}) if table else values
-        if not isinstance(given, dict):
-            raise ArgumentError(f"{table} = {given!r} must be a table of settings")
-        for name in given:
-            if name not in own:
-                full = f"{table}.{name}" if table else name
-                raise ArgumentError(f"there is no setting {full!r}: choose from {', '.join(own)}")
 
 
 def _value(text: str) -> Any:
