@@ -448,7 +448,9 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
         ("stps=3", "no setting 'stps': choose from network, observation, augmented, mixed"),
         ("steps", "'steps' is not a setting: give NAME=VALUE"),
         ("steps=1.5", "field 'steps' is 1.5: expected int, got float"),
-        ("steps=0", "steps = 0 is not possible"),
+        ("steps=0", "training setting steps = 0 is not possible: at least 1"),
+        ("gamma=2", "training setting gamma = 2.0 is not possible: 0 to 1"),
+        ("network.width=0", "network setting width = 0 is not possible: at least 1"),
         ("rules.easy=1", "field 'easy' is 1: expected bool, got int"),
         (
             "observation=voxels",
@@ -458,7 +460,7 @@ def test_settings_from_a_file_and_from_the_command_line(tmp_path) -> None:
             "network.network=mlp",
             "field 'network.network' is 'mlp': choose from packnn",
         ),
-        ("packs=fresh", "validation_packs = None is not possible"),
+        ("packs=fresh", "validation_packs = None is not possible: fresh tasks need it"),
     ):
         with pytest.raises(ArgumentError, match=message):
             read_settings(None, [change])
@@ -552,7 +554,7 @@ def test_a_training_that_was_killed_resumes_exactly(
     again.run()
     assert (tmp_path / "parts" / "checkpoint.pt").read_bytes() == before
     changed = replace(settings, entropy=0.5, network=NetworkSettings())
-    with pytest.raises(TrainingError, match=r"another settings\.network, settings\.entropy"):
+    with pytest.raises(TrainingError, match=r"network\.width, .*, settings\.entropy"):
         Training(changed, tmp_path / "parts", "cpu")
     (tmp_path / "parts" / "checkpoint.pt").write_bytes(b"torn")
     with pytest.raises(ValueError, match=r"checkpoint\.pt is not a checkpoint, or is damaged"):
@@ -704,7 +706,9 @@ def test_mixed_tasks_are_of_two(library) -> None:
 
 
 def test_shapes_are_not_turned_where_rotations_are_learned() -> None:
-    with pytest.raises(ArgumentError, match="training setting augmented = True is not possible"):
+    with pytest.raises(
+        ArgumentError, match="training setting augmented = True is not possible: only"
+    ):
         read_settings(None, ["augmented=true", "network.policies=all"])
 
 
@@ -763,7 +767,7 @@ def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:
 @pytest.mark.parametrize("change", ["network.policies=all", "teacher=none imitation=0"])
 def test_costs_need_shapes_and_a_teacher(change) -> None:
     taught = "teacher=largest-first/aligned/blbf imitation=64 costs=true"
-    with pytest.raises(ArgumentError, match="training setting costs = True is not possible"):
+    with pytest.raises(ArgumentError, match="training setting costs = True is not possible: only"):
         read_settings(None, f"{taught} {change}".split())
 
 

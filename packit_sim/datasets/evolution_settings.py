@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
+from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
 
@@ -78,34 +79,27 @@ class EvolutionSettings:
 
     def __post_init__(self) -> None:
         least, most = self.size_range
-        checks = (
-            ("pool", self.pool >= 1, "at least 1"),
-            ("elite", self.elite >= 1, "at least 1"),
-            ("lucky", self.lucky >= 0, "at least 0"),
-            (
-                "population",
-                self.population > self.survivors,
-                f"more than {self.survivors} survivors",
-            ),
-            ("generations", self.generations >= 0, "at least 0"),
-            ("patience", self.patience >= 1, "at least 1"),
-            ("keep_every", self.keep_every >= 1, "at least 1"),
-            ("scales", self.scales and min(self.scales) > 0, "one number above 0 or more"),
-            ("size_range", 0 < least <= most, "two numbers above 0, the smaller first"),
-            ("swap_rate", 0 <= self.swap_rate <= 1, "0 to 1"),
-            ("point_rate", 0 <= self.point_rate <= 1, "0 to 1"),
-            ("search", self.search in SEARCHES, f"choose from {', '.join(SEARCHES)}"),
-        )
         if self.search == "climbing":  # type: ignore[comparison-overlap]
             raise ArgumentError(
                 "evolution setting search = 'climbing': this search was removed, since its "
                 f"packs were less dense; choose from {', '.join(SEARCHES)}"
             )
-        for name, holds, valid in checks:
-            if not holds:
-                raise ArgumentError(
-                    f"evolution setting {name} = {getattr(self, name)!r} is not possible: {valid}"
-                )
+        check_settings(
+            self,
+            "evolution setting",
+            pool=Range(1),
+            elite=Range(1),
+            lucky=Range(0),
+            population=(self.population > self.survivors, f"more than {self.survivors} survivors"),
+            generations=Range(0),
+            patience=Range(1),
+            keep_every=Range(1),
+            scales=(bool(self.scales) and min(self.scales) > 0, "one number above 0 or more"),
+            size_range=(0 < least <= most, "two numbers above 0, the smaller first"),
+            swap_rate=Range(0, 1),
+            point_rate=Range(0, 1),
+            search=(self.search in SEARCHES, f"choose from {', '.join(SEARCHES)}"),
+        )
         box_cells(self.cells)
 
     def to_json(self) -> dict[str, Any]:

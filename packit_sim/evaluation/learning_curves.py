@@ -77,7 +77,7 @@ class TrainingRecord:
         """Read the folder of a training; raise CurveError if a file is missing or wrong."""
         settings = _read(folder / SETTINGS_FILE, _Settings, "the settings", "at the start")
         curve = _read(folder / CURVE_FILE, _Curve, "the curve", "at the first validation")
-        return cls(folder, dict(_flat(settings.settings)), curve)
+        return cls(folder, flat(settings.settings), curve)
 
 
 class _Settings(Struct):
@@ -101,12 +101,10 @@ def _read(file: Path, kind: Any, what: str, when: str) -> Any:
         raise CurveError(f"{file} is damaged: {error}") from None
 
 
-def _flat(settings: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """List names and values, in order, with parts flattened."""
-    pairs: list[tuple[str, Any]] = []
+def flat(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings by name; those of a part are named PART.NAME."""
+    named: dict[str, Any] = {}
     for name, value in settings.items():
-        if isinstance(value, dict):
-            pairs += [(f"{name}.{inner}", each) for inner, each in _flat(value)]
-        else:
-            pairs.append((name, value))
-    return pairs
+        inner = flat(value) if isinstance(value, dict) else None
+        named |= {name: value} if inner is None else {f"{name}.{k}": v for k, v in inner.items()}
+    return named

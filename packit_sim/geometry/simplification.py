@@ -9,7 +9,8 @@ import meshoptimizer
 import numpy as np
 import trimesh
 
-from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.checks import Range, check_range
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
@@ -47,10 +48,9 @@ class Simplification:
     eager: bool = False
 
     def __post_init__(self) -> None:
-        if self.max_triangles is not None and self.max_triangles < 4:
-            raise ArgumentError(f"max_triangles {self.max_triangles!r} is not possible: at least 4")
-        if not 0 < self.max_error <= 1:
-            raise ArgumentError(f"max_error {self.max_error!r} must be more than 0, and at most 1")
+        if self.max_triangles is not None:
+            check_range("max_triangles", self.max_triangles, Range(4))
+        check_range("max_error", self.max_error, Range(0, 1, "(]"))
 
     def __call__(self, shape: Shape) -> tuple[QuantizedMesh, float]:
         """Simplify a shape's mesh.

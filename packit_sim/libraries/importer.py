@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
+from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError, MeshError, PackItError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
@@ -76,14 +77,15 @@ class ImportSettings:
             raise ArgumentError(
                 f"up axis {self.up!r} is not known: choose from {', '.join(UP_AXES)}"
             )
-        if not 0 <= self.min_thickness < 1:
-            raise ArgumentError(
-                f"min_thickness {self.min_thickness!r} must be at least 0, and below 1"
-            )
-        for name in ("unit_cm", "memory", "timeout", "workers"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ArgumentError(f"{name} {value!r} is not possible: it must be more than 0")
+        above_0 = Range(0, ends="(]")
+        check_settings(
+            self,
+            min_thickness=Range(0, 1, "[)"),
+            unit_cm=(self.unit_cm is None or self.unit_cm in above_0, str(above_0)),
+            memory=above_0,
+            timeout=above_0,
+            workers=above_0,
+        )
 
 
 @dataclass(frozen=True)

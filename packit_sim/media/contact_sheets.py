@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from PIL.ImageFont import FreeTypeFont
 
+from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
@@ -104,7 +105,7 @@ def picture(shape: Shape, side: int = 256) -> RGBImage:
     ArgumentError
         If the side is out of range.
     """
-    _check_side(side)
+    check_range("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
     with Scene(_box_of(shape)) as scene:
         return scene.snapshot(side, side, _LOOK).image
 
@@ -139,9 +140,9 @@ def contact_sheet(
     ArgumentError
         If the side is out of range, there are less than 1 columns, or there are no tiles.
     """
-    _check_side(side)
-    if columns is not None and columns < 1:
-        raise ArgumentError(f"columns {columns!r} are not possible: at least 1")
+    check_range("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
+    if columns is not None:
+        check_range("columns", columns, Range(1))
     pictures = []
     with Scene(_EMPTY) as scene:
         for label, content in tiles:
@@ -158,11 +159,6 @@ def contact_sheet(
         raise ArgumentError("a contact sheet of 0 tiles is not possible: at least 1")
     columns = min(columns or math.ceil(math.sqrt(len(pictures))), len(pictures))
     return ContactSheet(_grid(pictures, columns), renderer)
-
-
-def _check_side(side: int) -> None:
-    if not MIN_SIDE <= side <= MAX_SIDE:
-        raise ArgumentError(f"side {side!r} is not possible: {MIN_SIDE} to {MAX_SIDE} pixels")
 
 
 def _grid(pictures: list[RGBImage], columns: int) -> RGBImage:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
@@ -64,12 +64,7 @@ class Pace:
     rest: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.fps <= 100:
-            raise ArgumentError(f"fps {self.fps!r} are not possible: 1 to 100")
-        for name in ("flight", "gap", "rest"):
-            value = getattr(self, name)
-            if not 0 < value < math.inf:
-                raise ArgumentError(f"{name} {value!r} is not possible: it must be above 0 seconds")
+        check_settings(self, fps=Range(1, 100), flight=POSITIVE, gap=POSITIVE, rest=POSITIVE)
 
     @classmethod
     def lasting(cls, seconds: float, items: int, fps: int = 25) -> Pace:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.checks import Range, check_range
 
 Points = npt.NDArray[np.float64]
 
@@ -46,9 +46,7 @@ class Camera:
             ("fov", 0, 180),
             ("margin", -1, 1),
         ):
-            value = getattr(self, name)
-            if not low < value < high:
-                raise ArgumentError(f"camera {name} {value!r} must be between {low} and {high}")
+            check_range(f"camera {name}", getattr(self, name), Range(low, high, "()"))
 
     @property
     def toward(self) -> Points:

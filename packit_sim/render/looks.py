@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from packit_sim.core.checks import POSITIVE, Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.shapes import UP_AXES, Axis
 from packit_sim.render.cameras import ISO, Camera
@@ -42,8 +42,7 @@ class Cut:
     def __post_init__(self) -> None:
         if self.axis not in UP_AXES:
             raise ArgumentError(f"axis {self.axis!r} of a cut is not known: choose from x, y, z")
-        if not 0 < self.at < math.inf:
-            raise ArgumentError(f"a cut at {self.at!r} is not possible: it must be above 0")
+        check_range("a cut at", self.at, POSITIVE)
 
     @property
     def dimension(self) -> int:
@@ -88,8 +87,7 @@ class Look:
         if self.box not in BOX_STYLES:
             choices = ", ".join(BOX_STYLES)
             raise ArgumentError(f"box {self.box!r} is not known: choose from {choices}")
-        if not 0 <= self.explode < math.inf:
-            raise ArgumentError(f"explode {self.explode!r} is not possible: 0 or more")
+        check_range("explode", self.explode, Range(0, ends="[)"))
         if len(self.background) != 3 or not all(0 <= c <= 255 for c in self.background):
             raise ArgumentError(f"background {self.background!r} must be three numbers of 0 to 255")
 

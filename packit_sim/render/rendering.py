@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.checks import Range, check_range
 from packit_sim.render.bullet import BulletClient, View
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Legend
@@ -124,8 +124,7 @@ def take(
     """
     width, height = size
     for name, side in (("width", width), ("height", height)):
-        if not 1 <= side <= MAX_SIDE:
-            raise ArgumentError(f"{name} {side!r} is not possible: 1 to {MAX_SIDE} pixels")
+        check_range(name, side, Range(1, MAX_SIDE), "pixels")
     camera, samples = look.camera, _SUPERSAMPLING[client.renderer]
     eye = camera.eye(points, width / height, center)
     low, high = points.min(axis=0), points.max(axis=0)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch
+from msgspec import Struct
 
+from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replacing
+from packit_sim.evaluation.learning_curves import CurvePoint
 
 FORMAT = 2
 
@@ -21,14 +23,61 @@ class CheckpointError(PackItError, ValueError):
     """A checkpoint that can't be read."""
 
 
+class EnvReplay(Struct):
+    """What leads an environment to its state.
+
+    Attributes
+    ----------
+    seed : int, optional
+        Seed of the episode.
+    random : dict, optional
+        State of the random generator before the episode, if it has no seed.
+    actions : list of int
+        The episode's actions.
+    """
+
+    seed: int | None
+    random: dict[str, Any] | None
+    actions: list[int]
+
+
+class CheckpointState(Struct):
+    """The state of a training, apart from tensors and random generators.
+
+    Attributes
+    ----------
+    steps, updates : int
+        Number of steps and of updates.
+    progress : float
+        Share of the steps that are left.
+    starts : list of bool
+        For each environment, whether an episode begins.
+    envs : list of EnvReplay
+        The environments.
+    returns : list of float
+        Returns of the latest episodes.
+    running : list of float
+        For each environment, the return of its episode so far.
+    curve : list of CurvePoint
+        The learning curve.
+    """
+
+    steps: int
+    updates: int
+    progress: float
+    starts: list[bool]
+    envs: list[EnvReplay]
+    returns: list[float]
+    running: list[float]
+    curve: list[CurvePoint]
+
+
 class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
     """An environment that stores its state as the seed and the actions that led to it."""
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
-        self._seed: int | None = None
-        self._random: Mapping[str, Any] | None = None
-        self._actions: list[int] = []
+        self._replay = EnvReplay(None, None, [])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -36,25 +85,24 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
         """Reset the environment, without options, which could not be replayed."""
         if options:
             raise ArgumentError(f"options {options!r} can't be replayed")
-        self._seed = seed
-        self._random = None if seed is not None else self._generator().state
-        self._actions = []
+        random = None if seed is not None else dict(self._generator().state)
+        self._replay = EnvReplay(seed, random, [])
         return self.env.reset(seed=seed)
 
     def step(self, action: Any) -> Any:
-        self._actions.append(int(action))
+        self._replay.actions.append(int(action))
         return self.env.step(action)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the state, for `restore`, in JSON's types."""
-        return {"seed": self._seed, "random": self._random, "actions": self._actions}
+    def replay(self) -> EnvReplay:
+        """Return what `restore` needs."""
+        return self._replay
 
-    def restore(self, state: dict[str, Any]) -> Any:
-        """Replay a state of `to_json`, and return its observation."""
-        if state["random"] is not None:
-            self._generator().state = state["random"]
-        observation, _ = self.reset(seed=state["seed"])
-        for action in state["actions"]:
+    def restore(self, replay: EnvReplay) -> Any:
+        """Replay an episode, and return its last observation."""
+        if replay.random is not None:
+            self._generator().state = replay.random
+        observation, _ = self.reset(seed=replay.seed)
+        for action in replay.actions:
             observation, *_ = self.step(action)
         return observation
 
@@ -62,7 +110,7 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.unwrapped.np_random.bit_generator
 
 
-def write_checkpoint(path: Path, tensors: dict[str, Any], state: dict[str, Any]) -> None:
+def write_checkpoint(path: Path, tensors: dict[str, Any], state: CheckpointState) -> None:
     """Write a checkpoint atomically, with the state of torch's and numpy's generators.
 
     Parameters
@@ -71,15 +119,15 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], state: dict[str, Any])
         The file.
     tensors : dict
         State dicts of the networks and the optimizer.
-    state : dict
-        The rest of the training's state, in JSON's types.
+    state : CheckpointState
+        The rest of the training's state.
     """
     random = np.random.get_state(legacy=False)  # noqa: NPY002 - sb3 draws from it
     random["state"]["key"] = random["state"]["key"].tolist()
     content = {
         "format": FORMAT,
         "tensors": tensors,
-        "state": json.dumps(state),
+        "state": typed_json.encode(state),
         "torch": torch.get_rng_state(),
         "numpy": json.dumps(random),
     }
@@ -89,7 +137,7 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], state: dict[str, Any])
 
 def read_checkpoint(
     path: Path, device: torch.device
-) -> tuple[dict[str, Any], dict[str, Any]] | None:
+) -> tuple[dict[str, Any], CheckpointState] | None:
     """Read a checkpoint, and restore the generators.
 
     Parameters
@@ -101,7 +149,7 @@ def read_checkpoint(
 
     Returns
     -------
-    tuple of dict, optional
+    tuple of dict and CheckpointState, optional
         The tensors and the state of `write_checkpoint`; None if there is no file.
 
     Raises
@@ -119,7 +167,7 @@ def read_checkpoint(
             )
         random = json.loads(content["numpy"])
         random["state"]["key"] = np.array(random["state"]["key"], dtype=np.uint32)
-        state = json.loads(content["state"])
+        state = typed_json.decode(content["state"], CheckpointState, ArgumentError, "the state")
     except CheckpointError:
         raise
     except Exception as error:  # whatever a damaged file makes torch and pickle raise

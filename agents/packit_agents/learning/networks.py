@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from packit_agents.learning.blocks import blocks
 from packit_agents.learning.heads import LocationHead, RotationHead
+from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
 from packit_sim.game.episode import Stage
@@ -28,6 +29,8 @@ NetworkName = Literal["packnn"]
 NETWORKS: tuple[str, ...] = get_args(NetworkName)
 
 Policies = Literal["shape", "all"]
+
+POLICIES: tuple[str, ...] = get_args(Policies)
 
 
 @dataclass(frozen=True)
@@ -59,23 +62,20 @@ class NetworkSettings:
     policies: Policies = "shape"
 
     def __post_init__(self) -> None:
-        checks = {
-            "network": self.network in NETWORKS,
-            "policies": self.policies in get_args(Policies),
-            "width": self.width >= 1,
-            "encoder_blocks": self.encoder_blocks >= 0,
-            "trunk_blocks": self.trunk_blocks >= 0,
-        }
         if self.network == "packnn-attention":  # type: ignore[comparison-overlap]
             raise ArgumentError(
                 "network setting network = 'packnn-attention': this network was removed, since it "
                 f"was no better than packnn; choose from {', '.join(NETWORKS)}"
             )
-        for name, holds in checks.items():
-            if not holds:
-                raise ArgumentError(
-                    f"network setting {name} = {getattr(self, name)!r} is not possible"
-                )
+        check_settings(
+            self,
+            "network setting",
+            network=(self.network in NETWORKS, f"choose from {', '.join(NETWORKS)}"),
+            policies=(self.policies in POLICIES, f"choose from {', '.join(POLICIES)}"),
+            width=Range(1),
+            encoder_blocks=Range(0),
+            trunk_blocks=Range(0),
+        )
 
 
 class Encoder(nn.Module):

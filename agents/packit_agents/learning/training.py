@@ -24,7 +24,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from packit_agents.learning.actor_critic import ActorCritic, on_device
 from packit_agents.learning.augmentation import AugmentedEnv
-from packit_agents.learning.checkpoints import ReplayableEnv, read_checkpoint, write_checkpoint
+from packit_agents.learning.checkpoints import (
+    CheckpointState,
+    ReplayableEnv,
+    read_checkpoint,
+    write_checkpoint,
+)
 from packit_agents.learning.dagger_dataset import DaggerDataset
 from packit_agents.learning.imitation import LABEL, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
@@ -32,8 +37,9 @@ from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
+from packit_sim.core import typed_json
 from packit_sim.core.confidence import Estimate
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import PackItError, located
 from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
@@ -42,7 +48,7 @@ from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
 from packit_sim.envs.observations import Observation
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.evaluation.evaluation import evaluate_batched
-from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
+from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
 from packit_sim.libraries.library import ShapeLibrary
 
 _log = logging.getLogger(__name__)
@@ -318,17 +324,11 @@ class Training:
             self.folder.mkdir(parents=True, exist_ok=True)
             replace_text(file, json.dumps(wanted, indent=1) + "\n")
             return
-        try:
-            found = json.loads(file.read_text())
-        except ValueError as error:
-            raise TrainingError(f"{file} can't be read: {error}") from None
+        with located(f"{file} can't be read", TrainingError):
+            found = typed_json.decode(file.read_bytes(), dict[str, Any], TrainingError)
         if found != wanted:
-            names = [
-                f"{part}.{name}" if isinstance(wanted[part], dict) else part
-                for part in wanted
-                for name in (wanted[part] if isinstance(wanted[part], dict) else [part])
-                if _at(found, part, name) != _at(wanted, part, name)
-            ]
+            old, new = flat(found), flat(wanted)
+            names = [name for name in {**new, **old} if old.get(name) != new.get(name)]
             raise TrainingError(
                 f"{self.folder} holds a training with another {', '.join(names)}: "
                 "choose another folder"
@@ -340,16 +340,16 @@ class Training:
         write_checkpoint(
             self.folder / CHECKPOINT,
             {"policy": policy.state_dict(), "optimizer": policy.optimizer.state_dict()},
-            {
-                "steps": self.steps,
-                "updates": model._n_updates,
-                "progress": model._current_progress_remaining,
-                "starts": np.asarray(model._last_episode_starts).tolist(),
-                "envs": self._envs.env_method("to_json"),
-                "returns": list(self._returns),
-                "running": self._running.tolist(),
-                "curve": [point.to_json() for point in self.curve],
-            },
+            CheckpointState(
+                steps=self.steps,
+                updates=model._n_updates,
+                progress=model._current_progress_remaining,
+                starts=np.asarray(model._last_episode_starts).tolist(),
+                envs=self._envs.env_method("replay"),
+                returns=list(self._returns),
+                running=self._running.tolist(),
+                curve=self.curve,
+            ),
         )
         self._written = time.monotonic()
 
@@ -361,7 +361,7 @@ class Training:
         self._model.dataset = DaggerDataset(
             self.folder / "dagger_dataset",
             int(self._envs.action_space.n),
-            0 if found is None else found[1]["steps"],
+            0 if found is None else found[1].steps,
         )
         if found is None:
             return
@@ -369,17 +369,17 @@ class Training:
         model = self._model
         self.policy.load_state_dict(tensors["policy"])
         self.policy.optimizer.load_state_dict(tensors["optimizer"])
-        model.num_timesteps, model._n_updates = state["steps"], state["updates"]
-        model._current_progress_remaining = state["progress"]
+        model.num_timesteps, model._n_updates = state.steps, state.updates
+        model._current_progress_remaining = state.progress
         last = [
             self._envs.env_method("restore", env, indices=[n])[0]
-            for n, env in enumerate(state["envs"])
+            for n, env in enumerate(state.envs)
         ]
         model._last_obs = {name: np.stack([each[name] for each in last]) for name in last[0]}
-        model._last_episode_starts = np.array(state["starts"], dtype=bool)
-        self._returns.extend(state["returns"])
-        self._running[:] = state["running"]
-        self.curve = [CurvePoint.from_json(point) for point in state["curve"]]
+        model._last_episode_starts = np.array(state.starts, dtype=bool)
+        self._returns.extend(state.returns)
+        self._running[:] = state.running
+        self.curve = state.curve
 
 
 class _Callback(BaseCallback):
@@ -428,8 +428,3 @@ def _env(
 def _digest(tasks: Sequence[Task]) -> str:
     """Compute the digest of all tasks, in their order."""
     return hashlib.sha256("".join(task.digest for task in tasks).encode()).hexdigest()
-
-
-def _at(record: dict[str, Any], part: str, name: str) -> Any:
-    found = record.get(part)
-    return found.get(name) if isinstance(found, dict) else found

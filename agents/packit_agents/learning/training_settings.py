@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from packit_agents.learning.networks import NetworkSettings
 from packit_sim.core import typed_json
+from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.rules import PACKIT, Rules
+
+Observed = Literal["features", "placement-features"]
+
+OBSERVATIONS: tuple[str, ...] = get_args(Observed)
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class TrainingSettings:
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    observation: Literal["features", "placement-features"] = "features"
+    observation: Observed = "features"
     augmented: bool = False
     mixed: float = 0.0
     packs: str = "everyday-v1"
@@ -114,35 +118,45 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         only_shapes = self.network.policies == "shape"
-        checks = {
-            "validation_packs": self.packs != "fresh" or self.validation_packs is not None,
-            "mixed": 0 <= self.mixed <= 1 and (self.packs != "fresh" or not self.mixed),
-            "observation": self.observation in ("features", "placement-features"),
-            "augmented": not self.augmented or only_shapes,
-            "steps": self.steps >= 1,
-            "teacher": (self.teacher is None) == (self.imitation == 0),
-            "imitation": 0 <= self.imitation <= self.steps,
-            "imitation_epochs": self.imitation_epochs >= 1,
-            "costs": not self.costs or (self.teacher is not None and only_shapes),
-            "imitation_rate": 0 < self.imitation_rate < math.inf,
-            "learning_rate": 0 < self.learning_rate < math.inf,
-            "envs": self.envs >= 1,
-            "rollout_steps": self.rollout_steps >= 2,
-            "minibatch": self.minibatch >= 2,
-            "epochs": self.epochs >= 1,
-            "gamma": 0 <= self.gamma <= 1,
-            "gae_lambda": 0 <= self.gae_lambda <= 1,
-            "clip": self.clip > 0,
-            "entropy": self.entropy >= 0,
-            "value": self.value >= 0,
-            "validate_every": self.validate_every >= 1,
-            "validation_tasks": self.validation_tasks >= 1,
-        }
-        for name, holds in checks.items():
-            if not holds:
-                raise ArgumentError(
-                    f"training setting {name} = {getattr(self, name)!r} is not possible"
-                )
+        fresh = self.packs == "fresh"
+        check_settings(
+            self,
+            "training setting",
+            validation_packs=(
+                not fresh or self.validation_packs is not None,
+                "fresh tasks need it",
+            ),
+            mixed=(self.mixed == 0, "0 for fresh tasks") if fresh else Range(0, 1),
+            observation=(
+                self.observation in OBSERVATIONS,
+                f"choose from {', '.join(OBSERVATIONS)}",
+            ),
+            augmented=(not self.augmented or only_shapes, 'only with network.policies = "shape"'),
+            steps=Range(1),
+            teacher=(
+                (self.teacher is None) == (self.imitation == 0),
+                "a name with imitation above 0, or none with 0",
+            ),
+            imitation=Range(0, self.steps),
+            imitation_epochs=Range(1),
+            costs=(
+                not self.costs or (self.teacher is not None and only_shapes),
+                'only with a teacher and network.policies = "shape"',
+            ),
+            imitation_rate=POSITIVE,
+            learning_rate=POSITIVE,
+            envs=Range(1),
+            rollout_steps=Range(2),
+            minibatch=Range(2),
+            epochs=Range(1),
+            gamma=Range(0, 1),
+            gae_lambda=Range(0, 1),
+            clip=Range(0, ends="(]"),
+            entropy=Range(0),
+            value=Range(0),
+            validate_every=Range(1),
+            validation_tasks=Range(1),
+        )
 
     def rate(self, left: float) -> float:
         """Compute the learning rate.
