@@ -88,7 +88,7 @@ def verify_packing(file: Path | str) -> Report:
     unit = float(extents.max())
     loaded = cache(_loaded)
     problems: list[str] = []
-    bodies: list[_Body] = []
+    bodies: list[_MeshInBox] = []
     for n, (mesh, pose) in enumerate(items):
         what = named(n, mesh)
         fault = _pose_fault(pose)
@@ -96,7 +96,7 @@ def verify_packing(file: Path | str) -> Report:
             problems.append(f"{what}: its pose {fault}")
             continue
         try:
-            body = _Body(what, loaded(file.parent / mesh), pose, unit)
+            body = _MeshInBox(what, loaded(file.parent / mesh), pose, unit)
         except MeshError as error:
             problems.append(f"{what} has no mesh: {error}")
             continue
@@ -153,7 +153,7 @@ def _loaded(path: Path) -> _Loaded:
     return _Loaded(read(path).mesh, path.name)
 
 
-class _Body:
+class _MeshInBox:
     """A mesh in its pose, shrunk by the tolerance; the unit is the box's longest extent.
 
     low, high: (3,) the bounds before shrinking. volume: of the solid.
@@ -194,7 +194,7 @@ class _Body:
         corners = self._put(vertices)
         return [corners[faces] for faces in shells]
 
-    def holds(self, other: _Body) -> bool:
+    def holds(self, other: _MeshInBox) -> bool:
         """Whether a part of another body is in a shell; their surfaces must not cross."""
         for shell in self.shells:
             low, high = shell.min(axis=(0, 1)), shell.max(axis=(0, 1))
@@ -235,7 +235,7 @@ def winding_number(triangles: Floats, point: Floats) -> float:
     return float(np.arctan2(volume, rest).sum() / (2 * np.pi))
 
 
-def _wall_problems(body: _Body, extents: Floats, unit: float) -> Iterator[str]:
+def _wall_problems(body: _MeshInBox, extents: Floats, unit: float) -> Iterator[str]:
     beyond = np.column_stack([-body.low, body.high - extents / unit])
     for walls, depths in zip(AXIS_WALLS, beyond.tolist(), strict=True):
         for wall, depth in zip(walls, depths, strict=True):
@@ -243,7 +243,7 @@ def _wall_problems(body: _Body, extents: Floats, unit: float) -> Iterator[str]:
                 yield f"{body.what} reaches {depth * unit:.3g} beyond the box's {wall} wall"
 
 
-def _pair_problems(one: _Body, other: _Body) -> Iterator[str]:
+def _pair_problems(one: _MeshInBox, other: _MeshInBox) -> Iterator[str]:
     if one.surface.crosses(other.surface):
         yield f"{other.what} crosses {one.what}"
         return

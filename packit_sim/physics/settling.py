@@ -18,7 +18,7 @@ from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
-from packit_sim.physics.world import WALLS, World
+from packit_sim.physics.world import WALLS_AND_FLOOR, World
 from packit_sim.placement import Contents, ItemInBox, PosedItem
 
 _CHECK_STEPS = 10
@@ -38,7 +38,7 @@ class SettledItem:
     items : tuple of int
         Numbers of the items with which it is in contact at the end.
     walls : tuple of str
-        The walls and the floor with which it is in contact at the end, in the order of `WALLS`.
+        The walls and the floor with which it is in contact at the end, in the order of `WALLS_AND_FLOOR`.
     inside : bool
         Whether all of it is inside the box (see `INSIDE`).
     landed : PosedItem, optional
@@ -271,7 +271,7 @@ def _simulate(
             start,
             moves[own],
             tuple(sorted(known[other] for other in met if isinstance(other, int))),
-            tuple(wall for wall in WALLS if wall in met),
+            tuple(wall for wall in WALLS_AND_FLOOR if wall in met),
             _is_inside(start, moves[own], size),
         )
         items.append(replace(settled, landed=settled.posed) if at_rest else settled)

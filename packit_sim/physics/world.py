@@ -23,7 +23,7 @@ from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
 
-WALLS = ("left", "right", "back", "front", "floor")
+WALLS_AND_FLOOR = ("left", "right", "back", "front", "floor")
 """The parts of a box: the walls at low and high x and at low and high y, and the floor."""
 
 _THICKNESS = 0.25
@@ -173,9 +173,9 @@ class World:
 
     @property
     def contacts(self) -> set[tuple[int, int | str]]:
-        """Pairs in contact: two items, the lower number first, or an item and one of `WALLS`."""
+        """Pairs in contact: two items, the lower number first, or an item and one of `WALLS_AND_FLOOR`."""
         names: dict[int, int | str] = {item.number: n for n, item in enumerate(self._items)}
-        names |= dict(zip(self._walls, WALLS, strict=True))
+        names |= dict(zip(self._walls, WALLS_AND_FLOOR, strict=True))
         points = self._pybullet.getContactPoints(physicsClientId=self._client)
         found = set()
         for point in points:
@@ -217,7 +217,7 @@ class World:
         )
 
     def _build_walls(self, size: Floats) -> list[int]:
-        """Create the bodies of `WALLS` and return their numbers, in order."""
+        """Create the bodies of `WALLS_AND_FLOOR` and return their numbers, in order."""
         walls = []
         for axis in (0, 1):
             half = size / 2 + _THICKNESS * np.array((1, 1, 0))
