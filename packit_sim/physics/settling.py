@@ -38,7 +38,7 @@ class SettledItem:
     items : tuple of int
         Numbers of the items with which it is in contact at the end.
     walls : tuple of str
-        The walls and the floor with which it is in contact at the end, in the order of `WALLS_AND_FLOOR`.
+        The walls, or "floor", with which it is in contact at the end, in the order of the world.
     inside : bool
         Whether all of it is inside the box (see `INSIDE`).
     landed : PosedItem, optional

@@ -173,7 +173,7 @@ class World:
 
     @property
     def contacts(self) -> set[tuple[int, int | str]]:
-        """Pairs in contact: two items, the lower number first, or an item and one of `WALLS_AND_FLOOR`."""
+        """Pairs in contact: two items, the lower number first, or an item and a wall."""
         names: dict[int, int | str] = {item.number: n for n, item in enumerate(self._items)}
         names |= dict(zip(self._walls, WALLS_AND_FLOOR, strict=True))
         points = self._pybullet.getContactPoints(physicsClientId=self._client)
