@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError
 
 Method = Literal["coacd", "bisection"]
@@ -71,19 +72,17 @@ class DecompositionSettings:
         if self.method not in METHODS:
             choices = ", ".join(METHODS)
             raise ArgumentError(f"method {self.method!r} is not known: choose from {choices}")
-        for name, low, high in (
-            ("threshold", 0.01, 1.0),
-            ("preprocess_resolution", 20, 100),
-            ("mcts_iterations", 20, 2000),
-            ("mcts_nodes", 10, 40),
-            ("mcts_max_depth", 2, 7),
-            ("seconds", 1, 10**6),
-            ("hausdorff", 0.001, 1.0),
-            ("max_pieces", 1, 1000),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ArgumentError(f"{name} {value!r} is not possible: {low} to {high}")
+        check_settings(
+            self,
+            threshold=Range(0.01, 1.0),
+            preprocess_resolution=Range(20, 100),
+            mcts_iterations=Range(20, 2000),
+            mcts_nodes=Range(10, 40),
+            mcts_max_depth=Range(2, 7),
+            seconds=Range(1, 10**6),
+            hausdorff=Range(0.001, 1.0),
+            max_pieces=Range(1, 1000),
+        )
 
 
 @dataclass(frozen=True)
@@ -144,20 +143,18 @@ class PhysicsSettings:
     fitted: bool = True
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("side", 1e-3, 1e3),
-            ("density", 1e-3, 1e6),
-            ("min_mass_ratio", 0.0, 1.0),
-            ("gravity", 0.0, 1e3),
-            ("friction", 0.0, 10.0),
-            ("rolling", 0.0, 1.0),
-            ("restitution", 0.0, 1.0),
-            ("damping", 0.0, 1.0),
-            ("step", 1e-5, 0.02),
-            ("time_limit", 0.0, 3600.0),
-            ("rest_speed", 0.0, 10.0),
-            ("rest_time", 0.0, 60.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ArgumentError(f"{name} {value!r} is not possible: {low:g} to {high:g}")
+        check_settings(
+            self,
+            side=Range(1e-3, 1e3),
+            density=Range(1e-3, 1e6),
+            min_mass_ratio=Range(0.0, 1.0),
+            gravity=Range(0.0, 1e3),
+            friction=Range(0.0, 10.0),
+            rolling=Range(0.0, 1.0),
+            restitution=Range(0.0, 1.0),
+            damping=Range(0.0, 1.0),
+            step=Range(1e-5, 0.02),
+            time_limit=Range(0.0, 3600.0),
+            rest_speed=Range(0.0, 10.0),
+            rest_time=Range(0.0, 60.0),
+        )
