@@ -441,6 +441,7 @@ def test_only_what_matters_to_the_agent_is_observed(tasks, settings, fields) -> 
     assert {"rotations", "locations"} & set(env.observation_space.keys()) == fields
 
 
+@pytest.mark.slow
 def test_kinematic_episodes_never_put_anything_under_another(tasks) -> None:
     items = tuple(Item(one.shape, 0.2 * one.scale) for one in tasks[0].items)
     small = dataclasses.replace(tasks[0], items=items, solution=())

@@ -236,7 +236,7 @@ def library() -> ShapeLibrary:
     ("rule", "count"),
     [
         (None, 2),
-        ("kinematic", 1),
+        pytest.param("kinematic", 1, marks=pytest.mark.slow),
         ("easy", 1),
         pytest.param("kinematic", 2, marks=pytest.mark.slow),
         pytest.param("easy", 2, marks=pytest.mark.slow),

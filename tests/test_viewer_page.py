@@ -175,6 +175,7 @@ def drag(opened: Opened, share: float) -> None:
     mouse.move(1, 1)
 
 
+@pytest.mark.slow
 def test_the_step_slider_moves_items(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
     controls = opened.explorer.controls
