@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from benchmarks.peers.posed import Posed
-from packit_sim.datasets.packings import _Body, _Loaded, _pair_problems, _wall_problems
+from packit_sim.datasets.packings import _Loaded, _MeshInBox, _pair_problems, _wall_problems
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
 
@@ -41,7 +41,7 @@ class QualityScores:
     @classmethod
     def of(cls, packing: Sequence[Posed], cells: Triple) -> QualityScores:
         """Check the items in a box of the given number of cells."""
-        bodies = [_Body("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
+        bodies = [_MeshInBox("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
         extents = np.array(cells) * CELL
         outside = [n for n, body in enumerate(bodies) if any(_wall_problems(body, extents, 1.0))]
         pairs = [
