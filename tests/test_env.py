@@ -49,7 +49,7 @@ def test_gymnasiums_checker_finds_nothing_wrong(tasks, env_id, settings) -> None
     env.close()
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_replay_of_the_ground_truth_returns_1(tasks, number) -> None:
     with gym.make("PackIt-v0", tasks=tasks, max_shapes=40) as env:
         env.reset(options={"task": number})

@@ -201,6 +201,7 @@ def test_dark_is_dark_and_text_stands_out_in_both(shown) -> None:
         assert contrast() > 7
 
 
+@pytest.mark.slow
 def test_without_webgl_it_says_so_and_the_rest_works(chromium, file) -> None:
     shown = chromium.new_page(viewport={"width": 360, "height": 420})
     shown.add_init_script(NO_WEBGL)
