@@ -19,7 +19,7 @@ PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
 
-setup: $(STAMP) ## everything into .venv, once; EXTRAS=dev,train for more than the dev tools
+setup: $(STAMP) ## everything into .venv, once; EXTRAS=dev,cluster for more than the dev tools
 
 $(STAMP): pyproject.toml constraints.txt packit_sim/core/version.py scripts/system-packages.sh
 	@bash scripts/system-packages.sh

@@ -1,7 +1,7 @@
 """PackIt-Sim: geometric planning by packing real 3D shapes into a box.
 
-`__all__` is the public API, together with the public submodules that `docs/api.md` lists. Names are
-imported when they are first used, so that `import packit_sim` stays light.
+`__all__` is the public API, together with the public submodules that `docs/reference/api.md`
+lists. Names are imported when they are first used, so that `import packit_sim` stays light.
 """
 
 from importlib import import_module

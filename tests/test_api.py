@@ -13,12 +13,12 @@ import packit_sim
 
 ROOT = Path(__file__).parents[1]
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 PUBLIC = ["packit_sim", *re.findall(r"^\| `(packit_sim\.[\w.]+)` \|", (
-    ROOT / "docs" / "api.md"
+    ROOT / "docs" / "reference" / "api.md"
 ).read_text(encoding="utf-8"), flags=re.MULTILINE)]  # fmt: skip
-"""The package and the public submodules that docs/api.md lists."""
+"""The package and the public submodules that docs/reference/api.md lists."""
 
 
 def imports(page: Path) -> list[tuple[str, str | None]]:

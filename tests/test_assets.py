@@ -91,7 +91,7 @@ def test_every_pack_is_valid(name: str, everyday: ShapeLibrary) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", builtin_datasets())
 def test_a_page_is_of_the_dataset_that_there_is(name: str) -> None:
-    page = ROOT / "docs" / f"{name}.md"
+    page = ROOT / "docs" / "reference" / f"{name}.md"
     if not page.exists():
         pytest.skip(f"{page.name}: there is none")
     if any(work_folder(file).exists() for file in dataset_files(name)):

@@ -63,7 +63,7 @@ def test_the_readme_quotes_the_last_run() -> None:
 
 def test_the_page_of_results_quotes_the_last_run() -> None:
     quoted = 0
-    for label, ours, *rest in cells(ROOT / "docs" / "results.md"):
+    for label, ours, *rest in cells(ROOT / "docs" / "benchmarks" / "results.md"):
         agent = re.match(r"`([^`]+/[^`]+/[^`]+)`", label)
         if agent:
             row = rows("baselines")[agent[1]]
@@ -89,7 +89,7 @@ def examples(page: str) -> list[str]:
 
 
 def test_the_code_for_agents_runs(capsys) -> None:
-    (example,) = examples("agents.md")
+    (example,) = examples("guides/agents.md")
     exec(compile(example, "agents.md", "exec"), {})
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert [int(rollouts) for rollouts, _ in lines] == list(range(1, len(lines) + 1))
@@ -105,6 +105,6 @@ def test_the_code_for_physics_runs(tmp_path, monkeypatch) -> None:
     write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
     monkeypatch.setattr(packit_sim, "dataset_file", lambda name: tmp_path / "few.jsonl")
     names: dict[str, Any] = {}
-    exec(compile(examples("physics.md")[0], "physics.md", "exec"), names)
+    exec(compile(examples("guides/physics.md")[0], "physics.md", "exec"), names)
     assert len(names["settled"].items) == len(names["box"].placed) == 3
     assert (tmp_path / "settled.png").stat().st_size > 1000

@@ -16,6 +16,7 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.media import films, video
 from packit_sim.media.films import Pace, packing, shot, sides, turning
@@ -223,7 +224,7 @@ def test_what_is_no_film(tmp_path: Path) -> None:
 
 def test_without_ffmpeg_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(video.MissingFfmpegError, match=r"packit-sim\[film\].*\.gif"):
+    with pytest.raises(MissingPackageError, match=r"packit-sim\[view\].*\.gif"):
         video.require("film.mp4")
     video.require("film.gif")
 

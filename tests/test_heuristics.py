@@ -26,7 +26,7 @@ from packit_sim.rules import Rules
 from tests.examples import examples
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 
-DOCS = Path(__file__).parents[1] / "docs" / "agents.md"
+DOCS = Path(__file__).parents[1] / "docs" / "guides" / "agents.md"
 
 SEEDS = st.integers(0, 2**32 - 1)
 BOXES = st.tuples(*[st.integers(4, 7).map(lambda nodes: STEP * nodes)] * 3)

@@ -26,7 +26,7 @@ from packit_sim.libraries.library import ShapeLibrary
 MUG, CHAIR = "03797390", "03001627"
 HALF = 0.5**0.5
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-DOCUMENT = Path(__file__).parents[1] / "docs" / "paper-compat.md"
+DOCUMENT = Path(__file__).parents[1] / "docs" / "benchmarks" / "original.md"
 
 
 def add(tree: Path, model: str, extents: tuple[float, float, float]) -> None:

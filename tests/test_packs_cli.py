@@ -17,6 +17,7 @@ from typer.testing import CliRunner, Result
 
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError, PackItError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.datasets import datasheet
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.original import read_original
@@ -26,7 +27,7 @@ from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Other, P
 from packit_sim.datasets.statistics import DatasetStatistics, take
 from packit_sim.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render.plots import COLORS, MissingMatplotlibError
+from packit_sim.render.plots import COLORS
 from tests.test_original import CHAIR, GOOD, MUG, pack, write
 
 CUBE = 3**-1.5
@@ -326,7 +327,7 @@ def test_without_matplotlib_it_names_the_extra(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     for command in (("stats", "starter"), ("datasheet", "starter")):
         error = packit(*command, "--out", tmp_path / "x.md").exception
-        assert isinstance(error, MissingMatplotlibError) and "packit-sim[plot]" in str(error)
+        assert isinstance(error, MissingPackageError) and "packit-sim[report]" in str(error)
     assert not list(tmp_path.iterdir())
     assert packit("stats", "starter").exit_code == 0
 

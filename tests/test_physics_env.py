@@ -320,8 +320,8 @@ def test_many_play_side_by_side() -> None:
 
 
 def test_the_code_of_the_page_on_physics_runs() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "physics.md").read_text(encoding="utf-8")
-    example = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[-1]
+    page = Path(__file__).parents[1] / "docs" / "guides" / "physics.md"
+    example = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)[-1]
     names: dict[str, object] = {}
     exec(compile(example, "physics.md", "exec"), names)
     assert 0 < names["reward"] < 1

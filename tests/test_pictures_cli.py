@@ -309,7 +309,7 @@ def test_ctrl_c_ends_a_film_and_leaves_nothing(packs, tmp_path) -> None:
 
 
 def test_the_page_s_example_runs_and_its_pictures_are_there(tmp_path, monkeypatch) -> None:
-    page = Path(__file__).parents[1] / "docs" / "pictures.md"
+    page = Path(__file__).parents[1] / "docs" / "guides" / "pictures.md"
     text = page.read_text(encoding="utf-8")
     (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)

@@ -75,7 +75,7 @@ def content(pack: Pack) -> tuple[Any, ...]:
 @pytest.mark.parametrize(("name", "agent"), recorded_agents())
 def test_agents_play_as_recorded(everyday, name, agent) -> None:
     if "packnn" in agent:
-        pytest.importorskip("torch", reason="pip install packit-sim[learned]")
+        pytest.importorskip("torch", reason="pip install packit-sim[learn]")
     recorded = agents_of(name)[agent]
     tasks = load_tasks("starter", everyday)[: len(recorded)]
     (seed,) = {rollout.seed for rollout in recorded}

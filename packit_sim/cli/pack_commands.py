@@ -109,7 +109,7 @@ def original(
     """Convert packs of the original PackIt to tasks for `packit evaluate`.
 
     The original locations are not on our grid, so that the tasks come without a solution; see
-    docs/paper-compat.md.
+    docs/benchmarks/original.md.
 
     Example: packit packs original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """

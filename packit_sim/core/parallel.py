@@ -19,6 +19,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import ParallelBackendBase
 
 from packit_sim.core.errors import PackItError
+from packit_sim.core.extras import needed_for
 from packit_sim.core.version import __version__
 
 _T = TypeVar("_T")
@@ -315,12 +316,8 @@ def _reporting_killed_workers() -> Iterator[None]:
 
 def _join_cluster(address: str | None) -> Callable[[], None]:
     """Join a cluster, unless this process is in one, and return the function that leaves it."""
-    try:
+    with needed_for("workers of the backend ray"):
         import ray
-    except ImportError as error:
-        raise WorkersError(
-            "the backend ray is not installed: pip install 'packit-sim[cluster]'"
-        ) from error
     joblib.register_parallel_backend("ray", RayTasks)
     if ray.is_initialized():
         return lambda: None

@@ -6,11 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.errors import PackItError
-
-
-class MissingJinjaError(PackItError, ImportError):
-    """Jinja is not installed."""
+from packit_sim.core.extras import needed_for
 
 
 def check_installed() -> None:
@@ -18,15 +14,11 @@ def check_installed() -> None:
 
     Raises
     ------
-    MissingJinjaError
+    MissingPackageError
         If it is not.
     """
-    try:
+    with needed_for("pages"):
         import jinja2  # noqa: F401
-    except ImportError as error:
-        raise MissingJinjaError(
-            "pages need Jinja, which is not installed: pip install 'packit-sim[report]'"
-        ) from error
 
 
 def render(

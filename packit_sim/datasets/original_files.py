@@ -1,7 +1,7 @@
 """The format of the original PackIt's pack files (Goyal and Deng, 2020).
 
 The meaning of their fields follows from the Unity scripts that write them (github.com/princeton-vl/
-PackIt_Extra); `docs/paper-compat.md` lists how their packs differ from ours.
+PackIt_Extra); `docs/benchmarks/original.md` lists how their packs differ from ours.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
 
     Raises
     ------
-    MissingMatplotlibError
+    MissingPackageError
         If matplotlib is not installed.
     RenderError
         If the path can't be written.

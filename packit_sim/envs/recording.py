@@ -1,6 +1,6 @@
 """Recordings of episodes in Minari's format, for imitation learning.
 
-Minari is installed by `pip install packit-sim[record]`, and imported when it is first used.
+Minari is installed by `pip install packit-sim[learn]`, and imported when it is first used.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
 from packit_sim.core.errors import PackItError, StateError
+from packit_sim.core.extras import needed_for
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
 from packit_sim.game.episode import Stage
 
 __all__ = [
-    "MissingMinariError",
     "Recorder",
     "RecordingError",
     "record",
@@ -48,10 +48,6 @@ GZIP_LEVEL = 4
 
 class RecordingError(PackItError, ValueError):
     """A recording that can't be written or read, or does not replay."""
-
-
-class MissingMinariError(PackItError, ImportError):
-    """Minari or h5py is not installed."""
 
 
 @dataclass
@@ -93,7 +89,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     RecordingError
         If the path exists.
     MissingMinariError
-        If the extra `record` is not installed.
+        If the extra `learn` is not installed.
 
     Notes
     -----
@@ -295,7 +291,7 @@ def record(
     RecordingError
         If the path exists, or tasks are generated on the fly and `episodes` is None.
     MissingMinariError
-        If the extra `record` is not installed.
+        If the extra `learn` is not installed.
     """
     tasks: Sequence[Task] = env.get_wrapper_attr("tasks")
     if episodes is None and not tasks:
@@ -378,18 +374,14 @@ def _replayed(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterator[Ob
 
 
 class _Minari:
-    """The parts of Minari and h5py that are used; MissingMinariError if one is not installed."""
+    """The parts of Minari and h5py that are used; MissingPackageError if one is not installed."""
 
     def __init__(self) -> None:
-        try:
+        with needed_for("recordings"):
             import h5py
             import minari
             from minari.data_collector.episode_buffer import EpisodeBuffer
             from minari.dataset.minari_storage import MinariStorage
-        except ImportError as error:
-            raise MissingMinariError(
-                f"recordings need Minari: pip install packit-sim[record] ({error})"
-            ) from error
         self.version: str = minari.__version__
         self.dataset = minari.MinariDataset
         self.buffer = EpisodeBuffer

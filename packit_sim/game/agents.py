@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.errors import PackItError
+from packit_sim.core.extras import needed_for
 from packit_sim.game.episode import Episode, Stage
 
 OnProgress = Callable[[int, float], None]
@@ -289,12 +290,8 @@ def _load(group: str, kind: str, name: str) -> Any:
     installed = _installed(group)
     if name not in installed:
         raise UnknownPolicyError(f"there is no {kind} {name!r}: choose from {', '.join(installed)}")
-    try:
+    with needed_for(f"agents with the {kind} {name!r}"):
         return installed[name].load()
-    except ImportError as error:
-        raise UnknownPolicyError(
-            f"{kind} {name!r} needs {error.name}, which is not installed"
-        ) from None
 
 
 def _solution_shape(episode: Episode, rng: np.random.Generator) -> int:

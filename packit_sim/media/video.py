@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from packit_sim.core.errors import PackItError, RenderError
+from packit_sim.core.errors import RenderError
+from packit_sim.core.extras import needed_for
 from packit_sim.render.image_files import RGBImage, output_file
 
 SUFFIXES = (".mp4", ".gif")
@@ -23,10 +24,6 @@ CRF = 18
 
 _PALETTE_FRAMES = 12
 """Frames of a GIF from which its palette is computed."""
-
-
-class MissingFfmpegError(PackItError, ImportError):
-    """ffmpeg is not installed."""
 
 
 def require(path: Path | str) -> None:
@@ -41,20 +38,15 @@ def require(path: Path | str) -> None:
     ------
     RenderError
         If the suffix is not one of `SUFFIXES`.
-    MissingFfmpegError
+    MissingPackageError
         If it is .mp4, and ffmpeg is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise RenderError(f"{path} is no film: choose a name that ends in {' or '.join(SUFFIXES)}")
     if suffix == ".mp4":
-        try:
+        with needed_for("MP4 films", "choose a name that ends in .gif"):
             import imageio_ffmpeg  # noqa: F401
-        except ImportError as error:
-            raise MissingFfmpegError(
-                "MP4 needs imageio-ffmpeg, which is not installed: "
-                "pip install 'packit-sim[film]', or choose a name that ends in .gif"
-            ) from error
 
 
 def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) -> int:
@@ -79,7 +71,7 @@ def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) 
     RenderError
         If there is no picture, a side is odd, which MP4 does not allow, the suffix is unknown, or
         the file cannot be written.
-    MissingFfmpegError
+    MissingPackageError
         If ffmpeg is required and not installed.
     """
     path = Path(path)

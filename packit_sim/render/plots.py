@@ -1,4 +1,4 @@
-"""Plots in one style, by matplotlib (`pip install packit-sim[plot]`)."""
+"""Plots in one style, by matplotlib (`pip install packit-sim[report]`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from packit_sim.core.confidence import Estimate
-from packit_sim.core.errors import PackItError
+from packit_sim.core.extras import needed_for
 from packit_sim.render.image_files import save_png
 
 if TYPE_CHECKING:
@@ -44,18 +44,10 @@ _STYLE = {
 }
 
 
-class MissingMatplotlibError(PackItError, ImportError):
-    """matplotlib is not installed."""
-
-
 def require() -> None:
-    """Raise MissingMatplotlibError if matplotlib is missing; call it before long work."""
-    try:
+    """Raise MissingPackageError if matplotlib is missing; call it before long work."""
+    with needed_for("plots"):
         import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise MissingMatplotlibError(
-            "plots need matplotlib, which is not installed: pip install 'packit-sim[plot]'"
-        ) from error
 
 
 @contextmanager
@@ -82,7 +74,7 @@ def drawn(
 
     Raises
     ------
-    MissingMatplotlibError
+    MissingPackageError
         If matplotlib is not installed.
     RenderError
         If the file cannot be written.

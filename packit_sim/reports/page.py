@@ -18,7 +18,7 @@ from packit_sim.reports.runs import Runs
 
 
 def check_installed() -> None:
-    """Raise MissingJinjaError or MissingMatplotlibError; call it before long work."""
+    """Raise MissingPackageError if a package is missing; call it before long work."""
     require()
     templates.check_installed()
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 import rich
 
 from packit_sim.core.errors import RenderError
+from packit_sim.core.extras import needed_for
 from packit_sim.render.cameras import ISO, TOP, Camera
 from packit_sim.render.looks import BACKGROUND
 
@@ -154,12 +155,8 @@ def _view(camera: viser.CameraHandle) -> Camera:
 
 def _serve(host: str, port: int) -> viser.ViserServer:
     """Start a server at exactly this port; 0 stands for a free one."""
-    try:
+    with needed_for("interactive views"):
         import viser
-    except ImportError as error:
-        raise RenderError(
-            "the viewer needs viser, which is not installed: pip install 'packit-sim[viewer]'"
-        ) from error
     logging.getLogger("websockets.server").addFilter(_is_no_handshake)
     if not 0 <= port < 2**16:
         raise _refused(host, port, "ports are 1 to 65535")

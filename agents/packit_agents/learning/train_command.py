@@ -9,7 +9,7 @@ import typer
 
 from packit_sim.cli.console import AddressOption, console, progress_bars
 from packit_sim.cli.output import RESUMABLE, stoppable
-from packit_sim.core.errors import PackItError
+from packit_sim.core.extras import needed_for
 from packit_sim.render import plots
 
 if TYPE_CHECKING:
@@ -41,13 +41,9 @@ def train_command(
 
     Example: packit train trainings/first --set steps=100000
     """
-    try:
+    with needed_for("trainings"):
         from packit_agents.learning.training import Training
         from packit_agents.learning.training_settings import read_settings
-    except ImportError as error:
-        raise PackItError(
-            f"training needs {error.name}, which is not installed: pip install 'packit-sim[train]'"
-        ) from None
     plots.require()
     settings = read_settings(config, set or [])
     training = Training(settings, out, device, ray_workers, address)

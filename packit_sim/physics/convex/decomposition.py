@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.core.errors import PhysicsError
+from packit_sim.core.extras import needed_for
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import disk_cache
@@ -176,13 +176,8 @@ def _version(settings: DecompositionSettings) -> str:
     """Return the version of CoACD, on which its pieces may depend."""
     if settings.method != "coacd":
         return ""
-    try:
+    with needed_for("convex pieces", "choose method 'bisection'"):
         return metadata.version("coacd")
-    except metadata.PackageNotFoundError:
-        raise PhysicsError(
-            "convex pieces need CoACD, which is not installed: pip install 'packit-sim[physics]', "
-            "or choose method 'bisection'"
-        ) from None
 
 
 def decompose_anew(shape: Shape, settings: DecompositionSettings) -> Decomposition:
