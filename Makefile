@@ -14,7 +14,7 @@ PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-all bench lint types wheel constraints clean
+.PHONY: help setup demo docs test test-all bench lint types wheel constraints clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
@@ -59,6 +59,10 @@ lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: 
 
 types: $(STAMP) ## mypy
 	@$(BIN)/mypy
+
+docs: $(STAMP) ## the documentation site, into build/site; a warning is an error
+	@$(BIN)/sphinx-build -q -W -n --keep-going -d build/doctrees docs build/site
+	@echo "open build/site/index.html"
 
 wheel: $(STAMP) ## sdist, and from it the wheel, into dist/
 	@rm -rf dist

@@ -1,0 +1,78 @@
+"""Settings of the documentation site, which `make docs` builds with Sphinx.
+
+Nothing is downloaded while it builds: fonts, styles and scripts come with the installed packages.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE / "extensions"))
+
+from packit_sim.core.version import DOCUMENTATION, __version__  # noqa: E402
+
+project = "PackIt-Sim"
+author = "PackIt-Sim contributors"
+copyright = f"2026, {author}"
+release = version = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+    "command_pages",
+    "public_names",
+]
+exclude_patterns = ["examples", "static", "templates"]
+templates_path = ["templates"]
+root_doc = "index"
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(?!packit_sim\b|packit_agents\b).*")]
+"""Names of other libraries are not looked up, since that would need the network."""
+suppress_warnings = ["toc.empty_glob"]
+
+html_theme = "furo"
+html_title = "PackIt-Sim"
+html_baseurl = DOCUMENTATION + "/"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+
+myst_enable_extensions = ["attrs_block", "colon_fence", "deflist", "html_image"]
+myst_heading_anchors = 4
+
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autoclass_content = "class"
+python_use_unqualified_type_names = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_preprocess_types = False
+
+copybutton_prompt_text = r"\$ |>>> |\.\.\. "
+copybutton_prompt_is_regexp = True
+copybutton_only_copy_prompt_lines = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/plot_",
+    "image_scrapers": ("saved_pictures.saved_pictures",),
+    "reset_modules": (),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 60,
+    "doc_module": ("packit_sim",),
+    "backreferences_dir": "gallery/backreferences",
+    "remove_config_comments": True,
+}
