@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from packit_sim.core.errors import PackItError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.datasets.pack_files import load_tasks, write_packs
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.recording import (
     CUT_SHORT,
-    MissingMinariError,
     Recorder,
     RecordingError,
     record,
@@ -24,7 +24,7 @@ from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Stage
 from packit_sim.libraries.library import ShapeLibrary
 
-minari = pytest.importorskip("minari", reason="Minari comes with the extra record")
+minari = pytest.importorskip("minari", reason="Minari comes with the extra learn")
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 ORDERS = {"PackIt-v0": (0, 1, 2), "PackItEasy-v0": (0, 2, 1)}
@@ -372,7 +372,7 @@ os._exit(9)
 def test_without_minari_the_extra_is_named(tmp_path, monkeypatch, missing) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
     env = PackItEnv(observation="none", **SHAPE_ONLY)
-    with pytest.raises(MissingMinariError, match=r"pip install packit-sim\[record\]"):
+    with pytest.raises(MissingPackageError, match=r"pip install 'packit-sim\[learn\]'"):
         Recorder(env, tmp_path / "r")
     assert [path.name for path in tmp_path.iterdir()] == ["home"]
 

@@ -88,7 +88,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     ------
     RecordingError
         If the path exists.
-    MissingMinariError
+    MissingPackageError
         If the extra `learn` is not installed.
 
     Notes
@@ -290,7 +290,7 @@ def record(
     ------
     RecordingError
         If the path exists, or tasks are generated on the fly and `episodes` is None.
-    MissingMinariError
+    MissingPackageError
         If the extra `learn` is not installed.
     """
     tasks: Sequence[Task] = env.get_wrapper_attr("tasks")
