@@ -71,6 +71,7 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
+    "write_computation_times": False,
     "min_reported_time": 60,
     "doc_module": ("packit_sim",),
     "backreferences_dir": "gallery/backreferences",
