@@ -1,0 +1,194 @@
+"""The pages of the reference list the fields and settings of the code, all of them, and no others."""
+
+import dataclasses
+import inspect
+import json
+import re
+from typing import Any
+
+import gymnasium
+import msgspec
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
+from packit_sim.datasets import packings, packs, provenance
+from packit_sim.datasets.pack_files import Manifest, manifest_path
+from packit_sim.envs.observations import OBSERVERS
+from packit_sim.evaluation.judging import SCORES
+from packit_sim.game.episode import End
+from packit_sim.geometry.quantized import QuantizedMesh
+from packit_sim.libraries import stored
+from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.physics.quality import QualityScores
+from tests.doc_pages import DOCS, read, tables
+
+FILES = DOCS / "reference" / "files.md"
+ENVIRONMENT = DOCS / "reference" / "environment.md"
+
+STORED: dict[str, tuple[type, dict[str, str]]] = {
+    "Pack": (packs.Pack, {"format": "first", "version": "first"}),
+    "LibraryRef": (packs.LibraryRef, {}),
+    "PackedItem": (packs.PackedItem, {}),
+    "PoseRecord": (packs.PoseRecord, {}),
+    "ItemRecord": (packs.ItemRecord, {}),
+    "Evolved": (provenance.Evolved, {"kind": "first"}),
+    "Sampled": (provenance.Sampled, {"kind": "first"}),
+    "FromOriginal": (provenance.FromOriginal, {"kind": "first"}),
+    "Other": (provenance.Other, {"kind": "first"}),
+    "Played": (provenance.Played, {"kind": "first"}),
+    "EvolutionSettings": (EvolutionSettings, {}),
+    "Rules": (Rules, {}),
+    "QualityScores": (QualityScores, {}),
+    "Manifest": (Manifest, {}),
+    "_Packing": (packings._Packing, {}),
+    "_PackingItem": (packings._PackingItem, {}),
+    "_Catalogue": (stored._Catalogue, {"format": "first"}),
+    "ShapeInfo": (ShapeInfo, {}),
+    "QuantizedMesh": (QuantizedMesh, {}),
+}
+"""The type of each table of files.md, and the fields that the writer adds before its own."""
+
+
+def names(rows: list[list[str]]) -> list[str]:
+    return [re.fullmatch(r"`([\w-]+)`", row[0])[1] for row in rows]  # type: ignore[index]
+
+
+def stored_names(kind: type) -> list[str]:
+    """The names of a type's fields in files."""
+    if dataclasses.is_dataclass(kind):
+        return [field.name for field in dataclasses.fields(kind)]
+    return [field.encode_name for field in msgspec.structs.fields(kind)]
+
+
+@pytest.mark.parametrize("key", STORED)
+def test_files_lists_the_fields_of(key) -> None:
+    kind, added = STORED[key]
+    assert names(tables(FILES)[key]) == [*added, *stored_names(kind)]
+
+
+def test_every_table_of_files_is_compared() -> None:
+    assert set(tables(FILES)) == {*STORED, "weights", "NetworkSettings"}
+
+
+def test_the_shipped_packs_have_the_fields_that_files_lists() -> None:
+    rows = {row[0].strip("`"): row for row in tables(FILES)["Pack"]}
+    for line in dataset_file("starter").read_text().splitlines():
+        content = json.loads(line)
+        assert content["format"] == packs.FORMAT
+        assert set(content) <= set(rows)
+        assert {n for n, row in rows.items() if "optional" not in row[2]} <= set(content)
+    described = json.loads(manifest_path(dataset_file("starter")).read_text())
+    assert set(described) <= set(names(tables(FILES)["Manifest"]))
+
+
+def test_the_shipped_library_has_the_fields_that_files_lists() -> None:
+    folder = assets_folder() / "everyday"
+    content = json.loads((folder / "library.json").read_text())
+    assert list(content) == names(tables(FILES)["_Catalogue"])
+    assert list(content["shapes"][0]) == names(tables(FILES)["ShapeInfo"])
+    assert list(json.loads((folder / "splits.json").read_text())) == [
+        *re.findall(r"`(\w+)`", read(FILES).split("`splits.json` | the ids of each split: ")[1])[:4]
+    ]
+    with np.load(next((folder / "meshes").glob("*.npz"))) as arrays:
+        assert sorted(arrays) == sorted(names(tables(FILES)["QuantizedMesh"]))
+
+
+def test_files_says_what_the_scores_are() -> None:
+    assert set(names(tables(FILES)["QualityScores"])) == set(SCORES)
+
+
+def test_files_gives_the_version_of_each_format() -> None:
+    shown = dict(re.findall(r"^\| \[(\w+)\]\(#\w+\).*\| (\w+) \|$", read(FILES), re.MULTILINE))
+    assert shown["packs"] == shown["results"] == shown["manifest"] == str(packs.FORMAT)
+    assert shown["library"] == str(stored.FORMAT)
+
+
+def test_files_lists_the_metadata_of_weights() -> None:
+    pytest.importorskip("torch")
+    from packit_agents.learning import weights
+    from packit_agents.learning.networks import NetworkSettings
+    from safetensors import safe_open
+
+    assert f"| [weights](#weights), `NAME.safetensors` | `packit train` | {weights.VERSION} |" in (
+        read(FILES)
+    )
+    with safe_open(assets_folder() / "weights" / "packnn.safetensors", "numpy") as file:
+        metadata = file.metadata()
+    assert set(names(tables(FILES)["weights"])) == set(metadata)
+    assert metadata["format"] == weights.FORMAT
+    assert names(tables(FILES)["NetworkSettings"]) == stored_names(NetworkSettings)
+    assert set(json.loads(metadata["network"])) == set(stored_names(NetworkSettings))
+
+
+def described(space: spaces.Space[Any]) -> str:
+    """A space as the page writes it."""
+    if isinstance(space, spaces.Discrete):
+        return f"`Discrete({space.n})`"
+    kind = "int8" if isinstance(space, spaces.MultiBinary) else str(space.dtype)
+    return f"{kind} {tuple(int(n) for n in space.shape)}".replace(",)", ",)")
+
+
+@pytest.mark.parametrize("observation", OBSERVERS)
+def test_environment_lists_the_fields_of_observations(observation) -> None:
+    env = gymnasium.make("PackIt-v0", observation=observation)
+    listed = tables(ENVIRONMENT)
+    rows = listed["none"] + ([] if observation == "none" else listed[observation])
+    if observation == "placement-features":
+        rows = listed["none"] + listed["features"] + listed[observation]
+    shown = {row[0].strip("`"): row[1] for row in rows}
+    space = env.observation_space
+    assert isinstance(space, spaces.Dict)
+    assert shown == {key: described(part) for key, part in space.items()}
+    assert set(listed) == set(OBSERVERS)
+
+
+def rows_under(heading: str) -> list[list[str]]:
+    """The rows of the first table under a heading of the page."""
+    part = re.split(r"^## ", read(ENVIRONMENT).split(f"\n## {heading}\n")[1], flags=re.MULTILINE)[0]
+    lines = [line for line in part.splitlines() if line.startswith("|")][2:]
+    return [[cell.strip() for cell in line[1:-1].split(" | ")] for line in lines]
+
+
+def test_environment_lists_every_argument_with_its_default() -> None:
+    signature = inspect.signature(PackItEnv).parameters
+    defaults = {name: p.default for name, p in signature.items() if name != "changes"}
+    defaults |= {field.name: field.default for field in dataclasses.fields(Rules)}
+    shown = {row[0].strip("`"): row[1] for row in rows_under("Arguments")}
+    assert set(shown) == set(defaults)
+    for name, value in defaults.items():
+        written = json.dumps(value) if isinstance(value, str) else repr(value)
+        assert shown[name] == ("`PACKIT`" if name == "rules" else f"`{written}`"), name
+
+
+def test_environment_lists_the_keys_of_info() -> None:
+    env = gymnasium.make("PackIt-v0", observation="none")
+    _, info = env.reset(seed=0)
+    keys = [row[0].strip("`") for row in rows_under("Info")]
+    assert keys == [*info, "end"]
+    action = int(np.flatnonzero(~info["action_mask"])[0])
+    _, _, terminated, _, info = env.step(action)
+    assert terminated and keys == list(info)
+
+
+def test_environment_lists_every_end() -> None:
+    assert [row[0].strip("`") for row in rows_under("Episode end")] == list(End)
+
+
+def test_environment_names_every_id() -> None:
+    ours = {
+        name
+        for name, spec in gymnasium.registry.items()
+        if str(spec.entry_point).startswith("packit_sim")
+    }
+    assert set(re.findall(r"^\| `(PackIt\w*-v\d)` \|", read(ENVIRONMENT), re.MULTILINE)) == ours
+
+
+def test_the_library_has_as_many_shapes_as_datasets_says() -> None:
+    page = read(DOCS / "reference" / "datasets.md")
+    library = ShapeLibrary.open("everyday")
+    assert f"{len(library)} everyday objects in {len(library.categories)} categories" in page
+    for split in ("train", "test", "validation"):
+        assert f"| `{split}` | {len(library.split(split))} |" in page
