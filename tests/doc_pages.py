@@ -20,7 +20,8 @@ PAGES = sorted(
 NOT_RUN = re.compile(r"<!-- not run: .{10,} -->")
 
 _FENCE = re.compile(
-    r"^(?P<indent> *)(?P<ticks>```+|~~~+|:::+)(?P<kind>[^`\n]*)\n(?P<code>.*?)^(?P=indent)(?P=ticks)$",
+    r"^(?P<indent> *)(?P<ticks>```+|~~~+|:::+)(?P<kind>[^`\n]*)\n"
+    r"(?P<code>.*?)^(?P=indent)(?P=ticks)$",
     flags=re.DOTALL | re.MULTILINE,
 )
 _LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")

@@ -1,4 +1,4 @@
-"""The pages of the reference list the fields and settings of the code, all of them, and no others."""
+"""The pages of the reference list exactly the fields and settings of the code."""
 
 import dataclasses
 import inspect
@@ -108,9 +108,10 @@ def test_files_gives_the_version_of_each_format() -> None:
 
 def test_files_lists_the_metadata_of_weights() -> None:
     pytest.importorskip("torch")
+    from safetensors import safe_open
+
     from packit_agents.learning import weights
     from packit_agents.learning.networks import NetworkSettings
-    from safetensors import safe_open
 
     assert f"| [weights](#weights), `NAME.safetensors` | `packit train` | {weights.VERSION} |" in (
         read(FILES)
