@@ -103,7 +103,7 @@ def main() -> None:
     arguments = parser.parse_args()
     console = Console(width=100)
     found: dict[str, Any] = {}
-    for renderer in ("egl", "tiny"):
+    for renderer in ("egl", "software"):
         with console.status(renderer), multiprocessing.get_context("spawn").Pool(1) as pool:
             found[renderer] = pool.apply(measure, (renderer, arguments.repeats, SNAPSHOTS))
     table = Table("picture", "renderer", "wall, ms (10% to 90%)", "processor, ms", "n")

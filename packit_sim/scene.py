@@ -1,25 +1,28 @@
-"""A box in a headless PyBullet world, for pictures and for an independent check of contacts.
+"""A box in a headless world, for pictures and for an independent check of contacts by PyBullet.
 
 The box's state is the truth; the bodies here are rebuilt from it and never move by themselves.
 """
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from packit_sim.core.errors import RenderError
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.geometry.obj_text import convex_pieces, objects
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import BoxState, Contents, ItemInBox, PlacedItem
-from packit_sim.render.bullet import BulletClient
+from packit_sim.render.bullet import ContactWorld
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import color_of
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
+from packit_sim.render.renderers import open_world
 from packit_sim.render.rendering import Snapshot, take
 from packit_sim.render.staging import BodyStager, corners
 
@@ -35,20 +38,12 @@ _MAX_SECTIONS = 2**18
 """The most triangles that a world has of the box itself and of items that are cut open."""
 
 
-@dataclass
-class _Shapes:
-    """PyBullet's numbers of an item's shapes; collision shapes are created when first needed."""
-
-    visual: int
-    mesh: int | None = None
-    pieces: int | None = None
-
-
 class Scene:
-    """A box and its items as static bodies in a separate PyBullet world.
+    """A box and its items as static bodies in a separate world.
 
-    Close it, or use it in a `with` statement. Only the thread that created it may use it, and no
-    forked child: PyBullet would crash.
+    EGL draws a PyBullet world; without PyBullet or EGL a software renderer draws the same bodies.
+    Close the scene, or use it in a `with` statement. Only the thread that created it may use it,
+    and no forked child: PyBullet would crash.
 
     Parameters
     ----------
@@ -63,26 +58,29 @@ class Scene:
     """
 
     def __init__(self, box: Contents[ItemInBox]) -> None:
-        self._connect()
+        self._owner = (os.getpid(), threading.get_ident())
+        self._closed = False
+        self._contacts: ContactWorld | None = None
+        self._open()
         try:
             self._build(box)
         except BaseException:
-            self._client.close()
+            self._world.close()
             raise
 
     @property
     def renderer(self) -> str:
-        """The renderer's name, "egl" or "tiny", see `renderers.acquire_renderer`."""
-        return self._client.renderer
+        """The renderer's name, "egl" or "software", see `renderers.open_world`."""
+        return self._world.renderer
 
     def update(self, box: Contents[ItemInBox]) -> None:
         """Make the world equal to a box; bodies of items that stayed are kept."""
-        self._client.check()
+        self._check()
         items = {_key(placed.item): placed.item for placed in box.placed}
-        new = sum(len(items[key].shape.mesh.faces) for key in items.keys() - self._shapes.keys())
-        if len(self._shapes) > _MAX_SHAPES or self._client.triangles + new > _MAX_TRIANGLES:
-            self._client.close()
-            self._connect()
+        new = sum(len(items[key].shape.mesh.faces) for key in items.keys() - self._visuals.keys())
+        if len(self._visuals) > _MAX_SHAPES or self._world.triangles + new > _MAX_TRIANGLES:
+            self._world.close()
+            self._open()
         self._build(box)
 
     def snapshot(
@@ -116,14 +114,14 @@ class Scene:
         ArgumentError
             If the width or the height is out of range.
         """
-        self._client.check()
+        self._check()
         look = look or DEFAULT_LOOK
         size = np.array(self._cells) * CELL
         placed = tuple(self._bodies)
         if self._stager.triangles > _MAX_SECTIONS:
             box = BoxState(self._cells, placed)
-            self._client.close()
-            self._connect()
+            self._world.close()
+            self._open()
             self._build(box)
         shown = layout or Layout.packed(placed, size, look.explode)
         points = shown.points
@@ -135,7 +133,7 @@ class Scene:
         whole = on_grid and layout is None and look.box != "none" and not look.explode
         with quiet():
             image = take(
-                self._client,
+                self._world,
                 self._stager.arrange(self._bodies, look, shown, size),
                 points,
                 size / 2 if whole or not placed else None,
@@ -154,6 +152,11 @@ class Scene:
             For each pair (i, j), i < j, of items whose cell boxes meet: the depth in box units, 0
             where their surfaces do not cross. An item off the grid is in a pair with every other.
 
+        Raises
+        ------
+        MissingPackageError
+            If PyBullet is not installed.
+
         Notes
         -----
         PyBullet finds nothing between two meshes, so each is tested as convex pieces against the
@@ -170,10 +173,13 @@ class Scene:
         1e-2, medians of 8e-5, 7e-4 and 4e-3, and wherever FCL finds a crossing more than 0. About
         1 ms a pair, after about 0.05 s for an item new to the scene.
         """
-        self._client.check()
+        self._check()
         placed = list(self._bodies)
+        if self._contacts is None:
+            self._contacts = ContactWorld()
+        depth = self._contacts.depth
         return {
-            (i, j): max(self._depth(placed[i], placed[j]), self._depth(placed[j], placed[i]))
+            (i, j): max(depth(placed[i], placed[j]), depth(placed[j], placed[i]))
             for i in range(len(placed))
             for j in range(i + 1, len(placed))
             if _cell_boxes_meet(placed[i], placed[j])
@@ -181,9 +187,12 @@ class Scene:
 
     def close(self) -> None:
         """End the world and remove its files; calling it again does nothing."""
-        if self._client.close.alive:
-            self._client.check()
-            self._client.close()
+        if not self._closed:
+            self._check()
+            self._closed = True
+            self._world.close()
+            if self._contacts is not None:
+                self._contacts.close()
 
     def __enter__(self) -> Scene:
         return self
@@ -191,13 +200,24 @@ class Scene:
     def __exit__(self, *raised: object) -> None:
         self.close()
 
-    def _connect(self) -> None:
-        """Create an empty world."""
-        self._client = BulletClient()
-        self._stager = BodyStager(self._client)
+    def _check(self) -> None:
+        """Raise RenderError if it is closed, or used by another thread or a forked child."""
+        if self._closed:
+            raise RenderError("the scene is closed")
+        if self._owner[0] != os.getpid():
+            raise RenderError("the scene belongs to the process that this one was forked from")
+        if self._owner[1] != threading.get_ident():
+            raise RenderError(
+                "the scene belongs to another thread: only the one that created it may use it"
+            )
+
+    def _open(self) -> None:
+        """Open an empty world."""
+        self._world = open_world()
+        self._stager = BodyStager(self._world)
         self._cells: Triple = (0, 0, 0)
         self._bodies: dict[ItemInBox, int] = {}
-        self._shapes: dict[tuple[str, float], _Shapes] = {}
+        self._visuals: dict[tuple[str, float], int] = {}
 
     def _build(self, box: Contents[ItemInBox]) -> None:
         with quiet():
@@ -206,38 +226,17 @@ class Scene:
             self._stager.remove([self._bodies.pop(placed) for placed in gone])
             for placed in box.placed:
                 if placed not in self._bodies:
-                    visual = self._shapes_of(placed.item).visual
-                    self._bodies[placed] = self._client.add_body(visual, placed.pose)
+                    visual = self._visual_of(placed.item)
+                    self._bodies[placed] = self._world.add_body(visual, placed.pose)
             self._bodies = {placed: self._bodies[placed] for placed in box.placed}
 
-    def _shapes_of(self, item: Item) -> _Shapes:
-        """Look up PyBullet's shapes of an item, created if new; the rotation is the body's."""
+    def _visual_of(self, item: Item) -> int:
+        """Look up an item's visual shape, created if new; the rotation is the body's."""
         key = _key(item)
-        if key not in self._shapes:
-            mesh = item.shape.mesh
-            visual = self._client.add_visual(mesh, item.scale, color_of(item.shape))
-            self._shapes[key] = _Shapes(visual)
-        return self._shapes[key]
-
-    def _depth(self, one: ItemInBox, other: ItemInBox) -> float:
-        """Compute how deep triangles of the other are in convex pieces of the one."""
-        with quiet():
-            pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
-        return self._client.depth(pieces, mesh, one.pose, other.pose)
-
-    def _pieces_of(self, item: Item) -> int:
-        shapes = self._shapes_of(item)
-        if shapes.pieces is None:
-            text = objects(convex_pieces(item.shape.mesh), item.scale)
-            shapes.pieces = self._client.add_collision(text)
-        return shapes.pieces
-
-    def _mesh_of(self, item: Item) -> int:
-        shapes, mesh = self._shapes_of(item), item.shape.mesh
-        if shapes.mesh is None:
-            text = objects([(mesh.vertices, mesh.faces)], item.scale)
-            shapes.mesh = self._client.add_collision(text, concave=True)
-        return shapes.mesh
+        if key not in self._visuals:
+            mesh, color = item.shape.mesh, color_of(item.shape)
+            self._visuals[key] = self._world.add_visual(mesh, item.scale, color)
+        return self._visuals[key]
 
 
 def _vertices(placed: Sequence[ItemInBox], layout: Layout) -> Points:

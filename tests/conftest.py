@@ -41,16 +41,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture
-def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """TinyRenderer unless a test asks for more: it starts at once."""
-    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "tiny")
+def software(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The software renderer unless a test asks for more: it starts at once."""
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "software")
 
 
-@pytest.fixture(params=["tiny", "egl"])
+@pytest.fixture(params=["software", "egl"])
 def renderer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Each renderer that starts here, set for the test."""
     name = str(request.param)
-    if name == "egl" and renderers.egl_problem(bullet.EGL_PROBE) is not None:
+    if name == "egl" and bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(renderers.RENDERER_VARIABLE, name)
     return name

@@ -27,7 +27,7 @@ POLE = Shape.from_mesh(creation.box((0.04, 0.04, 1)), "pole")
 CONE = Shape.from_mesh(creation.cone(0.5, 1), "cone")
 
 
-pytestmark = pytest.mark.usefixtures("tiny")
+pytestmark = pytest.mark.usefixtures("software")
 
 
 def inked(image: RGBImage) -> np.ndarray:
@@ -202,9 +202,9 @@ def test_many_shapes_need_more_than_one_world(
 def test_save_names_the_renderer_and_leaves_no_rest(tmp_path: Path) -> None:
     sheet = contact_sheet([("cube", CUBE)], side=32)
     path = tmp_path / "sheet.png"
-    assert sheet.save(path) == "tiny"
+    assert sheet.save(path) == "software"
     with Image.open(path) as image:
-        assert (image.format, image.info["Renderer"]) == ("PNG", "tiny")
+        assert (image.format, image.info["Renderer"]) == ("PNG", "software")
         assert np.array_equal(np.asarray(image), sheet.image)
     with pytest.raises(RenderError, match="can't be written to"):
         sheet.save(tmp_path / "missing" / "sheet.png")

@@ -25,7 +25,7 @@ from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look
 from tests.zoo import BALL, RING, cube_of
 
-pytestmark = pytest.mark.usefixtures("tiny")
+pytestmark = pytest.mark.usefixtures("software")
 
 PACE = Pace(fps=10, flight=2.0, gap=1.0, rest=0.5)
 

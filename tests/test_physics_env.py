@@ -209,7 +209,7 @@ def test_what_is_not_feasible_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("render_mode", [None, "rgb_array"])
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("software")
 def test_gymnasiums_checker_is_content(render_mode: str | None) -> None:
     """Warnings are errors."""
     env = gym.make(

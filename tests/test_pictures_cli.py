@@ -32,7 +32,7 @@ from packit_sim.render.coloring import ramp
 from packit_sim.render.looks import BACKGROUND
 from tests.zoo import cube_of
 
-pytestmark = pytest.mark.usefixtures("tiny")
+pytestmark = pytest.mark.usefixtures("software")
 
 SMALL = EvolutionSettings(
     pool=8, population=8, elite=2, lucky=2, generations=2, patience=9, keep_every=1
@@ -99,7 +99,10 @@ def test_every_way_to_draw_a_pack_is_another_picture(packit, packs, tmp_path) ->
     for n, way in enumerate(ways):
         out = tmp_path / f"{n}.png"
         done = packit("render", packs, "--out", out, "--size", "96x64", *way)
-        assert (done.code, done.err) == (0, "") and f"wrote {out} by the tiny renderer" in done.out
+        assert (done.code, done.err) == (
+            0,
+            "",
+        ) and f"wrote {out} by the software renderer" in done.out
         found.append(pixels(out))
     assert {picture.shape for picture in found} == {(64, 96, 3)}
     assert len({picture.tobytes() for picture in found}) == len(ways)

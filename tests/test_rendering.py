@@ -20,16 +20,17 @@ from packit_sim.core.errors import RenderError
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import BoxState, PlacedItem
-from packit_sim.render import bullet, renderers, rendering
+from packit_sim.render import bullet, rendering
 from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
 from packit_sim.render.layouts import ITEM_GAP, Layout
 from packit_sim.render.looks import BACKGROUND, Cut, Look
 from packit_sim.render.sections import is_beyond, section
+from packit_sim.render.software import SoftwareWorld
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, RING, ZOO, cube_of
 
-pytestmark = pytest.mark.usefixtures("tiny")
+pytestmark = pytest.mark.usefixtures("software")
 
 SIDE = 120
 CENTRE = np.full(3, 0.5)
@@ -203,13 +204,21 @@ def test_an_item_is_kept_cut_or_gone(at: float, which: int, axis: str) -> None:
         assert left.rest.bounds[1][n] + placed.center[n] <= at + FINE
 
 
+def number_of_bodies(scene: Scene) -> int:
+    world = scene._world
+    if isinstance(world, SoftwareWorld):
+        return len(world._bodies)
+    assert isinstance(world, bullet.EglWorld)
+    return int(pybullet.getNumBodies(physicsClientId=world.number))
+
+
 def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) -> None:
     look = Look(FRONT, box="edges")
     with Scene(three_cubes()) as scene:
         whole = scene.snapshot(SIDE, SIDE, look)
         opened = scene.snapshot(SIDE, SIDE, dataclasses.replace(look, cut=Cut("y", 0.15)))
         again = scene.snapshot(SIDE, SIDE, look)
-        bodies = pybullet.getNumBodies(physicsClientId=scene._client.number)
+        bodies = number_of_bodies(scene)
     assert set(np.unique(opened.segmentation)) == {-1, 0, 2}
     assert opened.depth[opened.segmentation == 0].min() == pytest.approx(
         whole.depth[whole.segmentation == 0].min() + 0.15, abs=0.012
@@ -225,13 +234,14 @@ def test_a_world_is_replaced_before_it_has_too_many_sections(
     box = Box()
     box.place(Item(BALL, 0.1), (5, 5, 0))
     with Scene(box) as scene:
-        folders = set()
+        worlds = []
         for at in (0.3, 0.31, 0.32, 0.33, 0.34):
             shot = scene.snapshot(SIDE, SIDE, Look(FRONT, cut=Cut("y", at)))
             assert set(np.unique(shot.segmentation)) == {-1, 0}
-            folders.add(scene._client.folder)
+            if scene._world not in worlds:
+                worlds.append(scene._world)
             assert scene._stager.triangles < 12000
-    assert len(folders) > 1
+    assert len(worlds) > 1
 
 
 def test_panes_of_glass_are_before_and_behind_and_change_no_measure() -> None:
@@ -379,7 +389,7 @@ def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: P
         text=True,
         timeout=120,
     )
-    expected = "tiny" if missing or renderers.egl_problem(bullet.EGL_PROBE) is not None else "egl"
+    expected = "software" if missing or bullet.egl_problem() is not None else "egl"
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, f"{expected}\n", "")
 
 
@@ -389,6 +399,6 @@ def test_what_a_picture_is_of_does_not_grow_with_pictures() -> None:
         counts = []
         for look in looks * 2:
             scene.snapshot(24, 24, look)
-            counts.append(pybullet.getNumBodies(physicsClientId=scene._client.number))
+            counts.append(number_of_bodies(scene))
     assert counts[:4] == counts[4:] and max(counts) <= 5 + 2 * 3
     assert CELL == 4 * FINE

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +28,16 @@ from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
-pytestmark = pytest.mark.usefixtures("tiny")
+pytestmark = pytest.mark.usefixtures("software")
 
 
 @pytest.fixture
-def broken_probe(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+def broken_probe(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     """EGL that does not start: the probe ends with status 1."""
     monkeypatch.setattr(bullet, "EGL_PROBE", "raise SystemExit(1)")
-    return monkeypatch
+    bullet.egl_problem.cache_clear()
+    yield monkeypatch
+    bullet.egl_problem.cache_clear()
 
 
 def three_items() -> Box:
@@ -83,18 +86,18 @@ def test_snapshot_shows_every_item(renderer: str) -> None:
 
 
 def test_renderers_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    if renderers.egl_problem(bullet.EGL_PROBE) is not None:
+    if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
     shots = []
-    for name in ("egl", "tiny"):
+    for name in ("egl", "software"):
         monkeypatch.setenv(renderers.RENDERER_VARIABLE, name)
         with Scene(three_items()) as scene:
             shots.append(scene.snapshot(200, 200))
-    egl, tiny = shots
-    same = egl.segmentation == tiny.segmentation
+    egl, software = shots
+    same = egl.segmentation == software.segmentation
     assert same.mean() > 0.97
     shown = same & (egl.segmentation >= 0)
-    assert np.median(np.abs(egl.depth[shown] - tiny.depth[shown])) < 0.01
+    assert np.median(np.abs(egl.depth[shown] - software.depth[shown])) < 0.01
 
 
 @pytest.mark.parametrize("cells", [(100, 100, 100), (200, 40, 80), (40, 40, 300)])
@@ -150,12 +153,12 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with Scene(three_items()) as scene:
-        folder = scene._client.folder
+        world = scene._world
         monkeypatch.setattr("packit_sim.scene._MAX_SHAPES", 2)
         box = Box((60, 80, 100))
         box.place(cube_of(20), (5, 5, 0))
         scene.update(box)
-        assert not folder.exists()
+        assert scene._world is not world
         assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
 
 
@@ -168,9 +171,10 @@ def test_a_world_is_replaced_before_it_has_too_many_triangles(
             box = Box()
             box.place(Item(BALL, scale), (5, 5, 0))
             scene.update(box)
-            assert len(scene._shapes) <= 2 and scene._client.triangles <= 6000
+            assert len(scene._visuals) <= 2 and scene._world.triangles <= 6000
             assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0}
-            assert len(list(scene._client.folder.iterdir())) == len(scene._shapes) + 2
+            if isinstance(scene._world, bullet.EglWorld):
+                assert len(list(scene._world.folder.iterdir())) == len(scene._visuals) + 2
 
 
 def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,9 +184,9 @@ def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
         box.place(Item(BALL, scale), (8 * n, 8 * n, 0))
     with Scene(box) as scene:
         assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
-    if renderers.egl_problem(bullet.EGL_PROBE) is None:
+    if bullet.egl_problem() is None:
         monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
-        with pytest.raises(RenderError, match=r"more than the 3,000 triangles.*=tiny"):
+        with pytest.raises(RenderError, match=r"more than the 3,000 triangles.*=software"):
             Scene(box)
 
 
@@ -244,11 +248,11 @@ def test_impossible_pictures(side: int) -> None:
 @pytest.mark.parametrize("probe", ["raise SystemExit(1)", "import time; time.sleep(60)"])
 def test_a_broken_egl_falls_back(broken_probe: pytest.MonkeyPatch, probe: str) -> None:
     broken_probe.setattr(bullet, "EGL_PROBE", probe)
-    broken_probe.setattr(renderers, "PROBE_TIMEOUT", 0.5)
+    broken_probe.setattr(bullet, "PROBE_TIMEOUT", 0.5)
     broken_probe.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as scene:
-        assert scene.renderer == "tiny"
-        assert scene.snapshot(64, 64).renderer == "tiny"
+        assert scene.renderer == "software"
+        assert scene.snapshot(64, 64).renderer == "software"
 
 
 def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) -> None:
@@ -256,16 +260,16 @@ def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) ->
     with pytest.raises(RenderError, match=r"status 1.*libegl1 libgl1-mesa-dri"):
         Scene(Box())
     broken_probe.setenv(renderers.RENDERER_VARIABLE, "opengl")
-    with pytest.raises(RenderError, match=r"'opengl'.*auto, egl or tiny"):
+    with pytest.raises(RenderError, match=r"'opengl'.*auto, egl or software"):
         Scene(Box())
 
 
 def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch) -> None:
-    if renderers.egl_problem(bullet.EGL_PROBE) is not None:
+    if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(renderers.RENDERER_VARIABLE, "auto")
     with Scene(three_items()) as first, Scene(three_items()) as second:
-        assert (first.renderer, second.renderer) == ("egl", "tiny")
+        assert (first.renderer, second.renderer) == ("egl", "software")
         second.snapshot(64, 64)
         assert set(np.unique(first.snapshot(64, 64).segmentation)) == {-1, 0, 1, 2}
         monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
@@ -277,7 +281,9 @@ def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch
 
 def test_close_ends_everything_and_twice_is_fine() -> None:
     scene = Scene(three_items())
-    folder, client = scene._client.folder, scene._client.number
+    scene.penetrations()
+    assert scene._contacts is not None
+    folder, client = scene._contacts.folder, scene._contacts.number
     assert folder.exists() and pybullet.isConnected(client)
     scene.close()
     scene.close()
@@ -289,7 +295,9 @@ def test_close_ends_everything_and_twice_is_fine() -> None:
 
 def test_a_forgotten_scene_is_closed() -> None:
     scene = Scene(three_items())
-    folder, client = scene._client.folder, scene._client.number
+    scene.penetrations()
+    assert scene._contacts is not None
+    folder, client = scene._contacts.folder, scene._contacts.number
     del scene
     gc.collect()
     assert not folder.exists() and not pybullet.isConnected(client)
@@ -325,6 +333,36 @@ def test_a_forked_child_is_refused() -> None:
         scene.snapshot(16, 16)
 
 
+NO_PYBULLET = """
+import sys
+sys.modules["pybullet"] = None
+from packit_sim import Item, PackItError, Scene, ShapeLibrary, Box
+box = Box()
+item = Item(ShapeLibrary.open("everyday")["teapot"], 0.1)
+box.place(item, box.blbf(item))
+with Scene(box) as scene:
+    shot = scene.snapshot(64, 64)
+    print(shot.renderer, (shot.segmentation == 0).sum() > 20)
+    try:
+        scene.penetrations()
+    except PackItError as error:
+        print(error)
+"""
+
+
+def test_without_pybullet_pictures_are_drawn_and_contacts_name_the_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "auto")
+    ran = subprocess.run([sys.executable, "-c", NO_PYBULLET], capture_output=True, text=True)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.splitlines() == [
+        "software True",
+        "contacts of a scene need pybullet, which is not installed: "
+        "pip install 'packit-sim[physics]'",
+    ]
+
+
 def test_nothing_on_the_terminal(tmp_path: Path) -> None:
     code = (
         "from packit_sim.box import Box; from packit_sim.scene import Scene\n"
@@ -347,7 +385,7 @@ def test_thirty_scenes_leave_nothing_open(renderer: str) -> None:
 
     open_and_close()
     before = len(os.listdir("/proc/self/fd"))
-    for _ in range(30 if renderer == "tiny" else 5):
+    for _ in range(30 if renderer == "software" else 5):
         open_and_close()
     assert len(os.listdir("/proc/self/fd")) <= before + 1
     assert not any(pybullet.isConnected(client) for client in range(64))

@@ -344,7 +344,7 @@ def test_a_world_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("software")
 def test_a_scene_shows_how_its_box_settles() -> None:
     box = cubes((4, 8, 0), (8, 8, 6), (12, 8, 12))
     with Scene(box) as scene:

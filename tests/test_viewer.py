@@ -249,5 +249,5 @@ def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    with pytest.raises(PackItError, match=r"packit-sim\[viewer\]"):
+    with pytest.raises(PackItError, match=r"packit-sim\[view\]"):
         module.Viewer(Box())

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import meshoptimizer
+import fast_simplification
 import numpy as np
 import trimesh
 
@@ -15,13 +14,16 @@ from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 
-TOLERANCES = (1e-3, 3e-4, 1e-4)
-"""Errors to simplify to, in canonical units. A mesh is reduced to about the first of them, and
-further only if it still has too many triangles; the next is tried if the deviation is more than
-`GOOD_ERROR`."""
-
 GOOD_ERROR = 0.005
-"""In canonical units: half a cell for an item as long as the box."""
+"""In canonical units: half a cell for an item as long as the box. If the first simplification is
+farther off, others are tried."""
+
+EAGER_ERROR = 0.001
+"""The error up to which eager simplification goes, in canonical units."""
+
+_AGGRESSIVENESS = (7.0, 3.0, 1.0)
+"""How fast the tolerance of the edge collapses grows, in the order in which they are tried. The
+default of the library is 7; slower growth gives a smaller error for some meshes of many parts."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Simplification:
     max_error : float
         Largest deviation, in canonical units (a shape's diagonal is 1).
     eager : bool
-        Whether to reduce meshes with fewer triangles too, as far as `TOLERANCES` allow.
+        Whether to reduce meshes further, by halves, as long as the error is below `EAGER_ERROR`.
 
     Raises
     ------
@@ -72,47 +74,55 @@ class Simplification:
         MeshError
             If so few triangles are not possible within `max_error`.
         """
-        limit = math.inf if self.max_triangles is None else self.max_triangles
-        if len(shape.mesh.faces) <= limit and not self.eager:
-            kept, error = self._unreduced(shape)
+        count = len(shape.mesh.faces)
+        if self.max_triangles is not None and count > self.max_triangles:
+            kept, error = _reduced(shape, self.max_triangles)
         else:
-            kept, error = self._reduced(shape, limit)
+            kept = QuantizedMesh.of(shape)
+            error = deviation(shape.mesh, kept.mesh())
+        while self.eager and len(kept.faces) > 8:
+            try:
+                fewer, more_error = _reduced(shape, len(kept.faces) // 2)
+            except MeshError:
+                break
+            if more_error > EAGER_ERROR:
+                break
+            kept, error = fewer, more_error
         if error > self.max_error:
             raise MeshError(
-                f"its {len(shape.mesh.faces):,} triangles can't be reduced to {len(kept.faces):,} "
+                f"its {count:,} triangles can't be reduced to {len(kept.faces):,} "
                 f"without being {error:.4f} of the diagonal off: at most {self.max_error:g}"
             )
         return kept, error
 
-    def _unreduced(self, shape: Shape) -> tuple[QuantizedMesh, float]:
-        kept = QuantizedMesh.of(shape)
-        return kept, deviation(shape.mesh, kept.mesh())
 
-    def _reduced(self, shape: Shape, limit: float) -> tuple[QuantizedMesh, float]:
-        best: tuple[float, QuantizedMesh] | None = None
-        for tolerance in TOLERANCES:
-            mesh = collapsed(shape.mesh, 0, tolerance)
-            if len(mesh.faces) > limit:
-                mesh = collapsed(shape.mesh, int(limit), 1.0)
-            if len(mesh.faces) > limit:
-                raise MeshError(
-                    f"its {len(shape.mesh.faces):,} triangles can't be reduced to {limit:,}: "
-                    f"{len(mesh.faces):,} are left"
-                )
-            kept = QuantizedMesh.of(Shape.from_mesh(mesh, shape.id, shape.category))
-            error = deviation(shape.mesh, kept.mesh())
-            if best is None or error < best[0]:
-                best = error, kept
-            if best[0] <= GOOD_ERROR or len(mesh.faces) > 0.9 * limit:
-                break
-        assert best is not None
-        error, kept = best
-        if error > GOOD_ERROR and len(shape.mesh.faces) <= limit:
-            return self._unreduced(shape)
-        return kept, error
+def _reduced(shape: Shape, triangles: int) -> tuple[QuantizedMesh, float]:
+    """Reduce a mesh to a number of triangles; return the best mesh and a bound of its error."""
+    best: tuple[float, QuantizedMesh] | None = None
+    fewest = len(shape.mesh.faces)
+    for aggressiveness in _AGGRESSIVENESS:
+        mesh = collapsed(shape.mesh, triangles, aggressiveness)
+        fewest = min(fewest, len(mesh.faces))
+        if len(mesh.faces) > triangles:
+            continue
+        kept = QuantizedMesh.of(Shape.from_mesh(mesh, shape.id, shape.category))
+        error = deviation(shape.mesh, kept.mesh())
+        if best is None or error < best[0]:
+            best = error, kept
+        if best[0] <= GOOD_ERROR:
+            break
+    if best is None:
+        raise MeshError(
+            f"its {len(shape.mesh.faces):,} triangles can't be reduced to {triangles:,}: "
+            f"{fewest:,} are left"
+        )
+    error, kept = best
+    return kept, error
 
 
-def collapsed(mesh: trimesh.Trimesh, triangles: int, error: float) -> trimesh.Trimesh:
+def collapsed(
+    mesh: trimesh.Trimesh, triangles: int, aggressiveness: float = _AGGRESSIVENESS[0]
+) -> trimesh.Trimesh:
     """Simplify a mesh by collapsing edges.
 
     Parameters
@@ -120,27 +130,25 @@ def collapsed(mesh: trimesh.Trimesh, triangles: int, error: float) -> trimesh.Tr
     mesh : trimesh.Trimesh
         The mesh.
     triangles : int
-        Number of triangles to stop at.
-    error : float
-        Error to stop at, in the mesh's unit.
+        Number of triangles to reduce it to.
+    aggressiveness : float
+        How fast the tolerance grows while too many triangles are left.
 
     Returns
     -------
     trimesh.Trimesh
-        A mesh with as few triangles as both allow.
+        A mesh with at most that many triangles, or with more if no further edge can be collapsed.
 
     Notes
     -----
-    The method is that of Garland and Heckbert (1997), as implemented in meshoptimizer.
+    The method is that of Garland and Heckbert (1997), as implemented in fast-simplification.
     """
-    indices = np.ascontiguousarray(mesh.faces, dtype=np.uint32).ravel()
-    kept = np.empty_like(indices)
-    count = meshoptimizer.simplify(
-        kept,
-        indices,
-        np.ascontiguousarray(mesh.vertices, dtype=np.float32),
-        target_index_count=3 * triangles,
-        target_error=error,
-        options=meshoptimizer.SIMPLIFY_ERROR_ABSOLUTE,
-    )
-    return trimesh.Trimesh(mesh.vertices, kept[:count].reshape(-1, 3).astype(int), process=False)
+    vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+    before = len(faces) + 1
+    while triangles < len(faces) < before:  # a further pass starts with a small tolerance again
+        before = len(faces)
+        vertices, faces = fast_simplification.simplify(
+            vertices, faces, target_count=triangles, agg=aggressiveness
+        )
+    return trimesh.Trimesh(vertices, faces, process=False)

@@ -49,7 +49,7 @@ class ContactSheet:
     image : RGBImage
         Array of shape (H, W, 3), uint8.
     renderer : str
-        "egl" or "tiny".
+        "egl" or "software".
     """
 
     image: RGBImage

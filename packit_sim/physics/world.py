@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.errors import PhysicsError
+from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.obj_text import UNIT, objects
@@ -281,7 +282,7 @@ class World:
 @functools.cache
 def _pybullet() -> Any:
     """Import PyBullet, which takes a tenth of a second and prints its build time."""
-    with quiet():
+    with quiet(), needed_for("physics simulations"):
         import pybullet
     return pybullet
 

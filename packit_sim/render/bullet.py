@@ -1,28 +1,36 @@
-"""PyBullet worlds of static bodies, for pictures and contacts: the scene's one pybullet module."""
+"""PyBullet worlds of static bodies: drawn with EGL, or for contacts.
+
+No other module of the scene talks to PyBullet.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 import threading
 import weakref
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.errors import RenderError
+from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
-from packit_sim.geometry.obj_text import UNIT, drawn
+from packit_sim.geometry.obj_text import UNIT, convex_pieces, drawn, objects
 from packit_sim.geometry.poses import Pose
-from packit_sim.render.cameras import Camera, Points
+from packit_sim.geometry.shapes import Item
+from packit_sim.placement import ItemInBox
 from packit_sim.render.coloring import Color
-from packit_sim.render.renderers import RENDERER_VARIABLE, acquire_renderer, release_renderer
+from packit_sim.render.worlds import AMBIENT, DIFFUSE, LIGHT, Pixels, View
 
 EGL_PROBE = """
 import sys, pybullet as p
@@ -32,80 +40,42 @@ p.getCameraImage(16, 16, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c
 """
 """A script that draws with the EGL plugin whose path is its argument, see `egl_problem`."""
 
+PROBE_TIMEOUT = 20.0
+"""Seconds that EGL may take to start in the probe; half a second is usual."""
+
 _EGL_TRIANGLES = 2**27 // 216
 """Triangles that EGL's buffer holds: PyBullet silently omits further ones from the picture."""
 
 _MARGIN = 0.001
 """Metres by which PyBullet grows every convex piece that it loads; meshes stay as they are."""
 
-_LIGHT = (0.35, 0.6, 1.0)
-"""Direction of the light."""
-
-
-class View(NamedTuple):
-    """A camera in its place, in box units.
-
-    Attributes
-    ----------
-    camera : Camera
-        Its direction and opening angle.
-    eye : ndarray of float64, shape (3,)
-        Its position.
-    near, far : float
-        Distances of the clipping planes.
-    """
-
-    camera: Camera
-    eye: Points
-    near: float
-    far: float
-
-
-class Pixels(NamedTuple):
-    """A renderer's output.
-
-    Attributes
-    ----------
-    rgba : ndarray of uint8, shape (H, W, 4)
-        The colours.
-    depth : ndarray of float32, shape (H, W)
-        The depth buffer: 0 at the near plane, 1 at the far one.
-    bodies : ndarray of int32, shape (H, W)
-        The number of the body, -1 where there is none.
-    """
-
-    rgba: npt.NDArray[np.uint8]
-    depth: npt.NDArray[np.float32]
-    bodies: npt.NDArray[np.int32]
+_EGL = threading.Lock()
+os.register_at_fork(after_in_child=lambda: _EGL.acquire(blocking=False))  # no EGL in a child
 
 
 class BulletClient:
     """A connection to an empty PyBullet world, with a folder for the files that it loads.
 
-    Only the thread that created it may use it, and no forked child (PyBullet would crash).
-
     Attributes
     ----------
-    renderer : str
-        "egl" or "tiny", see `renderers.acquire_renderer`.
     folder : Path
         Where its files lie; removed when it is closed.
     number : int
         PyBullet's number of the connection.
-    triangles : int
-        Triangles of all visual shapes: PyBullet frees none before it disconnects.
     close : Callable[[], None]
         Disconnects and removes the folder; calling it again does nothing.
 
     Raises
     ------
     RenderError
-        If PyBullet refuses another connection, or the renderer is not available.
+        If PyBullet refuses another connection.
+    MissingPackageError
+        If PyBullet is not installed.
     """
 
     def __init__(self) -> None:
-        self._owner = (os.getpid(), threading.get_ident())
         self._pybullet = _pybullet()
+        owner = (os.getpid(), threading.get_ident())
         with contextlib.ExitStack() as undo:
             self.folder = Path(tempfile.mkdtemp(prefix="packit-scene-"))
             undo.callback(shutil.rmtree, self.folder, ignore_errors=True)
@@ -117,23 +87,126 @@ class BulletClient:
             self._pybullet.setPhysicsEngineParameter(
                 enableFileCaching=0, physicsClientId=self.number
             )
-            self.renderer = acquire_renderer(self._load_egl, EGL_PROBE)
+            self._prepare()
             undo.pop_all()
-        self.triangles = 0
         self.close = weakref.finalize(
-            self, _release, self.number, self.renderer, self.folder, self._owner
+            self, _release, self.number, self._on_release, self.folder, owner
         )
 
-    def check(self) -> None:
-        """Raise RenderError if it is closed, or used by another thread or a forked child."""
-        if not self.close.alive:
-            raise RenderError("the scene is closed")
-        if self._owner[0] != os.getpid():
-            raise RenderError("the scene belongs to the process that this one was forked from")
-        if self._owner[1] != threading.get_ident():
-            raise RenderError(
-                "the scene belongs to another thread: only the one that created it may use it"
+    def _prepare(self) -> None:
+        """Prepare the empty world; the connection is closed if this fails."""
+
+    @staticmethod
+    def _on_release() -> None:
+        """Free what the world holds besides the connection."""
+
+    def _write(self, text: str) -> str:
+        path = self.folder / f"{len(os.listdir(self.folder))}.obj"
+        path.write_text(text)
+        return str(path)
+
+
+class ContactWorld(BulletClient):
+    """A PyBullet world that computes how deep items interpenetrate."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pieces: dict[tuple[str, float], int] = {}
+        self._meshes: dict[tuple[str, float], int] = {}
+
+    def depth(self, one: ItemInBox, other: ItemInBox) -> float:
+        """Compute how deep triangles of an item are in convex pieces of another.
+
+        Parameters
+        ----------
+        one : ItemInBox
+            The item of the pieces.
+        other : ItemInBox
+            The item of the triangles.
+
+        Returns
+        -------
+        float
+            Box units, 0 where they are disjoint.
+        """
+        with quiet():
+            pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
+        points = self._pybullet.getClosestPoints(
+            bodyA=-1,
+            bodyB=-1,
+            distance=0.0,
+            collisionShapeA=pieces,
+            collisionShapeB=mesh,
+            collisionShapePositionA=(0, 0, 0),
+            collisionShapePositionB=((other.pose.position - one.pose.position) * UNIT).tolist(),
+            collisionShapeOrientationA=one.pose.xyzw,
+            collisionShapeOrientationB=other.pose.xyzw,
+            physicsClientId=self.number,
+        )
+        distances = (point[8] + _MARGIN for point in points or ())
+        return max(0.0, -min(distances, default=0.0) / UNIT)
+
+    def _pieces_of(self, item: Item) -> int:
+        """Look up the collision shape of an item's convex pieces, created if new."""
+        key = item.shape.digest, item.scale
+        if key not in self._pieces:
+            text = objects(convex_pieces(item.shape.mesh), item.scale)
+            self._pieces[key] = self._add(text)
+        return self._pieces[key]
+
+    def _mesh_of(self, item: Item) -> int:
+        """Look up the collision shape of an item's surface, created if new."""
+        key, mesh = (item.shape.digest, item.scale), item.shape.mesh
+        if key not in self._meshes:
+            text = objects([(mesh.vertices, mesh.faces)], item.scale)
+            self._meshes[key] = self._add(text, concave=True)
+        return self._meshes[key]
+
+    def _add(self, obj: str, concave: bool = False) -> int:
+        """Create a collision shape of OBJ text: its surface, or each object's convex hull."""
+        number: int = self._pybullet.createCollisionShape(
+            self._pybullet.GEOM_MESH,
+            fileName=self._write(obj),
+            flags=self._pybullet.GEOM_FORCE_CONCAVE_TRIMESH if concave else 0,
+            physicsClientId=self.number,
+        )
+        return number
+
+
+class EglWorld(BulletClient):
+    """A PyBullet world that is drawn with EGL: by the GPU, or by Mesa's software rasteriser.
+
+    Attributes
+    ----------
+    renderer : str
+        "egl".
+    triangles : int
+        Triangles of all visual shapes: PyBullet frees none before it disconnects.
+
+    Raises
+    ------
+    RenderError
+        If another world of this process or of its parent draws with EGL (PyBullet mixes up EGL's
+        contexts, and crashes), or EGL does not start.
+    """
+
+    renderer = "egl"
+    triangles = 0
+
+    def _prepare(self) -> None:
+        if not _EGL.acquire(blocking=False):
+            raise RenderError("another scene of this process or of its parent uses it")
+        with quiet():
+            plugin = self._pybullet.loadPlugin(
+                _egl_plugin(), "_eglRendererPlugin", physicsClientId=self.number
             )
+        if plugin < 0:
+            _EGL.release()
+            raise RenderError("it started in the probe, but not in this process")
+
+    @staticmethod
+    def _on_release() -> None:
+        _EGL.release()
 
     def add_visual(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
         """Create a visual shape of a mesh.
@@ -158,39 +231,16 @@ class BulletClient:
             If the world has more triangles than EGL can draw.
         """
         self.triangles += len(mesh.faces)
-        if self.renderer == "egl" and self.triangles > _EGL_TRIANGLES:
+        if self.triangles > _EGL_TRIANGLES:
             raise RenderError(
                 f"the box contains more than the {_EGL_TRIANGLES:,} triangles that EGL can draw: "
-                f"choose {RENDERER_VARIABLE}=tiny"
+                "choose PACKIT_RENDERER=software"
             )
         number: int = self._pybullet.createVisualShape(
             self._pybullet.GEOM_MESH,
             fileName=self._write(drawn(mesh, scale)),
             rgbaColor=(*color, 1.0),  # else PyBullet takes the OBJ's material, which is white
             specularColor=(0.05, 0.05, 0.05),
-            physicsClientId=self.number,
-        )
-        return number
-
-    def add_collision(self, obj: str, concave: bool = False) -> int:
-        """Create a collision shape of OBJ text and return its number.
-
-        Parameters
-        ----------
-        obj : str
-            The text, in metres.
-        concave : bool
-            Whether its surface is taken as it is; else each object becomes its convex hull.
-
-        Returns
-        -------
-        int
-            The number of the shape.
-        """
-        number: int = self._pybullet.createCollisionShape(
-            self._pybullet.GEOM_MESH,
-            fileName=self._write(obj),
-            flags=self._pybullet.GEOM_FORCE_CONCAVE_TRIMESH if concave else 0,
             physicsClientId=self.number,
         )
         return number
@@ -222,40 +272,6 @@ class BulletClient:
             body, -1, rgbaColor=(*color, 1.0), physicsClientId=self.number
         )
 
-    def depth(self, pieces: int, mesh: int, first: Pose, second: Pose) -> float:
-        """Compute how deep a mesh's triangles are in convex pieces.
-
-        Parameters
-        ----------
-        pieces : int
-            The collision shape of the pieces.
-        mesh : int
-            The collision shape of the mesh.
-        first : Pose
-            The pose of the pieces.
-        second : Pose
-            The pose of the mesh.
-
-        Returns
-        -------
-        float
-            Box units, 0 where they are disjoint.
-        """
-        points = self._pybullet.getClosestPoints(
-            bodyA=-1,
-            bodyB=-1,
-            distance=0.0,
-            collisionShapeA=pieces,
-            collisionShapeB=mesh,
-            collisionShapePositionA=(0, 0, 0),
-            collisionShapePositionB=((second.position - first.position) * UNIT).tolist(),
-            collisionShapeOrientationA=first.xyzw,
-            collisionShapeOrientationB=second.xyzw,
-            physicsClientId=self.number,
-        )
-        distances = (point[8] + _MARGIN for point in points or ())
-        return max(0.0, -min(distances, default=0.0) / UNIT)
-
     def camera_image(self, view: View, width: int, height: int) -> Pixels:
         """Draw the world in (height, width) pixels."""
         eye, toward = view.eye, view.camera.toward
@@ -268,9 +284,9 @@ class BulletClient:
             projectionMatrix=self._pybullet.computeProjectionMatrixFOV(
                 view.camera.fov, width / height, view.near * UNIT, view.far * UNIT
             ),
-            lightDirection=_LIGHT,
-            lightAmbientCoeff=0.5,
-            lightDiffuseCoeff=0.6,
+            lightDirection=LIGHT,
+            lightAmbientCoeff=AMBIENT,
+            lightDiffuseCoeff=DIFFUSE,
             lightSpecularCoeff=0.05,
             shadow=0,
             renderer=self._pybullet.ER_BULLET_HARDWARE_OPENGL,
@@ -281,35 +297,55 @@ class BulletClient:
             np.reshape(rgba, (*shape, 4)), np.reshape(depth, shape), np.reshape(bodies, shape)
         )
 
-    def _load_egl(self, plugin: str) -> bool:
-        with quiet():
-            number: int = self._pybullet.loadPlugin(
-                plugin, "_eglRendererPlugin", physicsClientId=self.number
-            )
-        return number >= 0
 
-    def _write(self, text: str) -> str:
-        path = self.folder / f"{len(os.listdir(self.folder))}.obj"
-        path.write_text(text)
-        return str(path)
+@functools.cache
+def egl_problem() -> str | None:
+    """Find out why PyBullet cannot draw with EGL; None if it can.
+
+    Notes
+    -----
+    A script draws with it in a separate process: if a part of EGL is missing, the plugin ends its
+    process.
+    """
+    if importlib.util.find_spec("pybullet") is None:
+        return "PyBullet is not installed"
+    if not (plugin := _egl_plugin()):
+        return "this PyBullet has no EGL plugin"
+    command = [sys.executable, "-c", EGL_PROBE, plugin]
+    try:
+        probe = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PROBE_TIMEOUT
+        )
+    except subprocess.TimeoutExpired:
+        return f"it hung for {PROBE_TIMEOUT:g} s"
+    except OSError as error:
+        return f"the probe did not run: {error}"
+    return None if probe.returncode == 0 else f"the probe ended with status {probe.returncode}"
+
+
+def _egl_plugin() -> str:
+    spec = importlib.util.find_spec("eglRenderer")
+    return (spec and spec.origin) or ""
 
 
 @functools.cache
 def _pybullet() -> Any:
     """Import PyBullet, which takes a tenth of a second and prints its build time."""
-    with quiet():
+    with quiet(), needed_for("contacts of a scene"):
         import pybullet
     return pybullet
 
 
-def _release(number: int, renderer: str, folder: Path, owner: tuple[int, int]) -> None:
+def _release(
+    number: int, on_release: Callable[[], None], folder: Path, owner: tuple[int, int]
+) -> None:
     """Disconnect, if its own thread asks; a forked child leaves everything to its parent."""
     process, thread = owner
     if process != os.getpid():
         return
     if thread == threading.get_ident():
         _disconnect(number)
-        release_renderer(renderer)
+        on_release()
     shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a PyBullet world: colours, depths and segmentation from a renderer's pixels."""
+"""Pictures of a world: colours, depths and segmentation from a renderer's pixels."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.checks import Range, check_range
-from packit_sim.render.bullet import BulletClient, View
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Legend
 from packit_sim.render.ghosts import Ghost
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, output_file, save_png
 from packit_sim.render.looks import Look
 from packit_sim.render.pixel_kernels import resolve
+from packit_sim.render.worlds import DrawnWorld, View
 
-_SUPERSAMPLING = {"egl": 2, "tiny": 1}
+_SAMPLES = 2
 """Samples along each side of a pixel."""
 
 _OUTLINE = 0.55
@@ -39,7 +39,7 @@ class Snapshot:
     projection : ndarray of float64, shape (3, 4)
         Maps a point (x, y, z, 1) of the box to (column, row, 1) times its depth.
     renderer : str
-        "egl" or "tiny".
+        "egl" or "software".
     legend : Legend or None
         The meaning of the items' colours, if they have any.
     """
@@ -85,7 +85,7 @@ class Snapshot:
 
 
 def take(
-    client: BulletClient,
+    world: DrawnWorld,
     indices: dict[int, int],
     points: Points,
     center: Points | None,
@@ -97,7 +97,7 @@ def take(
 
     Parameters
     ----------
-    client : BulletClient
+    world : DrawnWorld
         The world.
     indices : dict[int, int]
         The item's index for each body's number.
@@ -125,13 +125,13 @@ def take(
     width, height = size
     for name, side in (("width", width), ("height", height)):
         check_range(name, side, Range(1, MAX_SIDE), "pixels")
-    camera, samples = look.camera, _SUPERSAMPLING[client.renderer]
+    camera = look.camera
     eye = camera.eye(points, width / height, center)
     low, high = points.min(axis=0), points.max(axis=0)
     distance = float((eye - (low + high) / 2) @ camera.toward)
     radius = float(np.linalg.norm(high - low))
     view = View(camera, eye, max(distance - radius, radius / 100), distance + radius)
-    pixels = client.camera_image(view, width * samples, height * samples)
+    pixels = world.camera_image(view, width * _SAMPLES, height * _SAMPLES)
     items = np.full(max(*indices, -1, 0) + 1, -1, dtype=np.int32)
     items[list(indices)] = list(indices.values())
     panes = None if ghost is None else Ghost(ghost, camera, eye, width, height)
@@ -142,7 +142,7 @@ def take(
         pixels.bodies,
         items,
         np.broadcast_to(np.asarray(back, dtype=np.float32), (height, width, 3)),
-        samples,
+        _SAMPLES,
         _OUTLINE,
         (view.near, view.far),
     )
@@ -153,5 +153,5 @@ def take(
         depth,
         segmentation,
         camera.projection(eye, width, height),
-        client.renderer,
+        world.renderer,
     )

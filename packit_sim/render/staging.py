@@ -1,4 +1,4 @@
-"""Bodies of a PyBullet world, arranged for each picture: moved, painted and cut open."""
+"""Bodies of a world, arranged for each picture: moved, painted and cut open."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from trimesh import creation
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.poses import Pose
 from packit_sim.placement import ItemInBox, PlacedItem
-from packit_sim.render.bullet import BulletClient
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import RGB, Cut, Look
 from packit_sim.render.sections import is_beyond, section
+from packit_sim.render.worlds import DrawnWorld
 
 _EDGE_RADIUS = 0.004
 """Radius of the box's edges, as a share of its longest side."""
@@ -36,7 +36,7 @@ class BodyStager:
 
     Parameters
     ----------
-    client : BulletClient
+    world : DrawnWorld
         The world.
 
     Attributes
@@ -45,8 +45,8 @@ class BodyStager:
         Triangles of all bodies created for pictures only: the box and items that are cut open.
     """
 
-    def __init__(self, client: BulletClient) -> None:
-        self._client = client
+    def __init__(self, world: DrawnWorld) -> None:
+        self._world = world
         self.triangles = 0
         self._poses: dict[int, Pose] = {}
         self._colors: dict[int, Color] = {}
@@ -56,9 +56,9 @@ class BodyStager:
         self._parts: dict[ItemInBox, tuple[int, ...]] = {}
 
     def remove(self, bodies: Iterable[int]) -> None:
-        """Remove bodies; PyBullet may use their numbers again."""
+        """Remove bodies; the world may use their numbers again."""
         for body in list(bodies):
-            self._client.remove(body)
+            self._world.remove(body)
             self._poses.pop(body, None)
             self._colors.pop(body, None)
 
@@ -134,7 +134,7 @@ class BodyStager:
     def _add(self, mesh: trimesh.Trimesh) -> int:
         """Create a body of a mesh in box units, with its origin in the world's."""
         self.triangles += len(mesh.faces)
-        return self._client.add_body(self._client.add_visual(mesh, 1.0, _WHITE), Pose(np.zeros(3)))
+        return self._world.add_body(self._world.add_visual(mesh, 1.0, _WHITE), Pose(np.zeros(3)))
 
     def _put(self, body: int, pose: Pose | None) -> None:
         """Move a body, out of sight where the pose is None."""
@@ -143,12 +143,12 @@ class BodyStager:
         same = known is not None and known.wxyz == pose.wxyz
         if same and known is not None and np.array_equal(known.position, pose.position):
             return
-        self._client.move(body, pose)
+        self._world.move(body, pose)
         self._poses[body] = pose
 
     def _paint(self, body: int, color: Color) -> None:
         if self._colors.get(body) != color:
-            self._client.paint(body, color)
+            self._world.paint(body, color)
             self._colors[body] = color
 
 

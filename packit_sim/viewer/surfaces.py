@@ -26,9 +26,9 @@ def surface(shape: Shape) -> trimesh.Trimesh:
     Returns
     -------
     trimesh.Trimesh
-        A mesh of at most `MOST_TRIANGLES` triangles.
+        A mesh of at most `MOST_TRIANGLES` triangles, or as few as possible.
     """
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
     if len(mesh.faces) > MOST_TRIANGLES:
-        mesh = collapsed(mesh, MOST_TRIANGLES, 1.0)
+        mesh = collapsed(mesh, MOST_TRIANGLES)
     return trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
