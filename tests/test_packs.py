@@ -49,6 +49,7 @@ def test_reading_back_is_the_identity(pack, tmp_path) -> None:
 def test_replay_reproduces_the_pack(pack, library) -> None:
     box = pack.replay(library)
     assert Pack.of(box, LibraryRef.of(library), pack.provenance) == pack
+    assert Pack.of(box, library, pack.provenance) == pack
     assert verify(pack, library) == []
 
 

@@ -164,7 +164,10 @@ class Pack:
 
     @classmethod
     def of(
-        cls, box: BaseBox[Any], library: LibraryRef, provenance: Provenance = UNKNOWN_PROVENANCE
+        cls,
+        box: BaseBox[Any],
+        library: LibraryRef | ShapeLibrary,
+        provenance: Provenance = UNKNOWN_PROVENANCE,
     ) -> Pack:
         """Record the content of a box.
 
@@ -172,7 +175,7 @@ class Pack:
         ----------
         box : BaseBox
             A `Box`, or a `SettlingBox`, whose items get poses instead of locations.
-        library : LibraryRef
+        library : LibraryRef or ShapeLibrary
             The library of the items' shapes.
         provenance : Provenance
             How the pack came to be.
@@ -182,8 +185,9 @@ class Pack:
         Pack
             The pack, whose density is the box's.
         """
+        reference = library if isinstance(library, LibraryRef) else LibraryRef.of(library)
         items = tuple(PackedItem.of(inside) for inside in box.placed)
-        return cls(library, box.cells, items, float(box.density), provenance)
+        return cls(reference, box.cells, items, float(box.density), provenance)
 
     @property
     def is_on_grid(self) -> bool:
