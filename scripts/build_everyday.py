@@ -228,11 +228,13 @@ def licences_page(library: ShapeLibrary) -> str:
     lines = [
         f"# The shapes of the library {library.name!r}, version {library.version}",
         "",
-        f"From Debian's package `{FURNITURE_PACKAGE}` (Sweet Home 3D, https://www.sweethome3d.com)",
-        f"and, where the source is {OBJECTS}, from the Python package `{OBJECTS_PACKAGE}`. All are",
-        "changed: geometry only, turned z up, scaled to diagonal 1, repaired, reduced to at most",
-        f"{SETTINGS.simplification.max_triangles:,} triangles. Written by "
-        "`scripts/build_everyday.py`.",
+        f"The shapes are from Debian's package `{FURNITURE_PACKAGE}` (Sweet Home 3D,",
+        f"https://www.sweethome3d.com). Those with the source {OBJECTS} are from the Python package",
+        f"`{OBJECTS_PACKAGE}`. All were changed: only the geometry was kept, turned",
+        "z up, scaled to a bounding-box diagonal of 1, repaired, and simplified to at most",
+        f"{SETTINGS.simplification.max_triangles:,} triangles.",
+        "",
+        "`scripts/build_everyday.py` writes this page.",
         "",
         *(f"- {name}: {url}" for name, url in LICENCES.items()),
         "",
