@@ -73,7 +73,12 @@ def draw_grid(library: ShapeLibrary, file: Path) -> None:
         Patch(facecolor=INSIDE, label="inner: enclosed, not touched"),
     )
     close.legend(
-        handles=legend, loc="upper center", bbox_to_anchor=(0.45, -0.07), ncols=2, frameon=False, fontsize=9
+        handles=legend,
+        loc="upper center",
+        bbox_to_anchor=(0.45, -0.07),
+        ncols=2,
+        frameon=False,
+        fontsize=9,
     )
     _save(figure, file)
 
