@@ -41,8 +41,7 @@ def draw_grid(library: ShapeLibrary, file: Path) -> None:
     whole.scatter(*np.meshgrid(nodes, nodes), s=2.5, color=BLUE, zorder=1)
     for line in _section(item):
         whole.plot(*(line + start + size / 2).T, color=DARK, linewidth=1.2)
-    whole.add_patch(Rectangle(start, *size, fill=False, edgecolor=VERMILION, linewidth=1.8))
-    whole.plot(*start, "o", color=VERMILION, markersize=7, zorder=3, clip_on=False)
+    _outline(whole, start, size)
     whole.annotate(
         "a node: location (8, ·, 0)\nthe min corner of the cell box",
         start,
@@ -99,7 +98,7 @@ def draw_mask(library: ShapeLibrary, file: Path) -> None:
     location = box.blbf(item)
     assert location is not None
     k = location[2]
-    layer = box.outer[:, :, k * STEP : k * STEP + item.cells[2]].any(axis=2)
+    layer = np.asarray(box.outer[:, :, k * STEP : k * STEP + item.cells[2]].any(axis=2))
 
     figure, (picture, plan) = plt.subplots(1, 2, figsize=(9.6, 4.8), layout="constrained")
     filled = Box(box.cells)
@@ -116,10 +115,7 @@ def draw_mask(library: ShapeLibrary, file: Path) -> None:
     plan.scatter(*(xy[~free] * STEP).T, s=4, color="#909090")
     plan.scatter(*(xy[free] * STEP).T, s=11, color=BLUE)
     corner = np.array(location[:2]) * STEP
-    plan.add_patch(
-        Rectangle(corner, *item.cells[:2], fill=False, edgecolor=VERMILION, linewidth=1.8)
-    )
-    plan.plot(*corner, "o", color=VERMILION, markersize=7, zorder=3, clip_on=False)
+    _outline(plan, corner, np.array(item.cells[:2]))
     _frame(plan, (0, 0), box.cells[:2], 20)
     plan.set_title(
         f"Layer k = {k} from above: {free.sum()} feasible nodes\n"
@@ -191,12 +187,21 @@ def _classify(polygon: np.ndarray, cells: tuple[int, int]) -> tuple[np.ndarray, 
         axis=-1,
     )
     inside = outline.contains_points(points.reshape(-1, 2)).reshape(*cells, -1)
-    return inside.any(axis=2) & ~inside.all(axis=2), inside.all(axis=2)
+    enclosed = np.asarray(inside.all(axis=2))
+    return np.asarray(inside.any(axis=2)) & ~enclosed, enclosed
 
 
 def _last_in_orange(items: Sequence[Item]) -> Colors:
     orange = mpl.colors.to_rgb(VERMILION)
     return Colors((*[UNKNOWN_COLOR] * (len(items) - 1), orange))
+
+
+def _outline(axis: Axes, corner: np.ndarray, size: np.ndarray) -> None:
+    """Draw a cell box with a dot at its min corner; all in cells."""
+    (x, y), (width, height) = corner.tolist(), size.tolist()
+    box = Rectangle((x, y), width, height, fill=False, edgecolor=VERMILION, linewidth=1.8)
+    axis.add_patch(box)
+    axis.plot(x, y, "o", color=VERMILION, markersize=7, zorder=3, clip_on=False)
 
 
 def _fill(axis: Axes, cells: np.ndarray, color: str, side: float = 1 / FINE_PER_CELL) -> None:
