@@ -34,7 +34,7 @@ def tasks() -> tuple[Task, ...]:
 @pytest.mark.parametrize(
     ("env_id", "settings"),
     [
-        ("PackIt-v0", {"render_mode": "rgb_array"}),
+        ("PackIt-v0", {"render_mode": "rgb_array", "observation": "voxels"}),
         ("PackIt-v0", {"observation": "features", "rotation": "aligned", "location": "blbf"}),
         ("PackIt-v0", {"observation": "none", "kinematic": True}),
         ("PackItEasy-v0", {"observation": "features"}),
@@ -66,7 +66,7 @@ def test_replay_of_the_ground_truth_returns_1(tasks, number) -> None:
 
 
 def test_what_is_observed(tasks) -> None:
-    env = PackItEnv(tasks, max_shapes=40)
+    env = PackItEnv(tasks, max_shapes=40, observation="voxels")
     seen, info = env.reset(seed=1)
     task = tasks[info["task"]]
     count = len(task.items)
@@ -353,8 +353,8 @@ def test_states_go_back_exactly_and_travel(tasks, easy, generated) -> None:
 
 
 def test_features_are_mean_occupancies(tasks) -> None:
-    voxels = PackItEnv(tasks, max_shapes=40)
-    features = PackItEnv(tasks, max_shapes=40, observation="features")
+    voxels = PackItEnv(tasks, max_shapes=40, observation="voxels")
+    features = PackItEnv(tasks, max_shapes=40)
     rng = np.random.default_rng(0)
     for env in (voxels, features):
         env.reset(options={"task": 0})
@@ -374,8 +374,15 @@ def test_features_are_mean_occupancies(tasks) -> None:
             break
 
 
+def test_features_are_observed_by_default_and_small(tasks) -> None:
+    """Voxels would take 52 MB each in a replay buffer."""
+    seen, _ = PackItEnv(tasks).reset(seed=0)
+    assert seen["shapes"].shape == (50, 8, 8, 8)
+    assert sum(np.asarray(field).nbytes for field in seen.values()) < 150_000
+
+
 def test_static_voxels_are_shared_but_not_by_neighbours(tasks) -> None:
-    env = PackItEnv(tasks, max_shapes=40)
+    env = PackItEnv(tasks, max_shapes=40, observation="voxels")
     seen = [env.reset(seed=0)[0]]
     seen += [env.step(int(np.flatnonzero(env.action_masks())[0]))[0] for _ in range(3)]
     assert seen[0]["shapes"] is seen[2]["shapes"] and seen[1]["shapes"] is seen[3]["shapes"]
@@ -402,7 +409,7 @@ def test_tasks_come_in_turn_at_random_or_from_a_function(tasks) -> None:
     assert env.episode.task is tasks[4]
     with pytest.raises(ValueError, match="order 'sorted'"):
         PackItEnv(tasks, order="sorted")
-    with pytest.raises(ValueError, match="observation 'pixels' is not known: choose from 'voxels'"):
+    with pytest.raises(ValueError, match="observation 'pixels' is not known: choose from 'feat"):
         PackItEnv(tasks, observation="pixels")
 
 

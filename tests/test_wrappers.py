@@ -89,3 +89,9 @@ def test_only_dict_observations_can_lose_their_mask() -> None:
     env = flattened(PackItEnv(observation="none", **SHAPE_ONLY))
     with pytest.raises(ArgumentError, match="must be dicts, not of space Box"):
         features_only(env)
+
+
+def test_voxels_are_too_large_for_a_vector() -> None:
+    env = PackItEnv(observation="voxels", **SHAPE_ONLY)
+    with pytest.raises(ArgumentError, match=r"vector of 42,\d+,\d+ numbers, 168 MB.*'features'"):
+        flattened(env)

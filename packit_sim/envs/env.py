@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,15 +20,14 @@ from gymnasium import spaces
 
 from packit_sim.core.counters import CallCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import STARTER_PACKS, load_tasks
+from packit_sim.datasets.pack_files import STARTER_PACKS
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import OBSERVERS, Observation
+from packit_sim.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.agents import Policy, load_policy
 from packit_sim.game.episode import Episode, Stage, State, stages
-from packit_sim.generation.task_sampler import TaskSampler
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import BOX_CELLS, Triple, grid_nodes
+from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import PACKIT, Rules
 
@@ -36,15 +35,10 @@ if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
     from packit_sim.scene import Look, Scene
     from packit_sim.viewer.viewer import Viewer
 
-FRESH = "fresh"
-"""The name of tasks that are made on the fly."""
-
 MAX_SHAPES = 50
 """The most shapes of a task by default: the paper's pool."""
 
 _log = logging.getLogger(__name__)
-
-TaskMaker = Callable[[np.random.Generator], Task]
 
 
 @dataclass(frozen=True)
@@ -93,7 +87,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     location : Policy or str, optional
         The same for locations.
     observation : str
-        "voxels", "features", "placement-features" or "none" (see `observations`).
+        "features", "placement-features", "voxels" or "none" (see `observations`). Voxels take
+        50 MB for each observation that is stored, features 0.1 MB.
     max_shapes : int
         The most items that a task may have.
     render_mode : str, optional
@@ -108,8 +103,6 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     ----------
     rules : Rules
         The rules that are played.
-    tasks : tuple of Task
-        The tasks; empty if they are made on the fly.
     cells : tuple of int
         Cells of the box along x, y and z.
 
@@ -136,12 +129,12 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         library: str | Path | ShapeLibrary = "everyday",
         *,
         split: str | None = None,
-        order: Literal["random", "cycle"] = "random",
+        order: Order = "random",
         rules: Rules = PACKIT,
         shape: Policy | str | None = None,
         rotation: Policy | str | None = None,
         location: Policy | str | None = None,
-        observation: str = "voxels",
+        observation: str = "features",
         max_shapes: int = MAX_SHAPES,
         render_mode: str | None = None,
         look: Look | None = None,
@@ -151,8 +144,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         _one_of("order", order, ("random", "cycle"))
         _one_of("observation", observation, tuple(OBSERVERS))
         self.rules = rules.changed(**changes)
-        self.tasks, self.maker = _source(tasks, library, split, self.rules.cells)
-        self.cells = self.rules.cells or _common_cells(self.tasks)
+        self._source = TaskSource(tasks, library, split, order, self.rules.cells)
+        self.cells = self.rules.cells or self._source.cells
         self.render_mode = render_mode
         self.look = look
         self._max_shapes = max_shapes
@@ -166,7 +159,6 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             raise ArgumentError("shape, rotation and location all have policies: no step is left")
         for task in self.tasks:
             self._check(task)
-        self._order = order
         in_turn = stages(self.rules)
         last = max(in_turn.index(stage) for stage in free)
         actions = max(sizes[stage] for stage in free)
@@ -176,11 +168,21 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self.action_space = spaces.Discrete(actions)
         self.observation_space = self._observer.space
         self._episode: Episode | None = None
-        self._number = -1
+        self._number = GENERATED
         self._terminated = False
         self._calls = CallCounter()
         self._scene: Scene | None = None
         self._viewer: Viewer | None = None
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The tasks; empty if they are generated on the fly."""
+        return self._source.tasks
+
+    @property
+    def maker(self) -> TaskMaker | None:
+        """The function that generates tasks, if they are generated on the fly."""
+        return self._source.maker
 
     @property
     def episode(self) -> Episode:
@@ -220,18 +222,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """
         super().reset(seed=seed)
         wanted = (options or {}).get("task")
-        if isinstance(wanted, Task):
-            task, self._number = wanted, -1
-        elif self.maker is not None and wanted is None:
-            task, self._number = self.maker(self.np_random), -1
-        else:
-            self._number = self._next() if wanted is None else wanted
-            if self._number not in range(len(self.tasks)):
-                last = len(self.tasks) - 1
-                hint = f"choose 0 to {last}" if self.tasks else "tasks are generated on the fly"
-                raise ArgumentError(f"there is no task {self._number!r}: {hint}")
-            self._number = int(self._number)
-            task = self.tasks[self._number]
+        task, self._number = self._source.choose(wanted, self._number, self.np_random)
         self._check(task)
         self._episode = Episode(task, self.rules)
         self._terminated = False
@@ -288,7 +279,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
 
     def get_state(self) -> EnvState:
         """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
-        task = self._number if self._number >= 0 else self.episode.task
+        task = self._number if self._number != GENERATED else self.episode.task
         random = dict(self.np_random.bit_generator.state)
         return EnvState(task, self.episode.state(), random, self._terminated)
 
@@ -311,7 +302,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self._episode is None or self._episode.task is not task:
             self._episode = Episode(task, self.rules)
         self._episode.restore(state.episode)
-        self._number = state.task if isinstance(state.task, int) else -1
+        self._number = state.task if isinstance(state.task, int) else GENERATED
         self._terminated = state.terminated
         self.np_random.bit_generator.state = state.random
         with counted_by(self._calls):
@@ -348,11 +339,6 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             self._viewer = Viewer(self.episode.box)
             _log.warning("the box is shown at %s", self._viewer.address)
         self._viewer.update(self.episode.box)
-
-    def _next(self) -> int:
-        if self._order == "cycle":
-            return (self._number + 1) % len(self.tasks)
-        return int(self.np_random.integers(len(self.tasks)))
 
     def _play_fixed(self) -> float:
         """Play the sub-tasks that have a policy, up to the next that has none."""
@@ -397,39 +383,6 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
                     f"it fits into no box of {self.cells}"
                 )
-
-
-def _source(
-    tasks: str | Path | Sequence[Task] | TaskMaker,
-    library: str | Path | ShapeLibrary,
-    split: str | None,
-    cells: Triple | None,
-) -> tuple[tuple[Task, ...], TaskMaker | None]:
-    """Return the tasks, or the function that makes them."""
-    if isinstance(tasks, str | Path):
-        opened = library if isinstance(library, ShapeLibrary) else ShapeLibrary.open(library)
-        if tasks != FRESH:
-            return load_tasks(tasks, opened, split), None
-        shapes = opened.split(split) if split else opened
-        return (), TaskSampler(shapes, EvolutionSettings(cells=cells or BOX_CELLS))
-    if split is not None:
-        raise ArgumentError(f"split {split!r} is of a dataset or a library: tasks have none")
-    if callable(tasks):
-        return (), tasks
-    if not tasks:
-        raise ArgumentError("an environment needs a task, or a function that makes them")
-    return tuple(tasks), None
-
-
-def _common_cells(tasks: Sequence[Task]) -> Triple:
-    """Return the box of all tasks, or the usual one if they are made on the fly."""
-    boxes = {task.cells for task in tasks} or {BOX_CELLS}
-    if len(boxes) != 1:
-        raise ArgumentError(
-            f"the tasks of an environment must share one box, not {sorted(boxes)}: "
-            "give `cells` to say which"
-        )
-    return boxes.pop()
 
 
 def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:

@@ -25,6 +25,9 @@ __all__ = [
 
 Vector = npt.NDArray[np.float32]
 
+MAX_FLAT = 10_000_000
+"""The most numbers of a flattened observation: 40 MB."""
+
 
 def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     """Remove "action_mask" from the observations of an environment.
@@ -61,8 +64,7 @@ def flattened(env: gym.Env[Any, Any]) -> gym.Env[Vector, Any]:
     Parameters
     ----------
     env : gym.Env
-        An environment with the observations "features" or "none": voxels would be millions of
-        numbers.
+        An environment with the observations "features", "placement-features" or "none".
 
     Returns
     -------
@@ -70,8 +72,20 @@ def flattened(env: gym.Env[Any, Any]) -> gym.Env[Vector, Any]:
         The wrapped environment. Its observations are vectors, float32 (n,): the fields in
         alphabetical order, arrays in C order, "stage" and "chosen" as one-hot vectors of 3 and of
         max_shapes + 1 numbers. The last of those means that no shape is chosen.
+
+    Raises
+    ------
+    ArgumentError
+        If an observation has more than `MAX_FLAT` numbers, as voxels of the usual box have.
     """
-    return FlattenFloat32(features_only(env))
+    fields = features_only(env)
+    count = spaces.flatdim(fields.observation_space)
+    if count > MAX_FLAT:
+        raise ArgumentError(
+            f"an observation would be a vector of {count:,} numbers, {4 * count / 1e6:,.0f} MB; at "
+            f"most {MAX_FLAT:,} are possible: make the environment with observation='features'"
+        )
+    return FlattenFloat32(fields)
 
 
 class FlattenFloat32(gym.ObservationWrapper[Vector, Any, Any], RecordConstructorArgs):

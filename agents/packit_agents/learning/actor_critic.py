@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -10,27 +12,62 @@ from sb3_contrib.common.maskable.distributions import MaskableDistribution
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from torch import Tensor
 
+from packit_agents.learning.features_extractor import check_features
 from packit_agents.learning.networks import NetworkSettings, network
+from packit_agents.learning.weights import write_weights
 from packit_sim.core.errors import ArgumentError
 
 
 class ActorCritic(MaskableActorCriticPolicy):
-    """A policy network and a value network, which share no parameters.
+    """PackNN as policy network and as value network, which share no parameters.
+
+    Every shape is scored by the same weights, so what is learned for one slot holds for all.
+    `MaskablePPO(ActorCritic, env)` trains it on an environment that observes features.
 
     Parameters
     ----------
     *spaces_and_schedule
         Observation space (a dict, see `packit_sim.envs.observations`), action space and learning
         rate schedule, as of the base class.
-    settings : NetworkSettings
-        Settings of both networks.
+    settings : NetworkSettings, optional
+        Settings of both networks; by default those of the paper.
     **others
         Keyword arguments of the base class.
+
+    Raises
+    ------
+    ArgumentError
+        If the environment does not observe features, or its actions are not those of the network.
     """
 
-    def __init__(self, *spaces_and_schedule: Any, settings: NetworkSettings, **others: Any) -> None:
-        self._settings = settings
+    def __init__(
+        self, *spaces_and_schedule: Any, settings: NetworkSettings | None = None, **others: Any
+    ) -> None:
+        self._settings = settings or NetworkSettings()
+        observed, actions = spaces_and_schedule[:2]
+        check_features(observed, type(self).__name__)
+        slots = observed["outside"].shape[0]
+        if self._settings.policies == "shape" and actions.n != slots:
+            raise ArgumentError(
+                f"a network that chooses one of {slots} shapes can't play an environment with "
+                f"{actions.n} actions: give the environment a rotation and a location policy, such "
+                "as 'aligned' and 'blbf', or the network the setting policies='all'"
+            )
         super().__init__(*spaces_and_schedule, **others)
+
+    def write_weights(self, path: Path | str, provenance: Mapping[str, Any] | None = None) -> None:
+        """Write the policy network as weights, which `learned@PATH` plays with.
+
+        Parameters
+        ----------
+        path : Path or str
+            The file, usually with the suffix .safetensors.
+        provenance : mapping, optional
+            How it was trained, in JSON's types.
+        """
+        write_weights(
+            Path(path), self.actor, self._settings, self.placement_features, provenance or {}
+        )
 
     @property
     def placement_features(self) -> int:

@@ -36,7 +36,6 @@ from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_pr
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.training_settings import TrainingSettings
-from packit_agents.learning.weights import write_weights
 from packit_sim.core import typed_json
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError, located
@@ -44,8 +43,9 @@ from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import LibraryRef, Task
-from packit_sim.envs.env import FRESH, PackItEnv, TaskMaker
+from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.observations import Observation
+from packit_sim.envs.task_source import FRESH, TaskMaker
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.evaluation.evaluation import evaluate_batched
 from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
@@ -301,11 +301,8 @@ class Training:
         return log_probabilities(self.policy.actor, fields, valid).argmax(1)
 
     def _write_weights(self, name: str, point: CurvePoint) -> None:
-        write_weights(
+        self.policy.write_weights(
             self.folder / f"{name}.safetensors",
-            self.policy.actor,
-            self.settings.network,
-            self.policy.placement_features,
             {"version": __version__, **self._provenance(), "point": point.to_json()},
         )
 

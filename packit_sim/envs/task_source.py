@@ -1,0 +1,142 @@
+"""Tasks of an environment: given, from a dataset, or generated on the fly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from packit_sim.core.errors import ArgumentError
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.packs import Task
+from packit_sim.generation.task_sampler import TaskSampler
+from packit_sim.geometry.lattice import BOX_CELLS, Triple
+from packit_sim.libraries.library import ShapeLibrary
+
+FRESH = "fresh"
+"""The name of tasks that are generated on the fly."""
+
+GENERATED = -1
+"""The number of a task that is not one of the source's own."""
+
+TaskMaker = Callable[[np.random.Generator], Task]
+
+Order = Literal["random", "cycle"]
+
+
+class TaskSource:
+    """The tasks that an environment plays, and which of them is next.
+
+    Parameters
+    ----------
+    tasks : str, Path, sequence of Task, or callable
+        As of `PackItEnv`.
+    library : str, Path or ShapeLibrary
+        The library of the shapes of a dataset or of fresh tasks.
+    split : str, optional
+        Split of the dataset, or of the library for fresh tasks.
+    order : {"random", "cycle"}
+        Whether the next task is drawn, or the one after the last.
+    cells : tuple of int, optional
+        Cells of the box of fresh tasks.
+
+    Attributes
+    ----------
+    tasks : tuple of Task
+        The tasks; empty if they are generated on the fly.
+    maker : callable, optional
+        The function that generates tasks with a random generator, if they are.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no tasks, or a split does not apply.
+    """
+
+    def __init__(
+        self,
+        tasks: str | Path | Sequence[Task] | TaskMaker,
+        library: str | Path | ShapeLibrary,
+        split: str | None,
+        order: Order,
+        cells: Triple | None,
+    ) -> None:
+        self.tasks: tuple[Task, ...] = ()
+        self.maker: TaskMaker | None = None
+        self._order = order
+        if isinstance(tasks, str | Path):
+            opened = library if isinstance(library, ShapeLibrary) else ShapeLibrary.open(library)
+            if tasks != FRESH:
+                self.tasks = load_tasks(tasks, opened, split)
+            else:
+                shapes = opened.split(split) if split else opened
+                self.maker = TaskSampler(shapes, EvolutionSettings(cells=cells or BOX_CELLS))
+        elif split is not None:
+            raise ArgumentError(f"split {split!r} is of a dataset or a library: tasks have none")
+        elif callable(tasks):
+            self.maker = tasks
+        elif not tasks:
+            raise ArgumentError("an environment needs a task, or a function that makes them")
+        else:
+            self.tasks = tuple(tasks)
+
+    @property
+    def cells(self) -> Triple:
+        """Cells of the box of all tasks; the benchmark's box if they are generated.
+
+        Raises ArgumentError if the boxes of the tasks differ.
+        """
+        boxes = {task.cells for task in self.tasks} or {BOX_CELLS}
+        if len(boxes) != 1:
+            raise ArgumentError(
+                f"the tasks of an environment must share one box, not {sorted(boxes)}: "
+                "give `cells` to say which"
+            )
+        return boxes.pop()
+
+    def choose(
+        self, wanted: Task | int | None, last: int, rng: np.random.Generator
+    ) -> tuple[Task, int]:
+        """Choose the task of an episode.
+
+        Parameters
+        ----------
+        wanted : Task, int or None
+            A task or the number of one, if the caller decides.
+        last : int
+            The number of the last task.
+        rng : np.random.Generator
+            The source of random numbers.
+
+        Returns
+        -------
+        task : Task
+            The task.
+        number : int
+            Its number, or `GENERATED`.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no task of the wanted number.
+        """
+        if isinstance(wanted, Task):
+            return wanted, GENERATED
+        if wanted is None:
+            if self.maker is not None:
+                return self.maker(rng), GENERATED
+            if self._order == "cycle":
+                wanted = (last + 1) % len(self.tasks)
+            else:
+                wanted = int(rng.integers(len(self.tasks)))
+        if wanted not in range(len(self.tasks)):
+            hint = (
+                f"choose 0 to {len(self.tasks) - 1}"
+                if self.tasks
+                else "tasks are generated on the fly"
+            )
+            raise ArgumentError(f"there is no task {wanted!r}: {hint}")
+        return self.tasks[wanted], int(wanted)
