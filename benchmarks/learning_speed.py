@@ -32,14 +32,14 @@ from packit_sim import ShapeLibrary
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.wrappers import flattened
 
-SETTINGS = {"rotation": "aligned", "location": "blbf", "observation": "features"}
+SETTINGS: dict[str, Any] = {"rotation": "aligned", "location": "blbf", "observation": "features"}
 
 AIM = 150
 """Steps per second with the extractor."""
 
 SHARED = {"features_extractor_class": ShapeSetExtractor}
 
-EXAMPLE = {"n_steps": 64, "batch_size": 256, "n_epochs": 4}
+EXAMPLE: dict[str, Any] = {"n_steps": 64, "batch_size": 256, "n_epochs": 4}
 """Settings of the example in docs/start/train.md, with 8 environments."""
 
 CASES: dict[str, tuple[Any, dict[str, Any], int, bool]] = {
