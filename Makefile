@@ -9,7 +9,6 @@ SEED := $(or $(SEED),$(shell od -An -N3 -tu4 /dev/urandom | tr -d ' '))
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.set-up-$(EXTRAS)
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet --quiet
 PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
 .DEFAULT_GOAL := help
@@ -19,17 +18,17 @@ PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
 
-setup: $(STAMP) ## everything into .venv, once; EXTRAS=dev,cluster for more than the dev tools
+setup: $(STAMP) ## everything for developers into .venv, once; EXTRAS=dev,cluster for more, EXTRAS= for less
 
-$(STAMP): pyproject.toml constraints.txt packit_sim/core/version.py scripts/system-packages.sh
-	@bash scripts/system-packages.sh
-	@echo "setting up $(VENV): a minute or two the first time"
-	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) install --constraint constraints.txt --editable '.[$(EXTRAS)]'
+SET_UP_BY := pyproject.toml constraints.txt packit_sim/core/version.py scripts/setup.sh scripts/system-packages.sh
+
+$(STAMP): $(SET_UP_BY)
+	@bash scripts/system-packages.sh $(if $(EXTRAS),egl chromium,egl)
+	@bash scripts/setup.sh '$(PYTHON)' '$(EXTRAS)'
 	@touch $@
-	@echo "$(VENV) is ready"
 
-demo: $(STAMP) ## evolve a pack, take it apart, pack it again, draw it
+demo: ## evolve a pack, take it apart, pack it again, draw it; installs no more than that needs
+	@ls $(VENV)/.set-up-* > /dev/null 2>&1 || $(MAKE) --no-print-directory setup EXTRAS=
 	@$(BIN)/packit demo
 
 test: $(STAMP) ## the quick tests

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs libEGL and a Mesa driver, which PyBullet needs to draw with OpenGL without a screen, and
-# Chromium, in which the tests open the viewer's page. Does nothing if all are installed. Never
-# fails: without them the software renderer draws pictures, and those tests are skipped.
+# Installs what its arguments name, if it is missing: `egl`, libEGL and a Mesa driver, with which
+# PyBullet draws pictures by OpenGL without a screen, and `chromium`, in which the tests open pages.
+# Never fails: without them the software renderer draws, and those tests are skipped.
 set -euo pipefail
 
 have_egl() {
@@ -27,17 +27,23 @@ have_chromium() {
 } > /dev/null
 
 missing=()
-have_egl || missing+=(libegl1)
-have_driver || missing+=(libgl1-mesa-dri)
-have_chromium || missing+=(chromium)
+for name in "$@"; do
+    case $name in
+        egl)
+            have_egl || missing+=(libegl1)
+            have_driver || missing+=(libgl1-mesa-dri)
+            ;;
+        chromium) have_chromium || missing+=(chromium) ;;
+    esac
+done
 if [ ${#missing[@]} -eq 0 ]; then
     exit 0
 fi
 if [ "$(id -u)" -eq 0 ] && command -v apt-get > /dev/null; then
-    echo "installing ${missing[*]} for OpenGL pictures and tests of the viewer's page"
+    echo "installing ${missing[*]} with apt"
     if apt_install "${missing[@]}"; then
         exit 0
     fi
 fi
-echo "${missing[*]} could not be installed: pictures may need the slower software renderer, and tests" \
-    "of the viewer's page are skipped"
+echo "${missing[*]} could not be installed (apt install ${missing[*]}): the software renderer draws" \
+    "pictures, and tests that need a browser are skipped"
