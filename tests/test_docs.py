@@ -61,21 +61,6 @@ def test_the_readme_quotes_the_last_run() -> None:
     assert quoted >= 8
 
 
-def test_the_page_of_results_quotes_the_last_run() -> None:
-    quoted = 0
-    for label, ours, *rest in cells(ROOT / "docs" / "benchmarks" / "results.md"):
-        agent = re.match(r"`([^`]+/[^`]+/[^`]+)`", label)
-        if agent:
-            row = rows("baselines")[agent[1]]
-            assert ours == reward(row), label
-            if row["comparison"]:
-                assert rest == [
-                    format_estimate(Estimate(**row["comparison"]["difference"]), "+.3f")
-                ], label
-            quoted += 1
-    assert quoted >= 8
-
-
 @pytest.mark.parametrize("name", TABLES)
 def test_all_agents_that_can_be_played_were(name) -> None:
     assert list(rows(name)) == [row.agent for row in TABLES[name].playable]

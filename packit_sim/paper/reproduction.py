@@ -260,7 +260,7 @@ def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
         if each.row.paper:
             paper = (f"{each.row.paper[name]:g}" for name in table.metrics)
             lines.append(f"| | paper | {' | '.join(paper)} |")
-    lines += ["", f"Against `{table.against}` on the same tasks:", ""]
+    lines += ["", f"Compared with `{table.against}` on the same tasks:", ""]
     base = next(row.paper for row in table.rows if row.agent == table.against)
     columns = ["", "difference", "ratio", "paper's ratio", "wins / ties / losses"]
     if not base:
