@@ -188,4 +188,4 @@ def _evolution(dataset: str, run: Run) -> None:
     settings = evolved.settings.to_json() if isinstance(evolved, Evolved) else None
     content = {"settings": settings, "points": [asdict(point) for point in points]}
     source = f"{dataset}: {len(evolutions)} evolutions"
-    run.write(EVOLUTION, source, f"## {title}\n\n{text}", content)
+    run.write(EVOLUTION, source, f"# {title}\n\n{text}", content)

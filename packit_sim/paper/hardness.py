@@ -25,6 +25,14 @@ from packit_sim.render import plots
 LEVELS = (1.0, 0.7)
 """The x of Success@x."""
 
+LEGEND = (
+    "Each row is over all evolutions, by the last pack that each had kept by that generation; "
+    '"running" counts those that had not ended. Reward is the mean return, S@x the percentage of '
+    "packs with a return of at least x, and density that of the evolved packs. Parentheses contain "
+    "95% bootstrap intervals."
+)
+"""The first sentences of the table."""
+
 Evolutions = Mapping[int, Mapping[int, Pack]]
 """The packs that each evolution kept, by its seed, then by generation."""
 
@@ -178,9 +186,9 @@ def draw(points: Sequence[GenerationScore], title: str, file: Path) -> None:
 
 
 def markdown(points: Sequence[GenerationScore]) -> str:
-    """Write a table with a row for each generation."""
-    headings = ("generation", "under way", "reward", *(f"S@{x:g}" for x in LEVELS), "density")
-    lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
+    """Write a table with a row for each generation, and its legend."""
+    headings = ("generation", "running", "reward", *(f"S@{x:g}" for x in LEVELS), "density")
+    lines = [LEGEND, "", f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
     for point in points:
         estimates = (
             format_estimate(point.reward, ".3f"),

@@ -41,6 +41,16 @@ STRONGER = (
 )
 """The paper's Heuristic, and agents that the paper does not have."""
 
+LEGEND = (
+    "Reward is the mean return, and S@x the percentage of tasks with a return of at least x. "
+    "Parentheses contain 95% bootstrap intervals."
+)
+"""The first sentences of a reproduced table."""
+
+PAPERS_ROWS = (
+    'The rows "paper" are the numbers of Goyal and Deng (ICML 2020), measured with other shapes.'
+)
+
 Numbers = Mapping[str, float]
 """Average Reward as "reward", Success@x in percent as "S@x"."""
 
@@ -248,9 +258,10 @@ def to_json(table: PaperTable, found: Sequence[Reproduced]) -> dict[str, Any]:
 
 def markdown(table: PaperTable, found: Sequence[Reproduced]) -> str:
     """Write a table with the paper's numbers below ours, and the comparisons of agents."""
-    lines = [
-        f"## {table.title}",
-        "",
+    lines = [f"# {table.title}", "", LEGEND, ""]
+    if any(row.paper for row in table.rows):
+        lines += [PAPERS_ROWS, ""]
+    lines += [
         "| | | " + " | ".join(table.metrics) + " |",
         "|---|---|" + "---|" * len(table.metrics),
     ]
