@@ -67,20 +67,30 @@ def commands(page: Path) -> Iterator[str]:
         yield from (line[2:].strip() for line in text.splitlines() if line.startswith("$ "))
 
 
-def without_code(page: Path) -> str:
-    """Return a page without its blocks of code and its code in lines."""
-    text = re.sub(
-        _FENCE,
-        lambda found: found[0] if found["kind"].startswith("{") else "",
+def expanded(page: Path) -> str:
+    """Return a page with the pages that it includes."""
+    return re.sub(
+        r"^```+\{include\} *(\S+)\n(?:.*\n)*?```+$",
+        lambda found: read((page.parent / found[1]).resolve()),
         read(page),
+        flags=re.MULTILINE,
     )
-    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", lambda found: "code", text)
+
+
+def without_blocks(text: str) -> str:
+    """Return a text without its blocks of code; directives stay."""
+    return re.sub(_FENCE, lambda found: found[0] if found["kind"].startswith("{") else "", text)
+
+
+def spans(page: Path) -> list[str]:
+    """List the code within sentences."""
+    found = re.findall(r"(?<!`)`([^`]+)`(?!`)", without_blocks(read(page)))
+    return [" ".join(span.split()) for span in found if span.strip()]
 
 
 def targets(page: Path) -> list[str]:
     """List the targets of a page's links and pictures."""
-    text = re.sub(_FENCE, lambda found: found[0] if found["kind"][:1] == "{" else "", read(page))
-    text = re.sub(r"(?<!\[)`[^`\n]+`(?!\])", "", text)
+    text = re.sub(r"(?<!\[)`[^`\n]+`(?!\])", "", without_blocks(read(page)))
     return [*_LINK.findall(text), *_SOURCE.findall(text), *_DIRECTIVE.findall(text)]
 
 

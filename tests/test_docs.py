@@ -1,22 +1,67 @@
-"""The docs quote results of the last full `packit reproduce all`, and their code runs."""
+"""The documentation is true: its code runs, its commands are valid, its links lead somewhere.
+
+It also quotes the results of the last full `packit reproduce all`.
+"""
 
 import json
 import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Callable, Sequence
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.main import get_command
 
 import packit_sim
+from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import write_packs
+from packit_sim.game.agents import Agent
 from packit_sim.paper.reproduction import HEURISTIC, TABLES
 from packit_sim.physics.convex import decomposition, disk_cache
-from tests.runs import rollout
+from tests.doc_pages import (
+    DOCS,
+    GENERATED,
+    PAGES,
+    ROOT,
+    anchors,
+    blocks,
+    commands,
+    expanded,
+    name,
+    read,
+    spans,
+    targets,
+)
+from tests.runs import rollout, run_packit
 
-ROOT = Path(__file__).parents[1]
-REPRODUCED = ROOT / "docs" / "reproduced"
+sys.path.insert(0, str(DOCS / "extensions"))
+from command_pages import MARKER, reference
+
+REPRODUCED = DOCS / "reproduced"
+
+SLOW = frozenset[str]()
+"""Pages whose code takes more than half a minute: it runs in `make test-all`."""
+
+QUICK = (
+    "--version",
+    "agents list",
+    "datasets list",
+    "shapes list",
+    "shapes show",
+    "shapes stats",
+    "verify starter",
+)
+"""Beginnings of commands that take seconds and need no files: they are run."""
+
+OTHER_TOOLS = ("cd", "docker", "git", "make", "packit", "pip", "python", "source")
+"""Programs that commands of the documentation may call."""
 
 IN_THE_README = {
     **{row.label: ("table1", row.agent) for row in TABLES["table1"].rows},
@@ -67,29 +112,174 @@ def test_all_agents_that_can_be_played_were(name) -> None:
     assert (REPRODUCED / f"{name}.png").exists() and (REPRODUCED / f"{name}.md").exists()
 
 
-def examples(page: str) -> list[str]:
-    """The Python code on a page of the docs."""
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    return re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+def pages_with(kind: str) -> list[Any]:
+    """The pages that have blocks of a language."""
+    return [
+        pytest.param(page, id=name(page), marks=[pytest.mark.slow] if name(page) in SLOW else [])
+        for page in PAGES
+        if any(blocks(page, kind))
+    ]
 
 
-def test_the_code_for_agents_runs(capsys) -> None:
-    (example,) = examples("guides/agents.md")
-    exec(compile(example, "agents.md", "exec"), {})
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+def few_items(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settle a few items of a pack, bisected: CoACD and a whole pack would take minutes."""
+    write_packs(folder / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(folder))
+    monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
+    monkeypatch.setattr(packit_sim, "dataset_file", lambda name: folder / "few.jsonl")
+
+
+SHORTENED: dict[str, Callable[[Path, pytest.MonkeyPatch], None]] = {
+    "docs/guides/physics.md": few_items
+}
+"""What makes the code of a page shorter, by the page."""
+
+
+def check_physics(names: dict[str, Any], output: str) -> None:
+    assert len(names["settled"].items) == len(names["box"].placed) == 3
+    assert Path("settled.png").stat().st_size > 1000
+
+
+def check_search(names: dict[str, Any], output: str) -> None:
+    lines = [line.split() for line in output.splitlines()]
     assert [int(rollouts) for rollouts, _ in lines] == list(range(1, len(lines) + 1))
     best = [float(reward) for _, reward in lines]
     assert 1 < len(best) <= 20 and best == sorted(best) and 0 < best[0] <= best[-1] <= 1 + 1e-9
 
 
-def test_the_code_for_physics_runs(tmp_path, monkeypatch) -> None:
-    """With a few items of a pack, by halving, as where CoACD fails: all would take minutes."""
+def check_readme(names: dict[str, Any], output: str) -> None:
+    assert len(re.findall(r"return (\d\.\d+), density 0\.\d+", output)) == 2
+    assert Path("packed.png").stat().st_size > 1000
+
+
+CHECKED = {
+    "README.md": check_readme,
+    "docs/guides/agents.md": check_search,
+    "docs/guides/physics.md": check_physics,
+}
+"""What must hold after the code of a page, with its names and its output."""
+
+
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch, capsys) -> None:
+    """All blocks in turn, in one namespace and an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path))
-    monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
-    write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
-    monkeypatch.setattr(packit_sim, "dataset_file", lambda name: tmp_path / "few.jsonl")
-    names: dict[str, Any] = {}
-    exec(compile(examples("guides/physics.md")[0], "physics.md", "exec"), names)
-    assert len(names["settled"].items) == len(names["box"].placed) == 3
-    assert (tmp_path / "settled.png").stat().st_size > 1000
+    SHORTENED.get(name(page), lambda *_: None)(tmp_path, monkeypatch)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page, "python"):
+        if block.runs:
+            exec(compile("\n" * (block.line - 1) + block.code, name(page), "exec"), names)
+    CHECKED.get(name(page), lambda *_: None)(names, capsys.readouterr().out)
+
+
+def test_the_loop_of_the_readme_is_short() -> None:
+    loop = next(blocks(ROOT / "README.md", "python"))
+    assert len(loop.code.strip().splitlines()) <= 12
+
+
+def parse(words: Sequence[str]) -> None:
+    """Parse a `packit` command without running it; raises what is wrong with it."""
+    command, name, context, rest = get_command(app), "packit", None, list(words)
+    try:
+        while True:
+            context = command.make_context(name, rest, parent=context)
+            if not hasattr(command, "resolve_command"):
+                break
+            name, command, rest = command.resolve_command(
+                context, [*context._protected_args, *context.args]
+            )
+    except typer.Exit as done:
+        assert done.exit_code == 0
+        return
+    for agent in context.params.get("agent") or ():
+        Agent.from_name(agent)
+
+
+@pytest.mark.parametrize("page", pages_with("console"))
+def test_the_commands_of_a_page_are_valid(page, tmp_path) -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    found = list(commands(page))
+    for line in found:
+        for part in re.split(r" (?:&&|\|\|?|;) ", line):
+            program, *words = shlex.split(part, comments=True)
+            assert program in OTHER_TOOLS, line
+            if program == "packit":
+                try:
+                    parse(words)
+                except Exception as error:
+                    raise AssertionError(f"{name(page)}: {line}") from error
+                if " ".join(words).startswith(QUICK):
+                    done = run_packit(*words, cwd=tmp_path)
+                    assert done.returncode == 0, done.stderr
+            elif program == "make":
+                for target in (word for word in words if "=" not in word):
+                    assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), line
+            elif program == "python" and words[:1] == ["-m"] and words[1] != "venv":
+                assert find_spec(words[1]), line
+            for chosen in re.findall(r"packit-sim\[([\w,]+)\]", line):
+                assert set(chosen.split(",")) <= set(extras), line
+    for text in re.findall(r"^ {4}\$? ?packit .*", read(page), flags=re.MULTILINE):
+        raise AssertionError(f"{name(page)}: {text.strip()!r} is not in a console block")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_in_the_text_exist(page) -> None:
+    """`packit evaluate --scores` in a sentence: the command and its options, without a value."""
+    for span in spans(page):
+        words = span.split()
+        if words[0] != "packit":
+            continue
+        command, rest = get_command(app), words[1:]
+        while hasattr(command, "resolve_command") and rest and re.match(r"[a-z]", rest[0]):
+            found = command.get_command(typer.Context(command), rest[0])
+            assert found is not None, f"{name(page)}: {span}"
+            command, rest = found, rest[1:]
+        options = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
+        for word in rest:
+            if word.startswith("-") and word != "--help":
+                assert word.split("=")[0] in options, f"{name(page)}: {span}"
+
+
+@cache
+def known_anchors(page: Path) -> set[str]:
+    return anchors(expanded(page).replace(MARKER, reference()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page) -> None:
+    for target in targets(page):
+        if re.match(r"https?://|mailto:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        where = f"{name(page)}: {target}"
+        assert file.is_file() or (file.is_dir() and DOCS not in page.parents), where
+        if DOCS in page.parents:
+            assert DOCS in file.parents, f"{where} is not on the site"
+        if anchor and file.suffix == ".md":
+            assert anchor in known_anchors(file), where
+
+
+def test_every_picture_is_used() -> None:
+    used = {
+        (page.parent / target).resolve()
+        for page in [*PAGES, *DOCS.glob("reproduced/*.md")]
+        for target in targets(page)
+    }
+    unused = set(DOCS.glob("images/*")) - used
+    assert not unused, sorted(map(name, unused))
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    listed = {
+        (page.parent / f"{entry}.md").resolve()
+        for page in PAGES
+        for block in blocks(page, "{toctree}")
+        for entry in re.findall(r"^(?:.*<)?([\w/.-]+)>?$", block.code, flags=re.MULTILINE)
+    }
+    generated = {file for file in listed if name(file).startswith(GENERATED)}
+    pages = {page for page in PAGES if DOCS in page.parents} - {DOCS / "index.md"}
+    assert sorted(map(name, listed - generated)) == sorted(map(name, pages))
