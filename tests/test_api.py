@@ -15,11 +15,13 @@ ROOT = Path(__file__).parents[1]
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-_NAMES, _SUBMODULES = (
+_NAMES, _SUBMODULES, _TYPES = (
     re.findall(r"^   (packit_sim\.[\w.]+)$", part, flags=re.MULTILINE)
-    for part in (ROOT / "docs" / "reference" / "api.md")
-    .read_text(encoding="utf-8")
-    .split("## Submodules")
+    for part in re.split(
+        r"^## (?:Submodules|Other types)$",
+        (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
 )
 
 PUBLIC = ["packit_sim", *_SUBMODULES]
@@ -54,6 +56,13 @@ def test_the_reference_lists_every_public_name() -> None:
     assert sorted(_NAMES) == sorted(
         f"packit_sim.{name}" for name in packit_sim.__all__ if name != "__version__"
     )
+
+
+@pytest.mark.parametrize("path", _TYPES)
+def test_the_other_types_of_the_reference_exist(path) -> None:
+    module, name = path.rsplit(".", 1)
+    assert hasattr(import_module(module), name)
+    assert name not in packit_sim.__all__
 
 
 @pytest.mark.parametrize("module", PUBLIC)

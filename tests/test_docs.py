@@ -189,7 +189,8 @@ def parse(words: Sequence[str]) -> None:
                 context, [*context._protected_args, *context.args]
             )
     except typer.Exit as done:
-        assert done.exit_code == 0
+        if done.exit_code:
+            raise
         return
     for agent in context.params.get("agent") or ():
         Agent.from_name(agent)
@@ -225,7 +226,7 @@ def test_the_commands_of_a_page_are_valid(page, tmp_path) -> None:
         raise AssertionError(f"{name(page)}: {text.strip()!r} is not in a console block")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "CHANGELOG"], ids=name)
 def test_commands_in_the_text_exist(page) -> None:
     """`packit evaluate --scores` in a sentence: the command and its options, without a value."""
     for span in spans(page):
