@@ -28,6 +28,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "command_pages",
     "public_names",
+    "root_pages",
 ]
 exclude_patterns = ["examples", "static", "templates"]
 templates_path = ["templates"]
@@ -35,6 +36,7 @@ root_doc = "index"
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!packit_sim\b|packit_agents\b).*"),
+    ("py:.*", r"packit_sim\..*\._\w+"),
     ("py:.*", r"packit_sim\.(box\.BaseBox|engine\..*|libraries\.sources\.Source)"),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few

@@ -18,6 +18,9 @@ from packit_sim.cli.app import app
 
 MARKER = "<!-- commands -->"
 
+TYPES = {"str": "text"}
+"""Names of types in the tables."""
+
 
 def commands() -> Iterator[tuple[str, Any, str]]:
     """List the commands in the order of `packit --help`.
@@ -104,13 +107,19 @@ def _table(command: Any, kind: str) -> Iterator[str]:
         )
         text, limits = match.groups() if match else (meaning, None)
         limits = (limits or "").removeprefix("default: ")
-        yield f"| {_code(names)} | {_plain(text)} | {_code(limits)} |"
+        yield f"| {_code(_short(names))} | {_plain(text)} | {_code(limits)} |"
 
 
 def _split(meaning: str) -> tuple[str, str]:
     """Split the help of an option from its default and range, which follow in brackets."""
     match = re.fullmatch(r"(.*?)\s*\[((?:default|required|x\b|\d).*)\]", meaning, re.DOTALL)
     return (match[1], match[2].removeprefix("default: ")) if match else (meaning, "")
+
+
+def _short(names: str) -> str:
+    """Write types as manuals do: `--seed <int range>` as `--seed INT`."""
+    names = re.sub(r"<list\[(\w+)\]>", r"<\1> ...", names)
+    return re.sub(r"<(\w+)(?: range)?>", lambda kind: TYPES.get(kind[1], kind[1]).upper(), names)
 
 
 def _code(text: str) -> str:

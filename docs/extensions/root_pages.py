@@ -1,0 +1,53 @@
+"""Pages of the site that include a file of the project's root, such as `CONTRIBUTING.md`.
+
+Links between such files work in a checkout; on the site they lead to the pages that include them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+PAGES = {
+    "ARCHITECTURE.md": "docs/project/architecture.md",
+    "CHANGELOG.md": "docs/project/changelog.md",
+    "CONTRIBUTING.md": "docs/project/contributing.md",
+}
+"""The page of each file of the root."""
+
+
+def relink(app: Sphinx, path: Path, page: str, content: list[str]) -> None:
+    """Change the links of an included file.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+    path : Path
+        The path of the file, from the sources of the site.
+    page : str
+        The name of the page that includes it.
+    content : list of str
+        Its text, changed in place.
+    """
+    for file, target in PAGES.items():
+        content[0] = content[0].replace(f"]({file}", f"]({target}")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the handler with Sphinx.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+
+    Returns
+    -------
+    dict
+        That the extension may run in parallel.
+    """
+    app.connect("include-read", relink)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
