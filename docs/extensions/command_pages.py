@@ -118,7 +118,7 @@ def _split(meaning: str) -> tuple[str, str]:
 
 def _short(names: str) -> str:
     """Write types as manuals do: `--seed <int range>` as `--seed INT`."""
-    names = re.sub(r"<list\[(\w+)\]>", r"<\1> ...", names)
+    names = re.sub(r"<list\[([^\]]+)\]>", r"<\1> ...", names)
     return re.sub(r"<(\w+)(?: range)?>", lambda kind: TYPES.get(kind[1], kind[1]).upper(), names)
 
 

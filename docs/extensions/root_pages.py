@@ -1,6 +1,8 @@
-"""Pages of the site that include a file of the project's root, such as `CONTRIBUTING.md`.
+"""Pages of the site that were not written for it.
 
-Links between such files work in a checkout; on the site they lead to the pages that include them.
+Some include a file of the project's root, such as `CONTRIBUTING.md`. Links between such files work
+in a checkout; on the site they lead to the pages that include them. Others are tables that
+`packit reproduce` wrote.
 """
 
 from __future__ import annotations
@@ -36,8 +38,24 @@ def relink(app: Sphinx, path: Path, page: str, content: list[str]) -> None:
         content[0] = content[0].replace(f"]({file}", f"]({target}")
 
 
+def promote(app: Sphinx, page: str, source: list[str]) -> None:
+    """Give a page that `packit reproduce` wrote, whose heading is of level 2, one of level 1.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+    page : str
+        The name of the page.
+    source : list of str
+        Its text, changed in place.
+    """
+    if page.startswith("reproduced/") and source[0].startswith("## "):
+        source[0] = source[0][1:]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the handler with Sphinx.
+    """Register the handlers with Sphinx.
 
     Parameters
     ----------
@@ -50,4 +68,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
         That the extension may run in parallel.
     """
     app.connect("include-read", relink)
+    app.connect("source-read", promote)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
