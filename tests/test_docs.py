@@ -67,7 +67,7 @@ IN_THE_README = {
     **{row.label: ("table1", row.agent) for row in TABLES["table1"].rows},
     "the Heuristic with 4 beams": ("beam", f"{HEURISTIC}+beam=4"),
     "the same with 8 backtracks": ("backtrack", f"{HEURISTIC}+backtrack=8"),
-    "the same in PackIt-Easy": ("easy", HEURISTIC),
+    "the Heuristic in PackIt-Easy": ("easy", HEURISTIC),
 }
 """The tables and agents in the README, by their names there."""
 
@@ -103,7 +103,7 @@ def test_the_readme_quotes_the_last_run() -> None:
             continue
         assert ours == reward(row), label
         quoted += 1
-    assert quoted >= 8
+    assert quoted == 5
 
 
 @pytest.mark.parametrize("name", TABLES)
