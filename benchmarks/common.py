@@ -18,6 +18,8 @@ from packit_sim.core.files import replace_text
 
 RESULTS = Path(__file__).parent / "results"
 
+PICTURES = Path(__file__).parents[1] / "docs" / "images"
+
 PAIR_CACHES = ("collisions", "no-fit tables", "pairs that met")
 """The caches of results about pairs of items."""
 
@@ -42,6 +44,11 @@ def write_json(file: Path, result: Mapping[str, Any]) -> None:
     """Write a result file, and its folder."""
     file.parent.mkdir(parents=True, exist_ok=True)
     replace_text(file, json.dumps(result, indent=1) + "\n")
+
+
+def plot_file(out: Path, name: str) -> Path:
+    """Return the file of a plot; with the default folder, it is one of the documentation's."""
+    return PICTURES / f"benchmark-{name}.png" if out == RESULTS else out / f"{name}.png"
 
 
 def milliseconds(function: Callable[..., Any], *arguments: Any) -> float:

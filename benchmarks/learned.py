@@ -4,7 +4,7 @@
 
 RUN is a folder of `packit train`; folders whose names differ in a number at the end are seeds of
 one training. Each plays the 150 test tasks with its best weights, alone and with 4 beams. Prints a
-table of paired comparisons, and writes `learned.json`, and `learned.png` with the learning curves.
+table of paired comparisons, and writes `learned.json`, and a plot with the learning curves.
 Rollouts that are already in the folder are not played again.
 """
 
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from benchmarks.common import write_json
+from benchmarks.common import plot_file, write_json
 from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import read_weights
 from packit_sim import Agent, ShapeLibrary
@@ -173,7 +173,7 @@ def main() -> None:
         )
     console.print(table)
     heuristic = Estimate.of([rollout.total for rollout in played])
-    draw(curves, heuristic, arguments.out / "learned.png")
+    draw(curves, heuristic, plot_file(arguments.out, "learned"))
     content = {
         "tasks": len(tasks),
         "library": library.digest,

@@ -5,7 +5,7 @@
 One run on one thread, with library meshes. Each pool has 50 shapes and a pack from a short
 evolution; boxes are filled with items of that pack up to a density, and queries are for shapes of
 the pool at random scales and rotations. Prints tables, and writes
-`benchmarks/results/placement.json` and `.png`.
+`benchmarks/results/placement.json` and `docs/images/benchmark-placement.png`.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from benchmarks.common import (
     argument_parser,
     machine,
     milliseconds,
+    plot_file,
     summaries,
     write_json,
 )
@@ -219,7 +220,7 @@ def main() -> None:
     result["bars"] = check_aims(result)
     show(console, result)
     write_json(arguments.out / "placement.json", result)
-    draw(result, arguments.out / "placement.png")
+    draw(result, plot_file(arguments.out, "placement"))
     console.print(f"peak memory before the oracle: {peak:.0f} MB; results are in {arguments.out}")
 
 

@@ -4,7 +4,7 @@
 
 All start from the same pools, sizes and first hundred chromosomes, which the seeds determine, and
 pack equally many chromosomes. Finished runs are kept in `benchmarks/results/searches.json`; at the
-end `searches.png` is drawn, and tables are printed.
+end `docs/images/benchmark-searches.png` is drawn, and tables are printed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.common import argument_parser
+from benchmarks.common import argument_parser, plot_file
 from benchmarks.tournaments import Tournaments
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
@@ -213,7 +213,7 @@ def main() -> None:
         console.print(f"seed {seed}, {kind}: {found[-1]:.3f}")
     result["compared"] = compare(result, settings)
     replace_text(file, json.dumps(result) + "\n")
-    draw(result, settings, arguments.out / "searches.png")
+    draw(result, settings, plot_file(arguments.out, "searches"))
     show(console, result)
 
 

@@ -60,7 +60,7 @@ QUICK = (
 )
 """Beginnings of commands that take seconds and need no files: they are run."""
 
-OTHER_TOOLS = ("cd", "docker", "git", "make", "packit", "pip", "python", "source")
+OTHER_TOOLS = ("cd", "docker", "git", "make", "packit", "pip", "python", "ray", "source")
 """Programs that commands of the documentation may call."""
 
 IN_THE_README = {
