@@ -12,11 +12,15 @@ PAGE = (ROOT / "docs" / "benchmarks" / "comparison.md").read_text(encoding="utf-
 
 PEERS = {
     "`largest-first/aligned/blbf`, the Heuristic": "largest-first/aligned/blbf",
+    "the same, stopping": "largest-first/aligned/blbf, stopping",
     "`largest-first/lowest/blbf`": "largest-first/lowest/blbf",
+    "`largest-first/aligned/blbf+lns=50`": "largest-first/aligned/blbf+lns=50",
     "the Heuristic on voxels of 1/100, conservative": "heuristic, voxels 1/100, conservative",
     "the Heuristic on voxels of 1/100, sampled": "heuristic, voxels 1/100, sampled",
+    "the Heuristic on voxels of 1/50, sampled": "heuristic, voxels 1/50, sampled",
     "spectral, voxels of 1/100, conservative": "spectral 1/100, conservative",
     "spectral, voxels of 1/100, sampled": "spectral 1/100, sampled",
+    "spectral, voxels of 1/50, sampled": "spectral 1/50, sampled",
     "heightmaps, conservative": "heightmaps, conservative",
     "heightmaps, sampled": "heightmaps, sampled",
     "cuboids (packvium, bounding boxes)": "cuboids (packvium)",

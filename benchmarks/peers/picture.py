@@ -22,7 +22,7 @@ def save(rows: Sequence[Summary], path: Path) -> None:
     height = 1.6 + 0.34 * len(one)
     with plots.drawn(path, [columns], 3.2 + 2.6 * len(columns), height) as (figure, axes):
         _pairs_of_dots(axes["share"], [each.share for each in one], [each.kept for each in one])
-        axes["share"].set(title="One task", xlabel="share of its volume")
+        axes["share"].set(title="One task", xlabel="share of the task's volume")
         for n, crowd in enumerate(more):
             _pairs_of_dots(
                 axes[f"density {n}"],
@@ -33,10 +33,10 @@ def save(rows: Sequence[Summary], path: Path) -> None:
                 title=f"Items of {crowd[0].together} tasks", xlabel="share of the box"
             )
         _dots(axes["pairs"], [each.pairs for each in one], PACKED, "o", filled=False)
-        axes["pairs"].set(title="In conflict", xlabel="pairs of items, one task")
+        axes["pairs"].set(title="In conflict", xlabel="pairs of items per task")
         seconds = [Estimate(each.seconds, None, None) for each in one]
         _dots(axes["seconds"], seconds, SECONDS, "D", filled=True)
-        axes["seconds"].set(title="Time", xlabel="processor seconds a task", xscale="log")
+        axes["seconds"].set(title="Time", xlabel="CPU seconds per task", xscale="log")
         for column in columns:
             names = [each.peer for each in one]
             axes[column].set(yticks=range(len(names)), ylim=(len(names) - 0.5, -0.5))
@@ -49,7 +49,7 @@ def save(rows: Sequence[Summary], path: Path) -> None:
 
 def _pairs_of_dots(axes: Any, packed: Sequence[Estimate], valid: Sequence[Estimate]) -> None:
     _dots(axes, packed, PACKED, "o", filled=False, label="packed")
-    _dots(axes, valid, VALID, "s", filled=True, label="valid by the meshes")
+    _dots(axes, valid, VALID, "s", filled=True, label="valid part, checked by the meshes")
 
 
 def _dots(
