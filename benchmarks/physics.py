@@ -1,7 +1,7 @@
 """Measure the cost and the accuracy of convex decomposition and of settling.
 
     .venv/bin/python -m benchmarks.physics
-    .venv/bin/python -m benchmarks.physics --packs everyday-v1 --split test    # all 150, an hour
+    .venv/bin/python -m benchmarks.physics --dataset everyday-v1 --split test    # all 150, an hour
 
 New shapes are decomposed first; pieces on disk are read. Times are CPU seconds, so that other work
 on the machine does not count. Prints tables, and writes `benchmarks/results/physics.json`; with
@@ -177,7 +177,7 @@ def pictures(box: BoxState[PlacedItem], settings: PhysicsSettings, folder: Path)
 
 def main() -> None:
     parser = argument_parser(__doc__)
-    parser.add_argument("--packs", default="starter", help="a dataset's name or path")
+    parser.add_argument("--dataset", default="starter", help="a dataset's name or path")
     parser.add_argument("--split", help="split of the dataset")
     parser.add_argument("--limit", type=int, help="evaluate only the first N packs")
     parser.add_argument("--workers", type=int, help="number of processes")
@@ -190,7 +190,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="folder for two pictures")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday")
-    packs: list[Pack] = read_packs(dataset_file(arguments.packs, arguments.split))
+    packs: list[Pack] = read_packs(dataset_file(arguments.dataset, arguments.split))
     boxes = [pack.contents(library) for pack in packs[: arguments.limit]]
     shapes = {p.item.shape.id: p.item.shape for box in boxes for p in box.placed}
     settings = PhysicsSettings()
@@ -203,7 +203,7 @@ def main() -> None:
     rows = [found[n] for n in range(len(boxes))]
     result = {
         "command": "python -m benchmarks.physics",
-        "packs": {"dataset": arguments.packs, "split": arguments.split, "count": len(boxes)},
+        "packs": {"dataset": arguments.dataset, "split": arguments.split, "count": len(boxes)},
         "library": library.digest,
         "machine": machine(),
         "settings": asdict(settings),

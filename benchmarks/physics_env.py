@@ -134,7 +134,7 @@ def picture(task: Task, physics: PhysicsSettings, file: Path) -> None:
 
 def main() -> None:
     parser = argument_parser(__doc__)
-    parser.add_argument("--packs", default="everyday-v1", help="a dataset's name or path")
+    parser.add_argument("--dataset", default="everyday-v1", help="a dataset's name or path")
     parser.add_argument("--split", default="test", help="split of the dataset")
     parser.add_argument("--tasks", type=int, default=10, help="play only the first N tasks")
     parser.add_argument("--agents", nargs="+", default=AGENTS, metavar="AGENT")
@@ -151,7 +151,7 @@ def main() -> None:
     if arguments.tasks < 2:
         parser.error(f"--tasks {arguments.tasks}: an interval needs 2 tasks or more")
     library = ShapeLibrary.open("everyday")
-    tasks = load_tasks(arguments.packs, library, arguments.split)[: arguments.tasks]
+    tasks = load_tasks(arguments.dataset, library, arguments.split)[: arguments.tasks]
     physics = PhysicsSettings(decomposition=DecompositionSettings(method=arguments.method))
     shapes = {item.shape.id: item.shape for task in tasks for item in task.items}
     decompose_with_progress([shapes[id] for id in sorted(shapes)], physics, arguments.workers)
@@ -170,7 +170,7 @@ def main() -> None:
         "command": f"python -m benchmarks.physics_env --tasks {len(tasks)} "
         f"--episodes {arguments.episodes} --method {arguments.method} "
         f"--agents {' '.join(arguments.agents)}",
-        "packs": f"{arguments.packs}, {arguments.split}",
+        "packs": f"{arguments.dataset}, {arguments.split}",
         "tasks": len(tasks),
         "items a task": float(np.mean([len(task.items) for task in tasks])),
         "episodes": arguments.episodes,

@@ -79,7 +79,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_demo_does_the_whole_job(demo) -> None:
     folder, printed = demo
     assert printed.count("holds") == 9  # the ground truth and eight agents
-    files = ("pack.jsonl", "results.jsonl", "truth.png", "best.png", "worst.png")
+    files = ("packs.jsonl", "results.jsonl", "truth.png", "best.png", "worst.png")
     for name in files:
         assert f"demo/{name}" in printed and (folder / name).exists()
     results = read_packs(folder / "results.jsonl")
@@ -89,7 +89,7 @@ def test_demo_does_the_whole_job(demo) -> None:
     assert len({picture.tobytes() for picture in pictures}) == 3
 
 
-@pytest.mark.parametrize("name", ["pack", pytest.param("results", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["packs", pytest.param("results", marks=pytest.mark.slow)])
 def test_pybullet_sees_no_penetration_in_the_packs_of_the_demo(demo, name) -> None:
     library = ShapeLibrary.open("everyday")
     for pack in read_packs(demo[0] / f"{name}.jsonl"):
@@ -175,7 +175,7 @@ def test_a_folder_of_ones_own_meshes_is_packed(tmp_path) -> None:
         (["render", "broken.jsonl", "--out", "x.png"], "broken.jsonl, line 1"),
         (["shapes", "list", "--library", "nowhere"], "'nowhere'"),
         (["shapes", "list", "--category", "dragon"], "'dragon': choose from"),
-        (["generate", "--size", "1", "0.5", "--out", "x"], "size_range = (1.0, 0.5)"),
+        (["generate", "--size-range", "1", "0.5", "--out", "x"], "size_range = (1.0, 0.5)"),
         (["generate", "--population", "9", "--out", "x"], "population = 9"),
         (["generate", "--library", "meshes", "--out", "x"], "bad.stl"),
     ],

@@ -214,7 +214,7 @@ def test_the_command_is_stopped_and_resumes(cluster, order, tmp_path) -> None:
     command = [
         *(sys.executable, "-m", "packit_sim", "generate", "--out", str(file.parent)),
         *("--packs", "3", "--split", "train", "--seed", "90", "--pool", "20"),
-        *("--population", "60", "--generations", "20", "--size", "0.65", "0.8"),
+        *("--population", "60", "--generations", "20", "--size-range", "0.65", "0.8"),
         *("--backend", "ray", "--address", cluster.address),
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

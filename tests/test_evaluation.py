@@ -252,7 +252,7 @@ def test_a_table_that_the_paper_does_not_have(tasks, tmp_path) -> None:
 
 
 def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
-    common = ("--packs", "starter", "--workers", "1", "--out", tmp_path)
+    common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path)
     monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
     packit("reproduce", "table1", *common, "--quick")
     written = {path.name for path in tmp_path.iterdir()}

@@ -462,7 +462,7 @@ def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
     [
         (("starter", "--pack", "99"), "no pack 99: choose 0 to"),
         (("nowhere",), "nowhere: No such file"),
-        (("starter", "--tasks", "nowhere"), "nowhere: No such file"),
+        (("starter", "--dataset", "nowhere"), "nowhere: No such file"),
     ],
 )
 def test_what_cant_be_shown_is_one_line(arguments, message) -> None:
@@ -483,5 +483,5 @@ def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) ->
     path = tmp_path / "results.jsonl"
     write_packs(path, [result(packs[0], library, 0, 5, "a/b/c")])
     assert json.loads(path.read_text())["provenance"]["agent"] == "a/b/c"
-    process = packit(str(path), "--tasks", "starter", "--second", "1")
+    process = packit(str(path), "--dataset", "starter", "--second", "1")
     assert "results.jsonl is shown at" in process.stdout.readline()

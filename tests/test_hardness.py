@@ -68,7 +68,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_history_becomes_a_table_a_json_and_a_picture(dataset: Path, tmp_path: Path) -> None:
-    arguments = ["reproduce", "evolution", "--history", str(dataset)]
+    arguments = ["reproduce", "evolution", "--history-dataset", str(dataset)]
     found = CliRunner().invoke(app, [*arguments, "--workers", "1", "--out", str(tmp_path / "new")])
     assert found.exit_code == 0 and "the packs of 3 evolutions" in found.output
     content = json.loads((tmp_path / "new" / "evolution.json").read_text())

@@ -1,4 +1,4 @@
-"""`packit packs` as a user runs it: statistics, files and errors."""
+"""`packit datasets` as a user runs it: statistics, files and errors."""
 
 import json
 import re
@@ -38,7 +38,7 @@ SMALL = EvolutionSettings(pool=8, population=52, generations=2, size_range=(0.6,
 
 
 def packit(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in ("packs", *arguments)])
+    return CliRunner().invoke(app, [str(argument) for argument in ("datasets", *arguments)])
 
 
 def refusal(*arguments: str | Path) -> str:
@@ -268,7 +268,7 @@ def test_what_has_no_command_says_so(evolved: Path) -> None:
     command = part.command("everyday", "x")
     assert command == (
         "packit generate --packs 2 --seed 7 --split train --pool 8 --population 52 "
-        "--generations 2 --size 0.6 0.8 --out x"
+        "--generations 2 --size-range 0.6 0.8 --out x"
     )
     one = replace(part, packs=part.packs[1:])
     assert "--packs 1 --seed 8" in (one.command("everyday", "x") or "")

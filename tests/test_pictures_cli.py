@@ -215,7 +215,7 @@ def test_figures_are_the_same_again(packit, packs, history, tmp_path, monkeypatc
     kinds = ("task", "environment", "evolution", "rollouts", "looks")
     names = {f"figure-{name}.png" for name in kinds}
     one, two = tmp_path / "one", tmp_path / "two"
-    settings = ("--history", packs, "--tasks", "2")
+    settings = ("--history-dataset", packs, "--tasks", "2")
     done = packit("figures", packs, "--out", one, *settings)
     assert done.code == 0 and {path.name for path in one.iterdir()} == names, done.err
     packit("figures", packs, "--out", two, *settings, "--only", "task", "--only", "rollouts")
@@ -228,9 +228,9 @@ def test_figures_are_the_same_again(packit, packs, history, tmp_path, monkeypatc
 
 
 def test_a_figure_of_packs_that_have_no_history(packit, tmp_path) -> None:
-    wanted = ("--only", "evolution", "--history", "starter")
+    wanted = ("--only", "evolution", "--history-dataset", "starter")
     failed = packit("figures", "--out", tmp_path / "docs", *wanted)
-    assert failed.code == 2 and "--history" in failed.err
+    assert failed.code == 2 and "--history-dataset" in failed.err
     assert list((tmp_path / "docs").iterdir()) == []
 
 

@@ -259,7 +259,7 @@ def test_a_page_of_trainings_alone_has_no_gallery(tmp_path) -> None:
 def test_the_command_writes_one_file(tmp_path) -> None:
     file = results(tmp_path / "played.jsonl", {GOOD: [3, 4], BAD: [2, 4]})
     out = tmp_path / "report.html"
-    output = packit("report", file, "--packs", "starter", "--gallery", 1, "-o", out)
+    output = packit("report", file, "--dataset", "starter", "--gallery", 1, "-o", out)
     assert "MB" in output
     text = out.read_text()
     assert SOLUTION in text and text.count('<figure class="card">') == 2
@@ -284,7 +284,7 @@ def test_the_command_writes_one_file(tmp_path) -> None:
         (["odd"], r"odd/curve.json is damaged: field .*validation. is 3"),
         (["good.jsonl", "--agent", "x/y/z"], r"'x/y/z'.*choose from a/b/c"),
         (
-            ["good.jsonl", "--packs", "everyday-v1", "--split", "test"],
+            ["good.jsonl", "--dataset", "everyday-v1", "--split", "test"],
             r"no task of these results.*v1",
         ),
     ],

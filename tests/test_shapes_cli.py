@@ -45,7 +45,7 @@ def test_a_shape_is_shown_with_all_that_is_known(meshes: Path, tmp_path: Path) -
     everyday = ShapeLibrary.open("everyday")
     id = everyday.ids[100]
     info = everyday.info(id)
-    shown = packit("shapes", "show", id, "--out", tmp_path / "it.png", "--side", "200")
+    shown = packit("shapes", "show", id, "--out", tmp_path / "it.png", "--size", "200")
     assert shown.returncode == 0, shown.stderr
     flat = " ".join(shown.stdout.split())
     split = next(name for name in SPLITS if id in everyday.split(name))
@@ -75,13 +75,13 @@ def test_statistics_add_up(meshes: Path) -> None:
 def test_a_contact_sheet_shows_a_selection(meshes: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.png"
     drawn = packit(
-        "shapes", "contact-sheet", "--library", f"folder:{meshes}", "--side", "64", "--out", out
+        "shapes", "contact-sheet", "--library", f"folder:{meshes}", "--size", "64", "--out", out
     )
     assert drawn.returncode == 0 and "3 shapes" in drawn.stdout, drawn.stderr
     height, width, _ = pixels(out).shape
     assert 128 < width < 200 and height > width  # two columns, with labels below
     one = packit(
-        *("shapes", "contact-sheet", "--per-category", "1", "--columns", "2", "--side", "64"),
+        *("shapes", "contact-sheet", "--per-category", "1", "--columns", "2", "--size", "64"),
         *("--library", f"folder:{meshes}", "--out", out),
     )
     assert "2 shapes" in one.stdout and pixels(out).shape[0] < height
@@ -92,7 +92,7 @@ def test_a_contact_sheet_says_what_can_not_be_read(meshes: Path, tmp_path: Path)
         bad_meshes.write(tmp_path, [name])
     creation.box().export(tmp_path / "good.stl")
     drawn = packit(
-        *("shapes", "contact-sheet", "--library", f"folder:{tmp_path}", "--side", "64"),
+        *("shapes", "contact-sheet", "--library", f"folder:{tmp_path}", "--size", "64"),
         *("--out", tmp_path / "sheet.png"),
     )
     assert drawn.returncode == 1 and (tmp_path / "sheet.png").exists()
@@ -106,7 +106,7 @@ def test_a_contact_sheet_says_what_can_not_be_read(meshes: Path, tmp_path: Path)
         (["list", "--split", "dev"], "'dev' is not one of 'train', 'test', 'validation'"),
         (["show", "teapott"], "did you mean"),
         (["contact-sheet", "--id", "nobody", "--out", "x.png"], "no shape 'nobody'"),
-        (["contact-sheet", "--side", "5", "--out", "x.png"], "'--side'"),
+        (["contact-sheet", "--size", "5", "--out", "x.png"], "'--size'"),
         (["stats", "--library", "shapenet:nowhere"], "'shapenet:nowhere'"),
     ],
 )

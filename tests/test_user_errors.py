@@ -15,7 +15,7 @@ WRONG = [
     ("--bogus", "No such option: --bogus"),
     ("verify", "Missing argument"),
     ("shapes bogus", "No such command 'bogus'"),
-    ("packs bogus", "No such command 'bogus'"),
+    ("datasets bogus", "No such command 'bogus'"),
     # demo
     ("demo --generations -1", "--generations"),
     ("demo --seed -1", "--seed"),
@@ -33,8 +33,8 @@ WRONG = [
     ("generate --out x --packs 0", "--packs"),
     ("generate --out x --packs many", "--packs"),
     ("generate --out x --population 9", "population = 9"),
-    ("generate --out x --size 1 0.5", "size_range = (1.0, 0.5)"),
-    ("generate --out x --size nan 1", "size_range"),
+    ("generate --out x --size-range 1 0.5", "size_range = (1.0, 0.5)"),
+    ("generate --out x --size-range nan 1", "size_range"),
     ("generate --out x --search best", "--search"),
     ("generate --out x --split dev", "--split"),
     ("generate --out x --library nowhere", "'nowhere'"),
@@ -68,9 +68,9 @@ WRONG = [
     ("compare a b c", "one or two"),
     # reproduce, report, figures
     ("reproduce table9", "'table9'"),
-    ("reproduce table1 --packs nowhere", "nowhere"),
+    ("reproduce table1 --dataset nowhere", "nowhere"),
     ("reproduce table1 --out file", "file"),
-    ("reproduce evolution --history nowhere", "nowhere"),
+    ("reproduce evolution --history-dataset nowhere", "nowhere"),
     ("report absent.jsonl --out page.html", "absent.jsonl"),
     ("report folder --out page.html", "folder"),
     ("report broken.jsonl --out page.html", "broken.jsonl"),
@@ -79,13 +79,13 @@ WRONG = [
     ("figures starter --out x --only tasks", "--only"),
     ("figures starter --out x --pack 99", "choose 0 to"),
     ("figures starter --out x --agent best", "'best'"),
-    ("figures starter --out x --only evolution --history nowhere", "nowhere"),
+    ("figures starter --out x --only evolution --history-dataset nowhere", "nowhere"),
     # view
     ("view absent.jsonl", "absent.jsonl"),
     ("view starter --pack 99 --no-browser", "99"),
     ("view starter --second 99 --no-browser", "99"),
     ("view starter --port 0", "--port"),
-    ("view starter --tasks nowhere", "nowhere"),
+    ("view starter --dataset nowhere", "nowhere"),
     ("view starter --host 999.0.0.1 --no-browser", "999.0.0.1"),
     # render, film, export
     ("render starter --out x.jpg", ".png or .npz"),
@@ -100,7 +100,7 @@ WRONG = [
     ("render starter --out x.png --cut w=1", "w=1"),
     ("render starter --out x.png --explode -1", "--explode"),
     ("render starter --out x.png --explode nan", "--explode"),
-    ("render starter --out x.png --task --color stability", "stability"),
+    ("render starter --out x.png --as-task --color stability", "stability"),
     ("render starter --out x.png --id apple", "--id"),
     ("render --id nothing --out x.png", "nothing"),
     ("render --category dragon --out x.png", "'dragon'"),
@@ -134,7 +134,7 @@ WRONG = [
     ("shapes show nothing", "nothing"),
     ("shapes show nothing --library meshes", "nothing"),
     ("shapes stats --library file", "file"),
-    ("shapes contact-sheet --out x.png --side 1", "--side"),
+    ("shapes contact-sheet --out x.png --size 1", "--size"),
     ("shapes contact-sheet --out x.png --columns 0", "--columns"),
     ("shapes contact-sheet --out x.jpg --id nothing", "nothing"),
     ("shapes contact-sheet --out file/x.png", "file"),
@@ -151,29 +151,29 @@ WRONG = [
     ("shapes import folder:meshes --out x --memory nan", "--memory"),
     ("shapes import folder:meshes --out x --memory inf", "--memory"),
     ("shapes import folder:meshes --out x --timeout -1", "timeout -1.0"),
-    ("shapes import folder:meshes --out x --workers 0", "--workers"),
+    ("shapes import folder:meshes --out x --workers -1", "--workers"),
     ("shapes import shapenet:folder --out x", "folder"),
-    # packs
-    ("packs stats nowhere", "nowhere"),
-    ("packs stats broken.jsonl", "broken.jsonl"),
-    ("packs stats starter --split train", "train"),
-    ("packs stats starter --json file/x.json", "file"),
-    ("packs datasheet starter --out x.png", "x.png"),
-    ("packs datasheet nowhere --out x.md", "nowhere"),
-    ("packs original absent --library everyday --out x.jsonl", "absent"),
-    ("packs original broken.json --library everyday --out x.jsonl", "broken.json"),
+    # datasets
+    ("datasets stats nowhere", "nowhere"),
+    ("datasets stats broken.jsonl", "broken.jsonl"),
+    ("datasets stats starter --split train", "train"),
+    ("datasets stats starter --json file/x.json", "file"),
+    ("datasets datasheet starter --out x.png", "x.png"),
+    ("datasets datasheet nowhere --out x.md", "nowhere"),
+    ("datasets original absent --library everyday --out x.jsonl", "absent"),
+    ("datasets original broken.json --library everyday --out x.jsonl", "broken.json"),
     # train
-    ("train x --set speed=1", "'speed'"),
-    ("train x --set steps", "'steps'"),
-    ("train x --set steps=0", "steps = 0"),
-    ("train x --set steps=many", "field 'steps' is 'many'"),
-    ("train x --set network.width=0", "width"),
-    ("train x --config absent.toml", "absent.toml"),
-    ("train x --config broken.jsonl", "broken.jsonl"),
-    ("train x --set packs=nowhere", "nowhere"),
-    ("train x --device abacus", "abacus"),
-    ("train x --ray-workers -1", "--ray-workers"),
-    ("train file", "file"),
+    ("train --out x --set speed=1", "'speed'"),
+    ("train --out x --set steps", "'steps'"),
+    ("train --out x --set steps=0", "steps = 0"),
+    ("train --out x --set steps=many", "field 'steps' is 'many'"),
+    ("train --out x --set network.width=0", "width"),
+    ("train --out x --config absent.toml", "absent.toml"),
+    ("train --out x --config broken.jsonl", "broken.jsonl"),
+    ("train --out x --set packs=nowhere", "nowhere"),
+    ("train --out x --device abacus", "abacus"),
+    ("train --out x --ray-workers -1", "--ray-workers"),
+    ("train --out file", "file"),
 ]
 
 
@@ -231,16 +231,16 @@ def test_ctrl_c_ends_with_code_130(workplace: Path, monkeypatch: pytest.MonkeyPa
     for name in ("generate", "_shown"):
         monkeypatch.setattr(f"packit_sim.cli.generation_commands.{name}", stopped)
         assert run("generate --out x", monkeypatch) == 130
-    monkeypatch.setattr("packit_sim.cli.pack_commands.statistics.take", stopped)
-    assert run("packs stats starter", monkeypatch) == 130
+    monkeypatch.setattr("packit_sim.cli.dataset_commands.statistics.take", stopped)
+    assert run("datasets stats starter", monkeypatch) == 130
 
 
 def test_a_bug_still_gives_a_traceback(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*arguments: object) -> None:
         raise ValueError("a bug")
 
-    monkeypatch.setattr("packit_sim.cli.pack_commands.statistics.take", broken)
-    monkeypatch.setattr(sys, "argv", ["packit", "packs", "stats", "starter"])
+    monkeypatch.setattr("packit_sim.cli.dataset_commands.statistics.take", broken)
+    monkeypatch.setattr(sys, "argv", ["packit", "datasets", "stats", "starter"])
     with pytest.raises(ValueError, match="a bug"):
         main()
 

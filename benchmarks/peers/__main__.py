@@ -1,6 +1,6 @@
 """Compare other packing methods on the same tasks, and check whether their packings are valid.
 
-    .venv/bin/python -m benchmarks.peers --packs everyday-v1 --split test --tasks 20
+    .venv/bin/python -m benchmarks.peers --dataset everyday-v1 --split test --tasks 20
 
 Each peer packs the items of a task, then the items of two tasks together, which never all fit in
 one box. Every packing, also PackIt-Sim's own, is checked by its meshes (see `validity`). Prints
@@ -122,7 +122,7 @@ def settings(peer: Peer) -> Any:
 
 def main() -> None:
     parser = argument_parser(__doc__, "JSON and picture")
-    parser.add_argument("--packs", default="everyday-v1", help="a dataset's name, folder or file")
+    parser.add_argument("--dataset", default="everyday-v1", help="a dataset's name, folder or file")
     parser.add_argument("--split", default="train", help="split of the dataset")
     parser.add_argument("--library", default="everyday", help="library of its shapes")
     parser.add_argument("--tasks", type=int, default=20, help="pack only the first N tasks")
@@ -132,13 +132,13 @@ def main() -> None:
     arguments = parser.parse_args()
     plots.require()
     library = ShapeLibrary.open(arguments.library)
-    tasks = load_tasks(arguments.packs, library, arguments.split)[: arguments.tasks]
+    tasks = load_tasks(arguments.dataset, library, arguments.split)[: arguments.tasks]
     agents = tuple(dict.fromkeys(arguments.agent or AGENTS))
     free, *more = map(Player, agents)
     peers: list[Peer] = [free, Player(agents[0], skipping=False), *more, *OTHERS]
     named = "".join(f" --agent {agent}" for agent in arguments.agent or ())
     head: dict[str, Any] = {
-        "command": f"python -m benchmarks.peers --packs {arguments.packs} "
+        "command": f"python -m benchmarks.peers --dataset {arguments.dataset} "
         f"--split {arguments.split} --tasks {len(tasks)}{named}",
         "library": {"name": library.name, "digest": library.digest},
         "machine": machine(),

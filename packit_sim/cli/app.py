@@ -5,18 +5,20 @@ from __future__ import annotations
 import logging
 import sys
 from importlib.metadata import entry_points
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
+from typer.core import TyperGroup
 
-from packit_sim.cli import pack_commands, shape_commands
+from packit_sim.cli import agent_commands, dataset_commands, shape_commands
 from packit_sim.cli.demo_command import demo_command
 from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
 from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import generate_command
+from packit_sim.cli.help import document
 from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
@@ -24,12 +26,43 @@ from packit_sim.cli.reproduction_commands import reproduce_command
 from packit_sim.cli.verify_command import verify_command
 from packit_sim.cli.viewer_commands import view_command
 from packit_sim.core.errors import PackItError
+from packit_sim.core.version import DOCUMENTATION, __version__
 
 LOGGERS = ("packit_sim", "packit_agents")
 
-app = typer.Typer(no_args_is_help=True, add_completion=False)
-app.add_typer(shape_commands.app, name="shapes")
-app.add_typer(pack_commands.app, name="packs")
+PLAY, BENCHMARK, LEARN, LOOK = "Play", "Benchmark", "Learn", "Look"
+
+COMMANDS: dict[str, tuple[str, ...]] = {
+    PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
+    BENCHMARK: ("shapes", "generate", "verify", "compact", "score", "reproduce", "report"),
+    LEARN: ("train",),
+    LOOK: ("view", "render", "film", "export", "figures"),
+}
+"""The commands in the order of use, by their panels in `--help`; those of others follow."""
+
+
+class InOrderOfUse(TyperGroup):
+    """The commands, in the order of `COMMANDS`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        known = [name for names in COMMANDS.values() for name in names if name in self.commands]
+        return known + sorted(self.commands.keys() - set(known))
+
+
+app = typer.Typer(cls=InOrderOfUse, no_args_is_help=True, add_completion=False)
+
+
+def _panel(name: str) -> str:
+    panels = (panel for panel, names in COMMANDS.items() if name in names)
+    return next(panels, "Of other packages")
+
+
+for _name, _group in (
+    ("agents", agent_commands.app),
+    ("datasets", dataset_commands.app),
+    ("shapes", shape_commands.app),
+):
+    app.add_typer(_group, name=_name, rich_help_panel=_panel(_name))
 for _function in (
     demo_command,
     verify_command,
@@ -46,12 +79,23 @@ for _function in (
     compact_command,
     score_command,
 ):
-    app.command(_function.__name__.removesuffix("_command"))(_function)
+    _name = _function.__name__.removesuffix("_command")
+    app.command(_name, rich_help_panel=_panel(_name))(_function)
 for _command in entry_points(group="packit_sim.commands"):
-    app.command(_command.name)(_command.load())
+    app.command(_command.name, rich_help_panel=_panel(_command.name))(_command.load())
 
 
-@app.callback()
+for _typer in (app, agent_commands.app, dataset_commands.app, shape_commands.app):
+    document(_typer)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"packit {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog=f"Documentation: {DOCUMENTATION}")
 def configure(
     verbose: Annotated[
         int,
@@ -59,8 +103,17 @@ def configure(
             "--verbose", "-v", count=True, help="Log progress to stderr; twice: also details."
         ),
     ] = 0,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version."
+        ),
+    ] = False,
 ) -> None:
-    """Pack real 3D shapes into a box, exactly."""
+    """Pack real 3D shapes into a box, exactly.
+
+    Start with `packit demo`; it takes a minute and writes into the folder demo.
+    """
     if verbose:
         handler = RichHandler(console=Console(stderr=True), show_path=False)
         for name in LOGGERS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -20,8 +21,12 @@ from rich.progress import (
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.parallel import BackendName
+from packit_sim.datasets.pack_files import dataset_library
+from packit_sim.geometry.shapes import Shape
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split
-from packit_sim.physics.settings import Method
+from packit_sim.physics.convex.decomposition import Decomposition, decompose_all, is_cached
+from packit_sim.physics.settings import DecompositionSettings, Method
 
 console = Console()
 
@@ -31,9 +36,21 @@ LibraryOption = Annotated[
         "--library", help="Shape library: a name, a folder, folder:PATH or shapenet:PATH."
     ),
 ]
+DatasetLibraryOption = Annotated[
+    str | None,
+    typer.Option(
+        "--library",
+        help="Shape library: a name, a folder, folder:PATH or shapenet:PATH; "
+        "default: the one that the dataset records.",
+    ),
+]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
-PacksArgument = Annotated[
-    str, typer.Argument(help="Packs: a dataset's name, such as starter, its folder or its file.")
+DatasetArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="DATASET",
+        help="Dataset or results: a name (see `packit datasets list`), a folder or a file.",
+    ),
 ]
 SplitOption = Annotated[Split | None, typer.Option(help="Split of the dataset.")]
 PiecesOption = Annotated[
@@ -44,6 +61,11 @@ BackendOption = Annotated[
     BackendName, typer.Option(help="Where the processes run: on this machine, or a Ray cluster.")
 ]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
+
+
+def open_library(library: str | None, dataset: str, split: str | None = None) -> ShapeLibrary:
+    """Open the library that was chosen, or else the one that a dataset records."""
+    return ShapeLibrary.open(library) if library else dataset_library(dataset, split)
 
 
 def prepare_folder(path: Path) -> None:
@@ -62,6 +84,29 @@ def prepare_folder(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(path.parent, os.W_OK):
         raise PackItError(f"{path} can't be written: no permission for {path.parent}")
+
+
+def decompose_shown(
+    shapes: Sequence[Shape],
+    settings: DecompositionSettings | None = None,
+    workers: int | None = None,
+) -> None:
+    """Decompose the shapes that are in no cache yet into convex pieces, with a progress bar."""
+    missing = [
+        shape
+        for shape in {shape.digest: shape for shape in shapes}.values()
+        if not is_cached(shape, settings)
+    ]
+    if not missing:
+        return
+    with progress_bars() as progress:
+        bar = progress.add_task("decomposing", total=len(missing), note="shapes, once")
+
+        def show(shape: Shape, found: Decomposition) -> None:
+            progress.update(bar, advance=1, note=f"{shape.id}: {len(found.pieces)} convex pieces")
+
+        decompose_all(missing, settings, workers or None, show)
+        progress.update(bar, note="")
 
 
 def progress_bars() -> Progress:

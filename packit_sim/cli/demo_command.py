@@ -34,9 +34,9 @@ PICTURE_SIDE = 512
 
 
 def demo_command(
-    out: Annotated[Path, typer.Option(help="Folder for packs, results and pictures.")] = Path(
-        "demo"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for packs, results and pictures.")
+    ] = Path("demo"),
     seed: SeedOption = DEMO_SEED,
     generations: Annotated[
         int, typer.Option(min=0, help="Generations of the short evolution.")
@@ -44,7 +44,7 @@ def demo_command(
 ) -> None:
     """Evolve a pack, let the heuristic agents pack its items again, and draw the results."""
     started = time.perf_counter()
-    prepare_folder(out / "pack.jsonl")
+    prepare_folder(out / "packs.jsonl")
     library = ShapeLibrary.open("everyday")
     console.print(
         f"Library [bold]{library.name}[/] {library.version}: {len(library)} shapes "
@@ -57,7 +57,7 @@ def demo_command(
     problems = _verify([pack, *(rollout.pack for rollout in rollouts)], library)
 
     console.print(_rollout_table(pack, rollouts, problems))
-    results = {"pack.jsonl": [pack], "results.jsonl": [rollout.pack for rollout in rollouts]}
+    results = {"packs.jsonl": [pack], "results.jsonl": [rollout.pack for rollout in rollouts]}
     for name, packs in results.items():
         write_packs(out / name, packs)
         print_written(out / name)

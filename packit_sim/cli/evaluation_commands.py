@@ -14,21 +14,23 @@ from rich.table import Table
 from packit_sim.cli.console import (
     AddressOption,
     BackendOption,
-    LibraryOption,
-    PacksArgument,
+    DatasetArgument,
+    DatasetLibraryOption,
     PiecesOption,
     SeedOption,
     SplitOption,
     WorkersOption,
     console,
+    decompose_shown,
+    open_library,
     prepare_folder,
     progress_bars,
 )
 from packit_sim.cli.output import RESUMABLE, print_written, simple_table, stoppable
 from packit_sim.core.confidence import Comparison, Estimate
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import STARTER_PACKS, load_tasks
+from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
 from packit_sim.datasets.packs import Task
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
 from packit_sim.evaluation.judging import SCORES, is_judged, judge
@@ -49,17 +51,18 @@ HEURISTICS = tuple(
 
 
 def evaluate_command(
-    packs: PacksArgument = STARTER_PACKS,
+    dataset: DatasetArgument = STARTER_PACKS,
     split: SplitOption = None,
     agent: Annotated[
         list[str] | None,
         typer.Option(
             help="Agent SHAPE/ROTATION/LOCATION with an optional +SEARCH=VALUE, such as "
-            "largest-first/aligned/blbf+beam=4; may be repeated; default: all heuristics."
+            "largest-first/aligned/blbf+beam=4 (see `packit agents list`); may be repeated; "
+            "default: the paper's eight heuristics."
         ),
     ] = None,
     seed: SeedOption = 0,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     easy: Annotated[bool, typer.Option("--easy", help="Play by the rules of PackIt-Easy.")] = False,
     kinematic: Annotated[
         bool, typer.Option("--kinematic", help="Insert items straight down from the open top only.")
@@ -67,12 +70,14 @@ def evaluate_command(
     physics: Annotated[
         bool, typer.Option("--physics", help="Let all items settle after each placement.")
     ] = False,
-    tasks: Annotated[
-        int | None, typer.Option(min=1, help="Evaluate only the first N tasks.")
-    ] = None,
+    tasks: Annotated[int | None, typer.Option(min=1, help="Play only the first N tasks.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Results file; results that it already contains are not played again."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Results file; results that it already contains are not played again.",
+        ),
     ] = None,
     scores: Annotated[
         bool,
@@ -98,14 +103,20 @@ def evaluate_command(
         require(decomposition)
     world = PhysicsSettings(decomposition=decomposition) if physics else None
     rules = Rules(easy=easy, kinematic=kinematic, physics=world)
-    opened = ShapeLibrary.open(library)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
-    wanted = load_tasks(packs, opened, split)[:tasks]
+    opened = open_library(library, dataset, split)
+    numbered = _usable_tasks(dataset, opened, split, tasks)
+    wanted, numbers = list(numbered.values()), list(numbered)
     if out is not None:
         prepare_folder(out)
     hint = RESUMABLE if out else "no results file was given"
     with stoppable(hint), Workers(workers, backend, address) as processes:
-        rollouts = evaluate_shown(agents, wanted, seed, rules, workers=processes, file=out)
+        if (physics or scores) and backend == "loky":  # a cluster's machines have other caches
+            shapes = [item.shape for task in wanted for item in task.items]
+            decompose_shown(shapes, decomposition, workers)
+        rollouts = evaluate_shown(
+            agents, wanted, seed, rules, workers=processes, file=out, numbers=numbers
+        )
         if scores:
             rollouts = judge_shown(rollouts, opened, pieces, workers=processes, file=out)
     show_agents(agent.name for agent in agents)
@@ -123,6 +134,24 @@ def evaluate_command(
         console.print(comparison_table((n, 1, compare(each, own[0])) for n, each in others))
     if out is not None:
         print_written(out)
+
+
+def _usable_tasks(
+    dataset: str, library: ShapeLibrary, split: str | None, limit: int | None
+) -> dict[int, Task]:
+    """Load tasks by their numbers, and print those with a mesh that can't be used."""
+    packs = read_packs(dataset_file(dataset, split))[:limit]
+    tasks = {}
+    for number, pack in enumerate(packs):
+        try:
+            tasks[number] = pack.task(library)
+        except MeshError as error:
+            console.print(
+                f"skipped task {number}: {error}", style="yellow", markup=False, soft_wrap=True
+            )
+    if not tasks:
+        raise MeshError(f"{dataset}: each of its {len(packs)} tasks has a mesh that can't be used")
+    return tasks
 
 
 def compare_command(
@@ -164,6 +193,7 @@ def evaluate_shown(
     *,
     workers: Workers | None = None,
     file: Path | None = None,
+    numbers: Sequence[int] | None = None,
 ) -> list[Rollout]:
     """Evaluate agents as `evaluate` does, with a progress bar."""
     with progress_bars() as progress:
@@ -176,7 +206,9 @@ def evaluate_shown(
             played += 1
             progress.update(bar, completed=played, note=rollout.agent)
 
-        rollouts = evaluate(agents, tasks, seed, show, rules=rules, workers=workers, file=file)
+        rollouts = evaluate(
+            agents, tasks, seed, show, rules=rules, workers=workers, file=file, numbers=numbers
+        )
         progress.update(bar, completed=total, note="")
     return rollouts
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from rich.progress import TaskID
 
 from packit_sim.cli.console import (
@@ -18,9 +19,11 @@ from packit_sim.cli.console import (
     LibraryOption,
     SeedOption,
     WorkersOption,
+    console,
     progress_bars,
 )
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
 from packit_sim.datasets.pack_files import WHOLE, read_packs
@@ -30,12 +33,13 @@ from packit_sim.generation import time_estimates
 from packit_sim.generation.evolution import Evolution, Generation, evolve
 from packit_sim.generation.jobs import GenerationJob, generate, under_way
 from packit_sim.generation.time_estimates import TimeEstimate
+from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split
 
 
 def generate_command(
-    out: Annotated[Path, typer.Option("--out", help="The dataset's folder.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset.")],
     packs: Annotated[int, typer.Option(min=1, help="Number of packs in the dataset.")] = 1,
     split: Annotated[
         Split | None,
@@ -54,8 +58,9 @@ def generate_command(
             min=1, help="Number of generations without improvement after which a pack is finished."
         ),
     ] = 100,
-    size: Annotated[
-        tuple[float, float], typer.Option(help="Range of a pack's linear size factor: LOW HIGH.")
+    size_range: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="LOW HIGH", help="Range of a pack's linear size factor."),
     ] = (0.75, 1.0),
     search: Annotated[
         SearchName, typer.Option(help="Search method; the paper's is generational.")
@@ -68,20 +73,28 @@ def generate_command(
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
-    """Evolve the packs of a dataset.
+    """Evolve the packs of a dataset: benchmark tasks with known solutions.
+
+    Shapes are drawn from the library with replacement and rescaled to fill a box of length 1, so
+    that a dataset from a folder of your own meshes has tasks with their shapes, but not with their
+    real sizes or numbers.
 
     Pack n has the seed SEED + n, so that each can be evolved again on its own. The command can be
     stopped at any time: repeat it to resume, with the same packs in the end.
 
-    Example: packit generate --out my-packs --packs 100 --split train --workers 8
+    Example: packit generate --packs 100 --split train --workers 8 --out my-packs
+
+    Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
     """
-    opened = ShapeLibrary.open(library)
+    if out.is_file():
+        raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
+    opened = _readable(ShapeLibrary.open(library))
     settings = EvolutionSettings(
         pool=pool,
         population=population,
         generations=generations,
         patience=patience,
-        size_range=size,
+        size_range=size_range,
         search=search,
     )
     order = GenerationJob(
@@ -95,6 +108,27 @@ def generate_command(
     ):
         generated = generate(order, file, processes, on_pack)
     print_written(file, f": {len(generated)} packs")
+
+
+def _readable(library: ShapeLibrary) -> ShapeLibrary:
+    """Leave out the mesh files of a folder that can't be used, and print their names."""
+    if not isinstance(library.source, MeshFolder):
+        return library
+    console.print(
+        f"Shapes of {library.path} are drawn with replacement and rescaled: the packs are tasks of "
+        "a benchmark, not a packing of these files in their real sizes.",
+        soft_wrap=True,
+    )
+    with progress_bars() as progress:
+        bar = progress.add_task("reading meshes", total=len(library), note="")
+        readable = library.readable(lambda id: progress.update(bar, advance=1, note=escape(id)))
+        progress.update(bar, note="")
+    skipped = {id: why for id, why in readable.missing.items() if id in library}
+    for why in skipped.values():
+        console.print(f"skipped {why}", style="yellow", markup=False, soft_wrap=True)
+    if skipped:
+        console.print(f"{len(readable)} of {len(library)} shapes can be used")
+    return readable
 
 
 def evolve_shown(library: ShapeLibrary, seed: int, settings: EvolutionSettings) -> Evolution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,46 +10,50 @@ import typer
 from rich.markup import escape
 
 from packit_sim.cli.console import (
-    LibraryOption,
-    PacksArgument,
+    DatasetArgument,
+    DatasetLibraryOption,
     PiecesOption,
     SplitOption,
     console,
+    decompose_shown,
+    open_library,
     prepare_folder,
     progress_bars,
 )
 from packit_sim.cli.output import simple_table, write_json
+from packit_sim.core.checks import POSITIVE, check_value
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import dataset_file, read_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
 from packit_sim.engine.compaction import compact
 from packit_sim.engine.disassembly import MOVES
-from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.placement import BoxState, PlacedItem
 
-LimitOption = Annotated[int | None, typer.Option(min=1, help="Number of packs, from the first.")]
-OutOption = Annotated[Path | None, typer.Option("--out", help="JSON file for all numbers.")]
+LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
+Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
+OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="JSON file for all numbers.")]
 
 
 def compact_command(
-    packs: PacksArgument,
+    dataset: DatasetArgument,
     split: SplitOption = None,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     limit: LimitOption = None,
     out: OutOption = None,
 ) -> None:
     """Push the items of packs together, off the grid: down, left and back, until meshes touch.
 
     "filled" is the items' volume, divided by the volume of the smallest box around them at the
-    bottom left back corner. PACKS may also be results of `packit evaluate`.
+    bottom left back corner. DATASET may also be results of `packit evaluate`.
 
     Example: packit compact starter --limit 3 --out compacted.json
     """
-    rows = []
-    for pack, box in _boxes(packs, split, library, limit, out):
+
+    def row(pack: Pack, box: BoxState[PlacedItem]) -> Row:
         found = compact(box)
         (filled, pushed), (height, lower) = found.filled, found.height
         numbers = {
@@ -60,15 +64,17 @@ def compact_command(
             "height, pushed": lower,
             "mean drop": float(-found.shifts[:, 2].mean()) if box.placed else 0.0,
         }
-        rows.append((pack, numbers, {"shifts": found.shifts.tolist(), "rounds": found.rounds}))
+        return pack, numbers, {"shifts": found.shifts.tolist(), "rounds": found.rounds}
+
+    rows = _rows(_boxes(dataset, split, library, limit, out), row)
     _show(rows)
-    _write(out, packs, rows)
+    _write(out, dataset, rows)
 
 
 def score_command(
-    packs: PacksArgument,
+    dataset: DatasetArgument,
     split: SplitOption = None,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     limit: LimitOption = None,
     distance: Annotated[
         float, typer.Option(help="Maximum movement of a stable item, in box units.")
@@ -88,33 +94,47 @@ def score_command(
     Example: packit score results.jsonl --limit 10
     """
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
-    rows = []
-    for pack, box in _boxes(packs, split, library, limit, out):
+    check_value("distance", distance, POSITIVE)
+    require(settings.decomposition)
+
+    def row(pack: Pack, box: BoxState[PlacedItem]) -> Row:
         found = pack_quality(box, settings, distance=distance, moves=moves)
         played = pack.provenance
         numbers = {"reward": played.total} if isinstance(played, Played) else {}
         more = {"floating": found.floating, "interlocked": found.disassembly.interlocked}
-        rows.append((pack, {**numbers, **found.row()}, more))
+        return pack, {**numbers, **found.row()}, more
+
+    boxes = _boxes(dataset, split, library, limit, out)
+    shapes = [placed.item.shape for _, box in boxes for placed in box.placed]
+    decompose_shown(shapes, settings.decomposition)
+    rows = _rows(boxes, row)
     _show(rows)
-    _write(out, packs, rows)
-
-
-Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
+    _write(out, dataset, rows)
 
 
 def _boxes(
-    packs: str, split: str | None, library: str, limit: int | None, out: Path | None
-) -> Iterator[tuple[Pack, BoxState[PlacedItem]]]:
-    """Yield packs with the state of their boxes, with a progress bar."""
+    dataset: str, split: str | None, library: str | None, limit: int | None, out: Path | None
+) -> list[tuple[Pack, BoxState[PlacedItem]]]:
+    """Read packs, with the states of their boxes."""
     if out is not None:
         prepare_folder(out)
-    opened = ShapeLibrary.open(library)
-    read = read_packs(dataset_file(packs, split))[:limit]
+    read = read_packs(dataset_file(dataset, split))[:limit]
+    opened = open_library(library, dataset, split)
+    return [(pack, pack.contents(opened)) for pack in read]
+
+
+def _rows(
+    boxes: Sequence[tuple[Pack, BoxState[PlacedItem]]],
+    row: Callable[[Pack, BoxState[PlacedItem]], Row],
+) -> list[Row]:
+    """Measure each pack, with a progress bar."""
+    rows = []
     with progress_bars() as progress:
-        bar = progress.add_task("packs", total=len(read), note="")
-        for pack in read:
-            yield pack, pack.contents(opened)
+        bar = progress.add_task("packs", total=len(boxes), note="")
+        for pack, box in boxes:
+            rows.append(row(pack, box))
             progress.advance(bar)
+    return rows
 
 
 def _show(rows: Sequence[Row]) -> None:
@@ -141,11 +161,11 @@ def _maker(pack: Pack) -> str:
     return pack.provenance.producer
 
 
-def _write(out: Path | None, packs: str, rows: Sequence[Row]) -> None:
+def _write(out: Path | None, dataset: str, rows: Sequence[Row]) -> None:
     if out is None:
         return
     each = [
         {"pack": n, "by": _maker(pack), **numbers, **more}
         for n, (pack, numbers, more) in enumerate(rows)
     ]
-    write_json(out, {"packs": packs, "each": each})
+    write_json(out, {"packs": dataset, "each": each})

@@ -12,16 +12,18 @@ import typer
 from PIL import ImageColor
 
 from packit_sim.cli.console import (
-    LibraryOption,
-    PacksArgument,
+    DatasetArgument,
+    DatasetLibraryOption,
     SplitOption,
+    decompose_shown,
+    open_library,
     prepare_folder,
     progress_bars,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.shape_commands import CategoryOption, selection
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
@@ -57,6 +59,7 @@ CameraOption = Annotated[
     str,
     typer.Option(help="iso, top, front, turntable (all round), or AZIMUTH,ELEVATION in degrees."),
 ]
+SizeOption = Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")]
 BackgroundOption = Annotated[str, typer.Option(help="Background: a colour's name, or #rrggbb.")]
 BoxOption = Annotated[BoxStyle | None, typer.Option(help="Style of the box; ghost: of glass.")]
 ExplodeOption = Annotated[
@@ -69,23 +72,26 @@ ColorOption = Annotated[ColoringName, typer.Option(help="Meaning of the items' c
 
 
 def render_command(
-    out: Annotated[Path, typer.Option("--out", help="Output file: .png, or .npz of arrays.")],
-    packs: Annotated[
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output file: .png, or .npz of arrays.")],
+    dataset: Annotated[
         str | None,
-        typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
+        typer.Argument(
+            metavar="[DATASET]",
+            help="Dataset or results: a name (see `packit datasets list`), a folder or a file.",
+        ),
     ] = None,
     split: SplitOption = None,
     pack: PackOption = 0,
-    task: Annotated[
-        bool, typer.Option("--task", help="Draw the items next to the empty box.")
+    as_task: Annotated[
+        bool, typer.Option("--as-task", help="Draw the items next to the empty box.")
     ] = False,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     category: CategoryOption = None,
     id: Annotated[
         list[str] | None, typer.Option("--id", help="Only this shape; may be repeated.")
     ] = None,
     camera: CameraOption = "iso",
-    size: Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")] = "512",
+    size: SizeOption = "512",
     background: BackgroundOption = USUAL_BACKGROUND,
     box: BoxOption = None,
     explode: ExplodeOption = 0.0,
@@ -93,7 +99,7 @@ def render_command(
     color: ColorOption = "item",
     legend: Annotated[bool, typer.Option(help="Explain the colours at the right.")] = True,
 ) -> None:
-    """Draw a pack, a task or a result; without PACKS: shapes of a library side by side.
+    """Draw a pack, a task or a result; without DATASET: shapes of a library side by side.
 
     A .npz file contains the image, depth, segmentation and the camera's projection as arrays.
 
@@ -105,9 +111,9 @@ def render_command(
     if around and out.suffix.lower() == ".npz":
         raise PackItError(f"{out} can't contain {VIEWS} views: choose another camera for arrays")
     width, height = _size(size)
-    opened = ShapeLibrary.open(library)
-    shown, layout, coloring = _shown(packs, split, pack, task, opened, category, id, color)
-    style: BoxStyle = box or ("none" if packs is None else "edges")
+    opened = _opened(library, dataset, split)
+    shown, layout, coloring = _shown(dataset, split, pack, as_task, opened, category, id, color)
+    style: BoxStyle = box or ("none" if dataset is None else "edges")
     look = _look(camera, background, style, explode, cut, coloring)
     prepare_folder(out)
     with stoppable(NOTHING_WRITTEN), Scene(shown) as scene:
@@ -131,18 +137,18 @@ def render_command(
 
 
 def film_command(
-    packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="Output file: .mp4 or .gif.")],
+    dataset: DatasetArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output file: .mp4 or .gif.")],
     split: SplitOption = None,
     pack: PackOption = 0,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     camera: CameraOption = "iso",
     seconds: Annotated[
         float | None,
         typer.Option(min=0.1, help="Length in seconds; default: by the number of items."),
     ] = None,
     fps: Annotated[int, typer.Option(min=1, max=100, help="Frames per second.")] = 25,
-    size: Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")] = "960x540",
+    size: SizeOption = "960x540",
     background: BackgroundOption = USUAL_BACKGROUND,
     box: BoxOption = None,
     explode: ExplodeOption = 0.0,
@@ -157,8 +163,8 @@ def film_command(
     """
     video.require(out)
     width, height = _size(size)
-    opened = ShapeLibrary.open(library)
-    shown, _, coloring = _shown(packs, split, pack, False, opened, None, None, color)
+    opened = _opened(library, dataset, split)
+    shown, _, coloring = _shown(dataset, split, pack, False, opened, None, None, color)
     look = _look(camera, background, box or "edges", explode, cut, coloring)
     if camera == TURNTABLE:
         frames = list(films.turning(shown, max(1, round((seconds or 8.0) * fps)), look))
@@ -186,11 +192,13 @@ def film_command(
 
 
 def export_command(
-    packs: PacksArgument,
-    out: Annotated[Path, typer.Option("--out", help="Output file: .glb, .3mf, .stl or .json.")],
+    dataset: DatasetArgument,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Output file: .glb, .3mf, .stl or .json.")
+    ],
     split: SplitOption = None,
     pack: PackOption = 0,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     unit_mm: Annotated[
         float, typer.Option("--unit-mm", help="Millimetres per box unit, in .3mf and .stl.")
     ] = export.UNIT_MM,
@@ -203,16 +211,23 @@ def export_command(
     Example: packit export results.jsonl --pack 1 --out box.3mf
     """
     export.require(out)
-    opened = ShapeLibrary.open(library)
-    shown, _, coloring = _shown(packs, split, pack, False, opened, None, None, color)
+    opened = _opened(library, dataset, split)
+    shown, _, coloring = _shown(dataset, split, pack, False, opened, None, None, color)
     prepare_folder(out)
     with stoppable(NOTHING_WRITTEN):
         export.export(shown, out, coloring=coloring, unit_mm=unit_mm)
     print_written(out, f": {len(shown.placed)} items")
 
 
+def _opened(library: str | None, dataset: str | None, split: str | None) -> ShapeLibrary:
+    """Open the chosen library, or that of a dataset, or else the built-in one."""
+    if dataset is None:
+        return ShapeLibrary.open(library or DEFAULT_LIBRARY)
+    return open_library(library, dataset, split)
+
+
 def _shown(
-    packs: str | None,
+    dataset: str | None,
     split: str | None,
     number: int,
     task: bool,
@@ -222,22 +237,22 @@ def _shown(
     color: ColoringName,
 ) -> tuple[Contents[Any], Layout | None, Coloring]:
     """Return what to draw, its layout unless it is in its box, and its colours."""
-    if color == "stability" and (packs is None or task):
+    if color == "stability" and (dataset is None or task):
         raise PackItError(
-            "--color stability needs a packed box: leave it out, or give PACKS without --task"
+            "--color stability needs a packed box: leave it out, or give DATASET without --as-task"
         )
     rule = COLORINGS.get(color, by_item)
-    if packs is None:
+    if dataset is None:
         if not (categories or ids):
-            raise PackItError("nothing to draw: give PACKS, or shapes by --category or --id")
+            raise PackItError("nothing to draw: give DATASET, or shapes by --category or --id")
         items = [Item(library[name]) for name in selection(library, categories, ids)]
         layout = Layout.standing(items)
         return BoxState(BOX_CELLS, layout.posed(items)), layout, rule
     if categories or ids:
         raise PackItError(
-            f"--category and --id select from a library: leave them out, or {packs!r}"
+            f"--category and --id select from a library: leave them out, or {dataset!r}"
         )
-    pack = picked(packs, split, number)
+    pack = picked(dataset, split, number)
     size = np.array(pack.cells) * CELL
     if task:
         items = list(pack.task(library).items)
@@ -255,15 +270,16 @@ def _shown(
 
 def _by_stability(box: Contents[PlacedItem]) -> Coloring:
     """Colour items by the largest movement of their points under gravity."""
+    decompose_shown([placed.item.shape for placed in box.placed])
     farthest = {n: item.farthest for n, item in enumerate(settle(box).items)}
     return ByNumber("moves under gravity", farthest, low=0.0, high=4 * DISTANCE, spec=".2f")
 
 
-def picked(packs: str, split: str | None, number: int) -> Pack:
+def picked(dataset: str, split: str | None, number: int) -> Pack:
     """Read a pack of a dataset by its number. Raises PackItError if there is none."""
-    read = read_packs(dataset_file(packs, split))
+    read = read_packs(dataset_file(dataset, split))
     if number >= len(read):
-        raise PackItError(f"{packs} has no pack {number}: choose 0 to {len(read) - 1}")
+        raise PackItError(f"{dataset} has no pack {number}: choose 0 to {len(read) - 1}")
     return read[number]
 
 

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import LibraryOption, SplitOption, prepare_folder
+from packit_sim.cli.console import DatasetLibraryOption, SplitOption, prepare_folder
 from packit_sim.cli.output import print_written
 from packit_sim.core.files import replace_text
-from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.pack_files import load_tasks, recorded_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.reports import page
 from packit_sim.reports.examples import chosen, gallery
@@ -28,7 +28,7 @@ def report_command(
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="HTML file of the page.")],
     title: Annotated[str, typer.Option(help="Title of the page.")] = "What the agents reached",
-    packs: Annotated[
+    dataset: Annotated[
         str | None,
         typer.Option(help="Dataset that was played: to show its packs as well."),
     ] = None,
@@ -42,13 +42,13 @@ def report_command(
     each: Annotated[
         int, typer.Option("--gallery", min=0, help="Number of best, and of worst, tasks to show.")
     ] = 3,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
 ) -> None:
     """Write a page of runs: tables, plots, the best and worst tasks in 3D, and settings.
 
     The page is one file that opens from disk, without a network.
 
-    Example: packit report results.jsonl trainings/first --out report.html --packs starter
+    Example: packit report results.jsonl trainings/first --dataset starter --out report.html
     """
     if out.suffix.lower() not in SUFFIXES or out.is_dir():
         raise ReportError(f"{out} is not an HTML file: choose a name that ends in .html")
@@ -58,10 +58,12 @@ def report_command(
     shown = None
     if found.played and each:
         chosen(found, agent)
-        opened = ShapeLibrary.open(library)
-        tasks = {task.digest: task for task in load_tasks(packs, opened, split)} if packs else {}
+        refs = [one.pack.library for each in found.played for one in each.rollouts]
+        opened = ShapeLibrary.open(library) if library else recorded_library(refs, runs[0])
+        played = load_tasks(dataset, opened, split) if dataset else ()
+        tasks = {task.digest: task for task in played}
         if tasks and not any(r.task_digest in tasks for one in found.played for r in one.rollouts):
-            raise ReportError(f"no task of these results belongs to the packs {packs}")
+            raise ReportError(f"no task of these results belongs to the dataset {dataset}")
         shown = gallery(found, opened, each, agent, tasks)
     command = shlex.join(["packit", *sys.argv[1:]])
     text = page.page(title, found, shown, command)

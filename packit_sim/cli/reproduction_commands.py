@@ -14,10 +14,11 @@ from rich.markdown import Markdown
 from packit_sim.cli.console import (
     AddressOption,
     BackendOption,
-    LibraryOption,
+    DatasetLibraryOption,
     SeedOption,
     WorkersOption,
     console,
+    open_library,
     prepare_folder,
 )
 from packit_sim.cli.evaluation_commands import evaluate_shown, score_table, show_agents
@@ -27,11 +28,10 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs
-from packit_sim.datasets.packs import Task
+from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
-from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split
 from packit_sim.paper import hardness
 from packit_sim.paper.reproduction import HEURISTIC, TABLES, draw, markdown, reproduced, to_json
@@ -61,8 +61,8 @@ class Run:
 
     Attributes
     ----------
-    library : ShapeLibrary
-        The library of the tasks' shapes.
+    library : str or None
+        The library of the tasks' shapes; None for the one that each dataset records.
     seed : int
         The seed of all evaluations.
     quick : bool
@@ -73,7 +73,7 @@ class Run:
         The processes that play.
     """
 
-    library: ShapeLibrary
+    library: str | None
     seed: int
     quick: bool
     out: Path
@@ -92,10 +92,12 @@ class Run:
             file=self.out / f"{name}.jsonl",
         )
 
-    def write(self, name: str, what: str, text: str, content: Mapping[str, Any]) -> None:
+    def write(
+        self, name: str, what: str, library: LibraryRef, text: str, content: Mapping[str, Any]
+    ) -> None:
         """Write Markdown and JSON, with their provenance."""
         provenance = (
-            f"{what}; seed {self.seed}; library {self.library.name} {self.library.version}; "
+            f"{what}; seed {self.seed}; library {library.name} {library.version}; "
             f"PackIt-Sim {__version__}"
         )
         replace_text(self.out / f"{name}.md", f"{text}\n{provenance}.\n")
@@ -106,14 +108,17 @@ class Run:
 
 def reproduce_command(
     what: Annotated[str, typer.Argument(help=f"What to reproduce: {', '.join(CHOICES)}.")] = ALL,
-    packs: Annotated[str, typer.Option(help="Dataset of the tables' tasks.")] = BENCHMARK,
+    dataset: Annotated[str, typer.Option(help="Dataset of the tables' tasks.")] = BENCHMARK,
     split: Annotated[
         Split | None, typer.Option(help="Split of the dataset; for the benchmark: test.")
     ] = None,
-    history: Annotated[
-        str, typer.Option(help="Dataset of `packit generate --history`, for evolution.")
+    history_dataset: Annotated[
+        str,
+        typer.Option(
+            metavar="DATASET", help="Dataset of `packit generate --history`, for evolution."
+        ),
     ] = HISTORY,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     seed: SeedOption = 0,
     quick: Annotated[
         bool,
@@ -122,9 +127,9 @@ def reproduce_command(
             help=f"Play only {QUICK_TASKS} tasks and {QUICK_EVOLUTIONS} evolutions: takes minutes.",
         ),
     ] = False,
-    out: Annotated[Path, typer.Option(help="Folder for tables, pictures and results.")] = Path(
-        "reproduced"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for tables, pictures and results.")
+    ] = Path("reproduced"),
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
@@ -138,23 +143,24 @@ def reproduce_command(
     if what not in CHOICES:
         raise PackItError(f"there is no table or figure {what!r}: choose from {', '.join(CHOICES)}")
     plots.require()
-    if packs == BENCHMARK and split is None:
+    if dataset == BENCHMARK and split is None:
         split = "test"
     names = (*TABLES, EVOLUTION) if what == ALL else (what,)
     tables = [name for name in names if name != EVOLUTION]
     prepare_folder(out / "results")
     with stoppable(RESUMABLE), Workers(workers, backend, address) as processes:
-        run = Run(ShapeLibrary.open(library), seed, quick, out, processes)
+        run = Run(library, seed, quick, out, processes)
         if tables:
-            _tables(tables, packs, split, run)
+            _tables(tables, dataset, split, run)
         if EVOLUTION in names:
-            _evolution(history, run)
+            _evolution(history_dataset, run)
 
 
-def _tables(names: Sequence[str], packs: str, split: str | None, run: Run) -> None:
+def _tables(names: Sequence[str], dataset: str, split: str | None, run: Run) -> None:
     """Reproduce tables; those with the same rules share their agents' rollouts."""
-    tasks = load_tasks(packs, run.library, split)[: QUICK_TASKS if run.quick else None]
-    source = f"{packs}{f', {split}' if split else ''}: {len(tasks)} tasks"
+    opened = open_library(run.library, dataset, split)
+    tasks = load_tasks(dataset, opened, split)[: QUICK_TASKS if run.quick else None]
+    source = f"{dataset}{f', {split}' if split else ''}: {len(tasks)} tasks"
     played = {}
     for rules in dict.fromkeys(TABLES[name].rules for name in names):
         together = [TABLES[name] for name in names if TABLES[name].rules == rules]
@@ -169,7 +175,8 @@ def _tables(names: Sequence[str], packs: str, split: str | None, run: Run) -> No
         missing = [row.agent for row in table.rows if row not in table.playable]
         note = f"; not installed, so not played: {', '.join(missing)}" if missing else ""
         draw(table, found, run.out / f"{name}.png")
-        run.write(name, source + note, markdown(table, found), to_json(table, found))
+        library = LibraryRef.of(opened)
+        run.write(name, source + note, library, markdown(table, found), to_json(table, found))
 
 
 def _evolution(dataset: str, run: Run) -> None:
@@ -178,7 +185,8 @@ def _evolution(dataset: str, run: Run) -> None:
     if run.quick:
         evolutions = dict(list(evolutions.items())[:QUICK_EVOLUTIONS])
     packs, at = hardness.distinct(evolutions)
-    rollouts = run.play([HEURISTIC], [pack.task(run.library) for pack in packs], EVOLUTION)
+    opened = open_library(run.library, dataset)
+    rollouts = run.play([HEURISTIC], [pack.task(opened) for pack in packs], EVOLUTION)
     points = hardness.curve(evolutions, {key: rollouts[n].total for key, n in at.items()})
     title = f"The Heuristic on the packs of {len(evolutions)} evolutions"
     text = hardness.markdown(points)
@@ -188,4 +196,4 @@ def _evolution(dataset: str, run: Run) -> None:
     settings = evolved.settings.to_json() if isinstance(evolved, Evolved) else None
     content = {"settings": settings, "points": [asdict(point) for point in points]}
     source = f"{dataset}: {len(evolutions)} evolutions"
-    run.write(EVOLUTION, source, f"# {title}\n\n{text}", content)
+    run.write(EVOLUTION, source, LibraryRef.of(opened), f"# {title}\n\n{text}", content)

@@ -14,7 +14,14 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from packit_sim.cli.console import LibraryOption, SeedOption, console, prepare_folder, progress_bars
+from packit_sim.cli.console import (
+    LibraryOption,
+    SeedOption,
+    WorkersOption,
+    console,
+    prepare_folder,
+    progress_bars,
+)
 from packit_sim.cli.output import print_written, simple_table, write_json
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
 from packit_sim.geometry.shapes import Axis
@@ -44,7 +51,10 @@ def list_command(
     category: CategoryOption = None,
     split: OnlySplitOption = None,
 ) -> None:
-    """List the shapes of a library."""
+    """List the shapes of a library.
+
+    Example: packit shapes list --category mug
+    """
     opened = _opened(library, split)
     ids = selection(opened, category)
     columns = ["id", "category"]
@@ -65,10 +75,17 @@ def list_command(
 def show(
     id: Annotated[str, typer.Argument(help="Id of the shape.")],
     library: LibraryOption = "everyday",
-    out: Annotated[Path | None, typer.Option(help="PNG file for a picture of the shape.")] = None,
-    side: Annotated[int, typer.Option(min=16, max=MAX_SIDE, help="Pixels an edge.")] = 512,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="PNG file for a picture of the shape.")
+    ] = None,
+    size: Annotated[
+        int, typer.Option(min=16, max=MAX_SIDE, help="Width and height of the picture, in pixels.")
+    ] = 512,
 ) -> None:
-    """Print the facts of a shape."""
+    """Print the facts of a shape.
+
+    Example: packit shapes show coffee-mug --out mug.png
+    """
     opened = ShapeLibrary.open(library)
     info, shape = opened.info(id), opened[id]
     table = Table(show_header=False, box=None)
@@ -78,7 +95,7 @@ def show(
     console.print(table)
     if out is not None:
         prepare_folder(out)
-        renderer = contact_sheet([(id, shape)], side=side).save(out)
+        renderer = contact_sheet([(id, shape)], side=size).save(out)
         print_written(out, f" by the {renderer} renderer")
 
 
@@ -116,7 +133,7 @@ def stats(library: LibraryOption = "everyday") -> None:
 
 @app.command("contact-sheet")
 def contact_sheet_command(
-    out: Annotated[Path, typer.Option("--out", help="PNG file for the picture.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="PNG file for the picture.")],
     library: LibraryOption = "everyday",
     category: CategoryOption = None,
     split: OnlySplitOption = None,
@@ -129,13 +146,13 @@ def contact_sheet_command(
     columns: Annotated[
         int | None, typer.Option(min=1, help="Number of columns; default: as square as possible.")
     ] = None,
-    side: Annotated[
+    size: Annotated[
         int, typer.Option(min=32, max=512, help="Width and height of each picture, in pixels.")
     ] = 128,
 ) -> None:
     """Draw a grid of pictures of shapes; exit code 1 if one can't be read.
 
-    Example: packit shapes contact-sheet --out mugs.png --category mug
+    Example: packit shapes contact-sheet --category mug --out mugs.png
     """
     opened = _opened(library, split)
     ids = selection(opened, category, id)
@@ -163,7 +180,7 @@ def contact_sheet_command(
                     yield name, str(error)
                 progress.advance(bar)
 
-        sheet = contact_sheet(tiles(), columns=columns, side=side)
+        sheet = contact_sheet(tiles(), columns=columns, side=size)
     renderer = sheet.save(out)
     print_written(out, f" by the {renderer} renderer: {len(ids)} shapes")
     for problem in problems:
@@ -177,9 +194,9 @@ def import_command(
     source: Annotated[
         str, typer.Argument(help="Source: folder:PATH, shapenet:PATH, or another library.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the library to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the library to write.")],
     name: Annotated[str, typer.Option(help="Name of the library; default: the folder's.")] = "",
-    version: Annotated[str, typer.Option(help="Version of the library.")] = "1",
+    library_version: Annotated[str, typer.Option(help="Version of the library.")] = "1",
     up: Annotated[
         Axis | None, typer.Option(help="Axis that points up; default: as the files say.")
     ] = None,
@@ -203,9 +220,7 @@ def import_command(
         float, typer.Option(min=0.01, max=2**20, help="Maximum memory for one mesh, in GiB.")
     ] = 4.0,
     timeout: Annotated[float, typer.Option(help="Maximum time for one mesh, in seconds.")] = 300.0,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Number of processes; default: one per core.")
-    ] = os.cpu_count() or 1,
+    workers: WorkersOption = 0,
     seed: SeedOption = 0,
     everything: Annotated[
         bool, typer.Option("--all", help="Also import what is in none of the source's splits.")
@@ -222,7 +237,7 @@ def import_command(
     Each mesh is read in a separate process with limited memory and time. From ShapeNet the paper's
     three subsets are taken: 100 shapes of each category, or a third.
 
-    Example: packit shapes import folder:meshes --out my-library --unit mm
+    Example: packit shapes import folder:meshes --unit mm --out my-library
     """
     if out.exists() and not overwrite:
         raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
@@ -233,7 +248,7 @@ def import_command(
         min_thickness=min_thickness,
         memory=int(memory * 2**30),
         timeout=timeout,
-        workers=workers,
+        workers=workers or os.cpu_count() or 1,
         seed=seed,
     )
     opened = ShapeLibrary.open(source, seed=seed)
@@ -255,7 +270,7 @@ def import_command(
             [opened.source.candidate(id) for id in ids],
             out,
             name or out.name,
-            version,
+            library_version,
             settings,
             splits,
             advance,

@@ -5,37 +5,37 @@ from __future__ import annotations
 import typer
 
 from packit_sim.cli.console import (
-    LibraryOption,
-    PacksArgument,
+    DatasetArgument,
+    DatasetLibraryOption,
     SplitOption,
     console,
+    open_library,
     progress_bars,
 )
 from packit_sim.datasets.pack_files import dataset_file, dataset_path
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.verification import verify_dataset
-from packit_sim.libraries.library import ShapeLibrary
 
 
 def verify_command(
-    packs: PacksArgument, split: SplitOption = None, library: LibraryOption = "everyday"
+    dataset: DatasetArgument, split: SplitOption = None, library: DatasetLibraryOption = None
 ) -> None:
     """Check packs with the oracle; exit code 1 if one is wrong.
 
-    PACKS may also be the packing of another tool: a .json file of meshes and poses (see the
-    README).
+    DATASET may also be the packing of another tool: a .json file of meshes and poses; its fields
+    are described at https://packit-sim.readthedocs.io (Reference, File formats).
 
     Example: packit verify everyday-v1 --split test
     """
-    if packs.endswith(".json"):
-        report = verify_packing(packs)
+    if dataset.endswith(".json"):
+        report = verify_packing(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
     else:
         with progress_bars() as progress:
             bar = progress.add_task("verifying", total=None, note="")
             report = verify_dataset(
-                dataset_file(packs, split) if split else dataset_path(packs),
-                ShapeLibrary.open(library),
+                dataset_file(dataset, split) if split else dataset_path(dataset),
+                open_library(library, dataset, split),
                 lambda done, total: progress.update(bar, completed=done, total=total),
             )
         verdict = f"{report.packs - report.broken} of {report.packs} packs hold"

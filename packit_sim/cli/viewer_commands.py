@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from packit_sim.cli.console import LibraryOption, SplitOption, console
+from packit_sim.cli.console import DatasetArgument, DatasetLibraryOption, SplitOption, console
 from packit_sim.datasets.pack_files import dataset_path
 from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.explorer import Explorer
@@ -22,10 +22,7 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def view_command(
-    packs: Annotated[
-        str,
-        typer.Argument(help="Packs or results: a dataset's name, its folder or its file."),
-    ],
+    dataset: DatasetArgument,
     split: SplitOption = None,
     pack: Annotated[
         int, typer.Option("--pack", min=0, help="Number of the pack to show first.")
@@ -36,9 +33,12 @@ def view_command(
     ] = None,
     tasks: Annotated[
         str | None,
-        typer.Option(help="Dataset of the results' tasks: to show the items that are not packed."),
+        typer.Option(
+            "--dataset",
+            help="Dataset that was played, for results: to show the items that are not packed.",
+        ),
     ] = None,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     host: Annotated[
         str, typer.Option(help="Address to listen on; 0.0.0.0 allows other machines.")
     ] = LOOPBACK,
@@ -51,12 +51,12 @@ def view_command(
 ) -> None:
     """Show packs or results on an interactive local web page, until Ctrl-C.
 
-    Example: packit view results.jsonl --tasks starter --pack 3
+    Example: packit view results.jsonl --dataset starter --pack 3
     """
-    folder = dataset_path(packs).is_dir()
+    folder = dataset_path(dataset).is_dir()
     collection = PackCollection.read(
-        packs,
-        ShapeLibrary.open(library),
+        dataset,
+        ShapeLibrary.open(library) if library else None,
         split if folder or tasks is None else None,
         tasks,
         split,
@@ -65,7 +65,7 @@ def view_command(
         Explorer(collection, pack, second, host=host, port=port) as explorer,
         suppress(KeyboardInterrupt),
     ):
-        console.print(f"{packs} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)
+        console.print(f"{dataset} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)
         if host == LOOPBACK and not _has_screen():
             number = explorer.address.rpartition(":")[2]
             console.print(

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from packit_sim.core.errors import ArgumentError
 
@@ -44,13 +44,18 @@ POSITIVE = Range(0, ends="()")
 """All finite numbers above 0."""
 
 
-def check_range(name: str, value: float, valid: Range, unit: str = "") -> None:
-    """Raise ArgumentError, which names the valid range, if a number is outside it."""
-    if value not in valid:
-        raise ArgumentError(f"{name} {value!r} is not possible: {valid} {unit}".rstrip())
+Valid: TypeAlias = Range | tuple[bool, str]
+"""The valid range of a number, or whether a value is valid and a description of valid values."""
 
 
-def check_settings(settings: Any, kind: str = "", **checks: Range | tuple[bool, str]) -> None:
+def check_value(name: str, value: Any, valid: Valid, unit: str = "") -> None:
+    """Raise ArgumentError, which says what is valid, if a value is not."""
+    holds, description = (value in valid, valid) if isinstance(valid, Range) else valid
+    if not holds:
+        raise ArgumentError(f"{name} {value!r} is not possible: {description} {unit}".rstrip())
+
+
+def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
     """Check the settings of a record.
 
     Parameters
@@ -59,17 +64,13 @@ def check_settings(settings: Any, kind: str = "", **checks: Range | tuple[bool, 
         The record.
     kind : str
         The kind of settings in messages, such as "training setting".
-    **checks : Range or tuple of bool and str
-        By name, the valid range, or whether the value is valid and a description of valid values.
+    **checks : Valid
+        What is valid, by the name of the setting.
 
     Raises
     ------
     ArgumentError
         If a setting is not valid; the message contains its name, its value and what is valid.
     """
-    for name, check in checks.items():
-        value = getattr(settings, name)
-        holds, valid = (value in check, check) if isinstance(check, Range) else check
-        if not holds:
-            label = f"{kind} {name} =" if kind else name
-            raise ArgumentError(f"{label} {value!r} is not possible: {valid}")
+    for name, valid in checks.items():
+        check_value(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)

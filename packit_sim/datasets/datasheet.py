@@ -33,7 +33,7 @@ OPTIONS = {
     "population": "--population",
     "generations": "--generations",
     "patience": "--patience",
-    "size_range": "--size",
+    "size_range": "--size-range",
     "search": "--search",
 }
 """Options of `packit generate` by the setting that they change."""

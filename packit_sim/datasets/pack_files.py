@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
@@ -10,12 +11,13 @@ from pathlib import Path
 from msgspec import Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.errors import PackFormatError, located
+from packit_sim.core.errors import LibraryError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
 from packit_sim.datasets.packs import FORMAT, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import Count
-from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.library import ShapeLibrary, assets_folder, builtin_names
+from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 from packit_sim.libraries.splits import SPLITS, Split
 
 STARTER_PACKS = "starter"
@@ -23,6 +25,16 @@ STARTER_PACKS = "starter"
 
 WHOLE = "packs"
 """The name of the only file, "packs.jsonl", of a dataset without splits."""
+
+BUILTIN_DATASETS = {
+    "starter": "ten small packs, to try things out",
+    "everyday-v1": "the benchmark: 550 packs of 10 to 35 items, in three splits",
+    "everyday-v1-history": "packs from the course of 16 evolutions, for the hardness curve",
+}
+"""The built-in datasets, with a description of each."""
+
+DEFAULT_LIBRARY = "everyday"
+"""The built-in library of the built-in datasets."""
 
 
 class Manifest(Struct, frozen=True, omit_defaults=True):
@@ -124,7 +136,7 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
             raise PackFormatError(f"{path} has no splits: there is no {split!r} in it")
         return path
     splits = sorted(file.stem for file in path.glob("*.jsonl"))
-    if split is None and splits == [WHOLE]:
+    if split is None and WHOLE in splits and not set(SPLITS) & set(splits):
         split = WHOLE
     if split not in splits:
         raise PackFormatError(
@@ -159,6 +171,7 @@ def dataset_files(source: Path | str, split: str | None = None) -> tuple[Path, .
         return (dataset_file(source, split),)
     known = {name: n for n, name in enumerate(SPLITS)}
     files = folder_files(path)
+    files = [file for file in files if file.stem in (*SPLITS, WHOLE)] or files
     return tuple(sorted(files, key=lambda file: (known.get(file.stem, len(known)), file.stem)))
 
 
@@ -171,10 +184,136 @@ def folder_files(folder: Path) -> list[Path]:
 
 
 def load_tasks(
-    source: Path | str, library: ShapeLibrary, split: str | None = None
+    source: Path | str, library: ShapeLibrary | None = None, split: str | None = None
 ) -> tuple[Task, ...]:
-    """Load the tasks of a dataset, or of one of its splits (see `dataset_file`)."""
-    return tuple(pack.task(library) for pack in read_packs(dataset_file(source, split)))
+    """Load the tasks of a dataset.
+
+    Parameters
+    ----------
+    source : Path or str
+        The name of a built-in dataset, or a path (see `dataset_file`).
+    library : ShapeLibrary, optional
+        The library of its shapes; by default the one that the dataset records.
+    split : str, optional
+        One of its splits.
+
+    Returns
+    -------
+    tuple of Task
+        The tasks, in the order of the packs.
+
+    Raises
+    ------
+    PackFormatError
+        If there is no such dataset, or it can't be read.
+    LibraryError
+        If the recorded library can't be opened, or has changed.
+    """
+    file = dataset_file(source, split)
+    packs = read_packs(file)
+    library = library or dataset_library(file)
+    return tuple(pack.task(library) for pack in packs)
+
+
+def dataset_library(source: Path | str, split: str | None = None) -> ShapeLibrary:
+    """Open the library that a dataset records.
+
+    Parameters
+    ----------
+    source : Path or str
+        The name of a built-in dataset, or a path.
+    split : str, optional
+        The split that is needed; by default all.
+
+    Returns
+    -------
+    ShapeLibrary
+        The library; the built-in one if the dataset has no readable pack.
+
+    Raises
+    ------
+    PackFormatError
+        If there is no such dataset.
+    LibraryError
+        If the library is not where the dataset records it, or has changed since.
+    """
+    refs = (ref for file in dataset_files(source, split) for ref in _recorded(file))
+    return recorded_library(refs, source)
+
+
+def recorded_library(refs: Iterable[LibraryRef], where: Path | str) -> ShapeLibrary:
+    """Open the one library that packs refer to.
+
+    Parameters
+    ----------
+    refs : iterable of LibraryRef
+        The library of each pack.
+    where : Path or str
+        The dataset, for messages.
+
+    Returns
+    -------
+    ShapeLibrary
+        The library; the built-in one if there are no packs.
+
+    Raises
+    ------
+    LibraryError
+        If there are several libraries, or the one is not where it was, or has changed.
+    """
+    known = _with_sources(refs)
+    if len(known) > 1:
+        names = ", ".join(f"{ref.name!r} {ref.version} ({ref.digest[:12]})" for ref in known)
+        raise LibraryError(
+            f"{where} has packs of several libraries, {names}: choose one (--library)"
+        )
+    if not known:
+        return ShapeLibrary.open(DEFAULT_LIBRARY)
+    (ref,) = known
+    source = ref.source or (ref.name if ref.name in builtin_names() else None)
+    if source is None:
+        raise LibraryError(
+            f"{where} does not record where its library {ref.name!r} is: choose it (--library)"
+        )
+    try:
+        library = ShapeLibrary.open(source)
+    except LibraryError as error:
+        raise LibraryError(
+            f"{where} records its library {ref.name!r} at {source}, where it can't be opened "
+            f"({error}): if it has moved, choose it (--library)"
+        ) from None
+    if LibraryRef.of(library) != ref:
+        raise LibraryError(
+            f"{where} records its library {ref.name!r} {ref.version} at {source} with the digest "
+            f"{ref.digest[:12]}, but there is {library.name!r} {library.version} with the digest "
+            f"{library.digest[:12]}: restore it, or choose the right one (--library)"
+        )
+    return library
+
+
+def _recorded(file: Path) -> tuple[LibraryRef, ...]:
+    """Return the libraries of a file's manifest, or else that of its first readable pack."""
+    described = manifest_path(file)
+    if described.exists():
+        try:
+            return Manifest.read(described).libraries
+        except PackFormatError:
+            pass  # reported by whatever reads the packs
+    for _, line in numbered_lines(read_bytes(file)):
+        try:
+            return (Pack.from_json(line).library,)
+        except PackFormatError:
+            continue
+    return ()
+
+
+def _with_sources(refs: Iterable[LibraryRef]) -> tuple[LibraryRef, ...]:
+    """Return each library once, in the order of their first pack, with its source if known."""
+    known: dict[LibraryRef, LibraryRef] = {}
+    for ref in refs:
+        if ref not in known or known[ref].source is None:
+            known[ref] = ref
+    return tuple(known.values())
 
 
 def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
@@ -190,12 +329,16 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     path = Path(path)
     packs = list(packs)
     text = "".join(pack.to_json() + "\n" for pack in packs)
-    libraries = tuple(dict.fromkeys(pack.library for pack in packs))
+    libraries = _with_sources(pack.library for pack in packs)
     digest = hashlib.sha256(text.encode()).hexdigest()
     manifest = Manifest(FORMAT, __version__, len(packs), digest, libraries)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_text(path, text)
-    replace_text(manifest_path(path), json.dumps(typed_json.builtins(manifest), indent=1) + "\n")
+    record = typed_json.builtins(manifest)
+    for library in record["libraries"]:
+        if library["source"] is None:
+            del library["source"]
+    replace_text(manifest_path(path), json.dumps(record, indent=1) + "\n")
 
 
 def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
@@ -232,16 +375,26 @@ def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
     described = manifest_path(path)
     if manifest and described.exists():
         with located(f"{described} is no manifest", PackFormatError):
-            digest = Manifest.read(described).sha256
-        if digest != hashlib.sha256(data).hexdigest():
+            described_as = Manifest.read(described)
+        if described_as.sha256 != hashlib.sha256(data).hexdigest():
             raise PackFormatError(
                 f"{path} is not the file that {described.name} describes: its SHA-256 differs"
             )
+        refs = {ref: ref for ref in described_as.libraries}
+        packs = [
+            dataclasses.replace(pack, library=refs.get(pack.library, pack.library))
+            for pack in packs
+        ]
     return packs
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file, or raise PackFormatError."""
+    """Read a file, or raise PackFormatError; a mesh file is refused by its name."""
+    if path.suffix.lower() in MESH_SUFFIXES and path.is_file():
+        raise PackFormatError(
+            f"{path} is a mesh file, not a dataset: datasets are .jsonl files, or folders of such; "
+            "`packit generate --library FOLDER` makes one of a folder of meshes"
+        )
     try:
         return path.read_bytes()
     except (OSError, ValueError) as error:

@@ -48,15 +48,23 @@ class LibraryRef:
         Its version.
     digest : str
         The SHA-256 of its content, in hex.
+    source : str, optional
+        What opens it here, if that is known: its name, or its path (see `ShapeLibrary.locator`).
+        Manifests record it, packs do not; it has no influence on equality.
     """
 
     name: str
     version: str
     digest: str
+    source: str | None = dataclasses.field(default=None, compare=False)
 
     @classmethod
     def of(cls, library: ShapeLibrary) -> LibraryRef:
-        return cls(library.name, library.version, library.digest)
+        return cls(library.name, library.version, library.digest, library.locator)
+
+    def facts(self) -> dict[str, str]:
+        """Return what identifies the library, by name: everything but its source."""
+        return {"name": self.name, "version": self.version, "digest": self.digest}
 
 
 class PoseRecord(Struct, frozen=True):
@@ -298,6 +306,7 @@ class Pack:
     def to_json(self) -> str:
         """Write the pack as one line of JSON; floats keep every bit."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields["library"] = self.library.facts()
         if not self.outside:
             del fields["outside"]
         return typed_json.encode({"format": FORMAT, "version": __version__, **fields})

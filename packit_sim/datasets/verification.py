@@ -154,8 +154,8 @@ def verify_dataset(
       given the items placed before it. Cells that prove a conflict rule locations out, and the
       oracle decides about the others.
     - No two packs have the same items in any order, within a file or in two files, and no seed
-      occurs twice in a file. The packs of one evolution's history may be the same, and so may
-      rollouts.
+      occurs twice in a file. The packs of one evolution's history may be the same, and an agent
+      may pack a box as another agent or the evolution did.
     - The shapes belong to the split that the file's name, the manifest or the pack's provenance
       records.
     """
@@ -164,7 +164,7 @@ def verify_dataset(
     check = _DatasetCheck(library)
     parts = [_PackFile(file, check) for file in files]
     if path.is_dir():
-        _check_folder(path, files, check)
+        _check_folder(path, parts, check)
     total = sum(len(part.packs) for part in parts)
     done = 0
     for part in parts:
@@ -278,19 +278,23 @@ class _PackFile:
             else:
                 self.packs.append((self.count, pack))
             self.count += 1
+        self.is_results = bool(self.packs) and all(
+            isinstance(pack.provenance, Played) for _, pack in self.packs
+        )
         if not self.count:
             check.add(file, None, "it holds no packs")
         elif not self.data.endswith(b"\n"):
             check.add(file, None, "its last line has no end")
 
 
-def _check_folder(folder: Path, files: Sequence[Path], check: _DatasetCheck) -> None:
-    """Check the names of a folder's files and manifests."""
+def _check_folder(folder: Path, parts: Sequence[_PackFile], check: _DatasetCheck) -> None:
+    """Check the names of a folder's files and manifests; results may have any name."""
+    files = [part.file for part in parts]
     names = SPLITS if any(file.stem in SPLITS for file in files) else (WHOLE,)
-    for file in files:
-        if file.stem not in names:
+    for part in parts:
+        if part.file.stem not in names and not part.is_results:
             choices = ", ".join(names)
-            check.add(file, None, f"a file of this folder can't have this name: {choices}")
+            check.add(part.file, None, f"a file of this folder can't have this name: {choices}")
     for manifest in sorted({*folder.glob("*.manifest.json")} - {*map(manifest_path, files)}):
         check.add(manifest, None, "there is no file that this manifest describes")
 
@@ -331,4 +335,4 @@ def _may_be_alike(one: Provenance, other: Provenance) -> bool:
     """Whether two packs may have the same items: those of one history, and rollouts."""
     if isinstance(one, Evolved) and isinstance(other, Evolved):
         return one.seed == other.seed and None not in (one.after, other.after)
-    return isinstance(one, Played) and isinstance(other, Played)
+    return isinstance(one, Played) or isinstance(other, Played)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.checks import check_value
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.packs import Task
@@ -131,21 +132,22 @@ def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = P
 
 
 def evaluate(
-    agents: Sequence[Agent],
+    agents: Sequence[Agent | str],
     tasks: Sequence[Task],
     seed: int,
     on_rollout: Callable[[Rollout], None] = lambda rollout: None,
     *,
     rules: Rules = PACKIT,
-    workers: Workers | None = None,
-    file: Path | None = None,
+    workers: Workers | int | None = None,
+    file: Path | str | None = None,
+    numbers: Sequence[int] | None = None,
 ) -> list[Rollout]:
     """Let each agent play each task once.
 
     Parameters
     ----------
-    agents : Sequence[Agent]
-        The agents.
+    agents : Sequence[Agent | str]
+        The agents, or their names, such as "largest-first/aligned/blbf".
     tasks : Sequence[Task]
         The tasks.
     seed : int
@@ -154,11 +156,13 @@ def evaluate(
         Called after each rollout.
     rules : Rules
         The rules to play by.
-    workers : Workers | None
-        The processes that play; by default this one plays.
-    file : Path | None
+    workers : Workers | int | None
+        The processes that play, or their number (0: one per core); by default this process plays.
+    file : Path | str | None
         The file of results, which are written as they come. Those that it contains are not played
         again, and results of other agents are kept.
+    numbers : Sequence[int] | None
+        The numbers of the tasks in their dataset; by default 0, 1, 2 and so on.
 
     Returns
     -------
@@ -167,6 +171,10 @@ def evaluate(
 
     Raises
     ------
+    ArgumentError
+        If an agent is not one, or there are not as many numbers as tasks.
+    UnknownPolicyError
+        If an agent's name is not known.
     ResultsError
         If the file contains results of another evaluation, or weights changed since the start.
     BusyError
@@ -177,17 +185,38 @@ def evaluate(
     The random numbers of a rollout depend only on the seed, the agent's name and the task's
     number. So it is the same with any other agents and tasks, on any number of workers.
     """
-    weights = {agent.name: agent.weights for agent in agents}
+    if isinstance(workers, int):
+        from packit_sim.core.parallel import Workers
+
+        with Workers(workers) as processes:
+            return evaluate(
+                agents,
+                tasks,
+                seed,
+                on_rollout,
+                rules=rules,
+                workers=processes,
+                file=file,
+                numbers=numbers,
+            )
+    players = [_player(agent) for agent in ([agents] if isinstance(agents, str) else agents)]
+    file = None if file is None else Path(file)
+    numbers = range(len(tasks)) if numbers is None else numbers
+    check_value(
+        "numbers", numbers, (len(numbers) == len(tasks), f"one for each of the {len(tasks)} tasks")
+    )
+    numbered = dict(zip(numbers, tasks, strict=True))
+    weights = {agent.name: agent.weights for agent in players}
     with opened(file, list(weights)) as store:
         if file is not None:
-            check_same(file, store.rollouts, weights, tasks, seed, rules)
+            check_same(file, store.rollouts, weights, numbered, seed, rules)
         jobs = []
-        for number, task in enumerate(tasks):
-            missing = [agent for agent in agents if (agent.name, number) not in store]
+        for number, task in numbered.items():
+            missing = [agent for agent in players if (agent.name, number) not in store]
             if missing:
                 jobs.append((missing, task, number, seed, rules))
         playing = sum(len(missing) for missing, *_ in jobs)
-        counts = len(agents), len(tasks), len(agents) * len(tasks) - playing, playing
+        counts = len(players), len(tasks), len(players) * len(tasks) - playing, playing
         _log.info("%d agents, %d tasks: %d results exist, %d to play", *counts)
         started = time.monotonic()
         played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
@@ -202,7 +231,15 @@ def evaluate(
                 on_rollout(rollout)
             store.add(rollouts)
         _log.info("%d results in %.1f s", playing, time.monotonic() - started)
-        return [store[agent.name, number] for agent in agents for number in range(len(tasks))]
+        return [store[agent.name, number] for agent in players for number in numbered]
+
+
+def _player(agent: Agent | str) -> Agent:
+    if isinstance(agent, str):
+        return Agent.from_name(agent)
+    valid = 'an Agent, or a name such as "largest-first/aligned/blbf"'
+    check_value("agent", agent, (isinstance(agent, Agent), valid))
+    return agent
 
 
 def _played(

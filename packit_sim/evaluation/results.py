@@ -7,7 +7,7 @@ and drawn like any dataset.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -285,7 +285,7 @@ def check_same(
     path: Path,
     rollouts: Iterable[Rollout],
     weights: Mapping[str, str | None],
-    tasks: Sequence[Task],
+    tasks: Mapping[int, Task],
     seed: int,
     rules: Rules,
 ) -> None:
@@ -299,8 +299,8 @@ def check_same(
         The results.
     weights : Mapping[str, str | None]
         The digest of the weights of each agent.
-    tasks : Sequence[Task]
-        The tasks.
+    tasks : Mapping[int, Task]
+        The tasks by number.
     seed : int
         The seed.
     rules : Rules
@@ -316,7 +316,7 @@ def check_same(
         facts = {
             "seed": (rollout.seed, seed),
             "rules": (rollout.rules, rules),
-            f"task {number}": (digest, tasks[number].digest if number < len(tasks) else digest),
+            f"task {number}": (digest, tasks[number].digest if number in tasks else digest),
             f"weights of {agent}": (rollout.weights, weights.get(agent, rollout.weights)),
         }
         for name, (theirs, ours) in facts.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.datasets.pack_files import dataset_file, dataset_library, read_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
@@ -132,13 +132,18 @@ class PackCollection:
     def read(
         cls,
         source: Path | str,
-        library: ShapeLibrary,
+        library: ShapeLibrary | None = None,
         split: str | None = None,
         tasks: Path | str | None = None,
         tasks_split: str | None = None,
     ) -> PackCollection:
-        """Read a dataset or results (see `dataset_file`), and the tasks that were played."""
-        packs = read_packs(dataset_file(source, split))
+        """Read a dataset or results (see `dataset_file`), and the tasks that were played.
+
+        By default the library is the one that the dataset records.
+        """
+        file = dataset_file(source, split)
+        packs = read_packs(file)
+        library = library or dataset_library(file)
         played = [] if tasks is None else read_packs(dataset_file(tasks, tasks_split))
         return cls(packs, library, played)
 

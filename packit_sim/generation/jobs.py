@@ -13,7 +13,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
 from typing import TypeVar
@@ -280,11 +280,12 @@ def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
     if not file.exists():
         return {}
     done: dict[int, list[Pack]] = {}
+    library = LibraryRef.of(job.library)
     for number, pack in enumerate(read_packs(file, manifest=False)):
         found = pack.provenance
         if (
             not isinstance(found, Evolved)
-            or pack.library != LibraryRef.of(job.library)
+            or pack.library != library
             or found.settings != job.settings
             or (found.after is not None) != job.history
         ):
@@ -292,7 +293,7 @@ def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
                 f"{file}, pack {number} was generated with another library or other settings: "
                 "choose another folder"
             )
-        done.setdefault(found.seed, []).append(pack)
+        done.setdefault(found.seed, []).append(replace(pack, library=library))
     return done
 
 

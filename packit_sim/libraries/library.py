@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from packit_sim.core.errors import LibraryError, UnknownShapeError
+from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.shapenet import TAXONOMY, ShapeNet
@@ -43,6 +43,8 @@ class ShapeLibrary:
         The source; `open` finds it by name or path.
     split : str, optional
         The split to which the library is restricted.
+    unreadable : mapping of str to str, optional
+        Ids to leave out, with the reasons; see `readable`.
 
     Attributes
     ----------
@@ -52,10 +54,14 @@ class ShapeLibrary:
         The ids of each category, both sorted.
     """
 
-    def __init__(self, source: Source, split: str | None = None) -> None:
+    def __init__(
+        self, source: Source, split: str | None = None, unreadable: Mapping[str, str] | None = None
+    ) -> None:
         self.source = source
         self._split = split
-        self.ids = tuple(sorted(source.splits[split] if split else source.categories))
+        self._unreadable = dict(unreadable or {})
+        ids = source.splits[split] if split else source.categories
+        self.ids = tuple(sorted(id for id in ids if id not in self._unreadable))
         self._ids = frozenset(self.ids)
         members: dict[str, list[str]] = defaultdict(list)
         for id in self.ids:
@@ -110,7 +116,44 @@ class ShapeLibrary:
         """
         if name not in SPLITS:
             raise LibraryError(f"no split {name!r}: choose from {', '.join(SPLITS)}")
-        return ShapeLibrary(self.source, name)
+        return ShapeLibrary(self.source, name, self._unreadable)
+
+    def readable(self, on_shape: Callable[[str], None] = lambda id: None) -> ShapeLibrary:
+        """Read all shapes, and leave out those whose mesh files can't be used.
+
+        Parameters
+        ----------
+        on_shape : callable
+            Called with the id of each shape before it is read.
+
+        Returns
+        -------
+        ShapeLibrary
+            The library without these shapes; its `missing` has their ids and the reasons. Name and
+            digest stay the same. A catalogued library is returned as it is: its meshes were
+            checked when it was written.
+
+        Raises
+        ------
+        LibraryError
+            If no shape is left.
+        """
+        if self.source.is_catalogued:
+            return self
+        unreadable = dict(self._unreadable)
+        for id in self.ids:
+            on_shape(id)
+            try:
+                self.source.shape(id)
+            except MeshError as error:
+                unreadable[id] = str(error)
+        left = ShapeLibrary(self.source, self._split, unreadable)
+        if not left.ids:
+            raise LibraryError(
+                f"none of the {len(self)} mesh files of {self.path} can be used; "
+                f"{unreadable[self.ids[0]]}"
+            )
+        return left
 
     @property
     def name(self) -> str:
@@ -128,9 +171,17 @@ class ShapeLibrary:
         return self.source.path
 
     @property
+    def locator(self) -> str:
+        """What `open` takes in any working directory: a built-in name, or an absolute path."""
+        if self.path.parent == assets_folder():
+            return self.path.name
+        scheme = self.source.locator.removesuffix(str(self.path))
+        return f"{scheme}{self.path.absolute()}"
+
+    @property
     def missing(self) -> Mapping[str, str]:
         """Why there is no shape, for ids that one would expect."""
-        return MappingProxyType(self.source.missing)
+        return MappingProxyType({**self.source.missing, **self._unreadable})
 
     @property
     def digest(self) -> str:
@@ -185,18 +236,13 @@ class ShapeLibrary:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Open it again in any working directory; a built-in one in any installation."""
-        if self.path.parent == assets_folder():
-            locator = self.path.name
-        else:
-            scheme = self.source.locator.removesuffix(str(self.path))
-            locator = f"{scheme}{self.path.absolute()}"
-        return _reopened, (locator, self.source.seed, self._split)
+        return _reopened, (self.locator, self.source.seed, self._split, self._unreadable)
 
     def _require(self, id: str) -> None:
         if id in self._ids:
             return
-        if id in self.source.missing:
-            raise UnknownShapeError(f"no shape {id!r}: {self.source.missing[id]}")
+        if id in self.missing:
+            raise UnknownShapeError(f"no shape {id!r}: {self.missing[id]}")
         close = difflib.get_close_matches(str(id), self.ids, n=3, cutoff=0.4)
         hint = f"did you mean {listed(close)}?" if close else f"it holds {listed(self.ids)}"
         split = f" {self._split} of" if self._split else ""
@@ -231,6 +277,7 @@ def _source(source: str | Path, seed: int) -> Source:
     return MeshFolder(folder)
 
 
-def _reopened(locator: str, seed: int, split: str | None) -> ShapeLibrary:
-    library = ShapeLibrary.open(locator, seed=seed)
-    return library.split(split) if split else library
+def _reopened(
+    locator: str, seed: int, split: str | None, unreadable: Mapping[str, str]
+) -> ShapeLibrary:
+    return ShapeLibrary(ShapeLibrary.open(locator, seed=seed).source, split, unreadable)

@@ -75,7 +75,7 @@ class LargestFittingFirst(LargestFirst):
 
 @dataclass(frozen=True)
 class SmallestFirst(_First):
-    """The shape outside with the smallest volume: the opposite of `LargestFirst`, to compare."""
+    """The shape outside with the smallest volume: to compare with largest-first."""
 
     def weight(self, item: Item) -> float:
         return 1 / item.volume

@@ -19,4 +19,4 @@ PACKNN_PLACEMENT = partial(LearnedShape, _FOLDER / "packnn-placement.safetensors
 """The paper's network, which also observes placement features."""
 
 PACKNN_EASY = partial(LearnedShape, _FOLDER / "packnn-easy.safetensors")
-"""`PACKNN` trained with the rules of PackIt-Easy."""
+"""The same network, trained with the rules of PackIt-Easy."""

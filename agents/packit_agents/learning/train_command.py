@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def train_command(
-    out: Annotated[Path, typer.Argument(help="Folder of the training.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the training.")],
     config: Annotated[
         Path | None, typer.Option(help="TOML file with settings by name; network is a table.")
     ] = None,
@@ -39,7 +39,7 @@ def train_command(
     The command can be stopped at any time: repeat it to resume, with the same weights in the end.
     The agent learned@FOLDER/best.safetensors/aligned/blbf plays with the weights.
 
-    Example: packit train trainings/first --set steps=100000
+    Example: packit train --set steps=100000 --out trainings/first
     """
     with needed_for("trainings"):
         from packit_agents.learning.training import Training

@@ -311,7 +311,7 @@ class Training:
         record: dict[str, Any] = {"settings": asdict(self.settings)}
         for name, tasks in (("tasks", self._tasks), ("validation", self._validation)):
             record[name] = tasks if isinstance(tasks, str) else _digest(tasks)
-        record["library"] = asdict(LibraryRef.of(self._library))
+        record["library"] = LibraryRef.of(self._library).facts()
         return json.loads(json.dumps(record))
 
     def _check_folder(self) -> None:

@@ -121,6 +121,11 @@ def require(settings: DecompositionSettings) -> None:
     _version(settings)
 
 
+def is_cached(shape: Shape, settings: DecompositionSettings | None = None) -> bool:
+    """Return whether `decompose` finds a shape in the disk cache, and so takes no time."""
+    return _path(shape, settings or DecompositionSettings()).exists()
+
+
 def decompose_all(
     shapes: Sequence[Shape],
     settings: DecompositionSettings | None = None,
@@ -164,7 +169,7 @@ def decompose_all(
     key=lambda shape, settings: (shape.digest, settings),
 )
 def _kept(shape: Shape, settings: DecompositionSettings) -> Decomposition:
-    path = disk_cache.entry("decompositions", shape.digest, _FORMAT, settings, _version(settings))
+    path = _path(shape, settings)
     kept = disk_cache.load(path, _read)
     if kept is None:
         kept = decompose_anew(shape, settings)
@@ -172,11 +177,18 @@ def _kept(shape: Shape, settings: DecompositionSettings) -> Decomposition:
     return kept
 
 
+def _path(shape: Shape, settings: DecompositionSettings) -> Path:
+    version = _version(settings)
+    return disk_cache.entry("decompositions", shape.digest, _FORMAT, settings, version)
+
+
 def _version(settings: DecompositionSettings) -> str:
     """Return the version of CoACD, on which its pieces may depend."""
     if settings.method != "coacd":
         return ""
-    with needed_for("convex pieces", "choose method 'bisection'"):
+    with needed_for(
+        "convex pieces", "choose bisection (`--pieces bisection`, or method='bisection' in Python)"
+    ):
         return metadata.version("coacd")
 
 

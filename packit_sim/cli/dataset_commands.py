@@ -1,4 +1,4 @@
-"""`packit packs`: statistics and datasheets of datasets, and tasks of the original PackIt."""
+"""`packit datasets`: the built-in datasets, statistics, datasheets, the original's packs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from packit_sim.cli.console import (
-    LibraryOption,
-    PacksArgument,
+    DatasetArgument,
+    DatasetLibraryOption,
     SplitOption,
     console,
+    open_library,
     prepare_folder,
     progress_bars,
 )
@@ -24,7 +25,14 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
 from packit_sim.datasets.original import Original, read_original
-from packit_sim.datasets.pack_files import write_packs
+from packit_sim.datasets.pack_files import (
+    BUILTIN_DATASETS,
+    WHOLE,
+    Manifest,
+    dataset_files,
+    manifest_path,
+    write_packs,
+)
 from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
@@ -33,27 +41,51 @@ MOST_ROWS = 40
 """Maximum rows of the table of items without a shape; the report contains all."""
 
 app = typer.Typer(
-    help="Describe datasets of packs, and read those of the original PackIt.", no_args_is_help=True
+    help="List and describe datasets, and read those of the original PackIt.", no_args_is_help=True
 )
+
+
+@app.command("list")
+def list_command() -> None:
+    """List the built-in datasets: give a name where a command asks for DATASET.
+
+    Example: packit datasets list
+    """
+    table = simple_table("dataset", "split", "packs", "library", "what it is")
+    for name, what in BUILTIN_DATASETS.items():
+        for file in dataset_files(name):
+            manifest = Manifest.read(manifest_path(file))
+            libraries = ", ".join(f"{ref.name} {ref.version}" for ref in manifest.libraries)
+            split = "" if file.stem == WHOLE else file.stem
+            table.add_row(name, split, str(manifest.packs), libraries, what)
+            name = what = ""
+    console.print(table)
+    console.print(
+        "Your own: the folder or file that `packit generate` or `packit evaluate` wrote.",
+        highlight=False,
+    )
 
 
 @app.command()
 def stats(
-    packs: PacksArgument,
+    dataset: DatasetArgument,
     split: SplitOption = None,
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="PNG file for a picture of the statistics.")
+        Path | None, typer.Option("--out", "-o", help="PNG file for a picture of the statistics.")
     ] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="JSON file for all counts.")] = None,
 ) -> None:
-    """Count items, densities, scales and categories of a dataset's packs, split by split."""
+    """Count items, densities, scales and categories of a dataset's packs, split by split.
+
+    Example: packit datasets stats everyday-v1 --out statistics.png
+    """
     if out is not None:
         plots.require()
         prepare_folder(out)
     if json_ is not None:
         prepare_folder(json_)
-    counted = statistics.take(packs, ShapeLibrary.open(library), split)
+    counted = statistics.take(dataset, open_library(library, dataset, split), split)
     console.print(_statistics_table(counted))
     console.print("intervals: of means, by bootstrap over packs; volumes: shares of the box")
     if out is not None:
@@ -65,24 +97,33 @@ def stats(
 
 @app.command("datasheet")
 def datasheet_command(
-    packs: PacksArgument,
+    dataset: DatasetArgument,
     out: Annotated[
-        Path, typer.Option("--out", help="Markdown file of the page; its picture goes next to it.")
+        Path,
+        typer.Option("--out", "-o", help="Markdown file of the page; its picture goes next to it."),
     ],
-    library: LibraryOption = "everyday",
+    library: DatasetLibraryOption = None,
     licence: Annotated[str, typer.Option(help="Licence of the packs, such as CC0-1.0.")] = "",
 ) -> None:
-    """Write a dataset's page: its provenance, digests, statistics and limits."""
+    """Write a dataset's page: its provenance, digests, statistics and limits.
+
+    Example: packit datasets datasheet my-packs --licence CC0-1.0 --out my-packs.md
+    """
     plots.require()
     templates.check_installed()
     picture = out.with_suffix(".png")
     if picture == out:
         raise PackItError(f"{out} is the file of the picture: choose a name that ends in .md")
     prepare_folder(out)
-    opened = ShapeLibrary.open(library)
-    parts = datasheet.read(packs, opened)
+    opened = open_library(library, dataset)
+    parts = datasheet.read(dataset, opened)
     text = datasheet.page(
-        packs, parts, opened, picture=picture.name, licence=licence, opened_as=library
+        dataset,
+        parts,
+        opened,
+        picture=picture.name,
+        licence=licence,
+        opened_as=library or opened.locator,
     )
     statistics_plot.save([part.statistics for part in parts], picture)
     replace_text(out, text)
@@ -98,7 +139,7 @@ def original(
     library: Annotated[
         str, typer.Option("--library", help="Library of their shapes: shapenet:PATH.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="JSONL file for the tasks.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="JSONL file for the tasks.")],
     partial: Annotated[
         bool, typer.Option("--partial", help="Keep packs with missing shapes, without those items.")
     ] = False,
@@ -108,10 +149,10 @@ def original(
 ) -> None:
     """Convert packs of the original PackIt to tasks for `packit evaluate`.
 
-    The original locations are not on our grid, so that the tasks come without a solution; see
-    docs/benchmarks/original.md.
+    The original locations are not on our grid, so that the tasks come without a solution. What else
+    differs is described at https://packit-sim.readthedocs.io (Benchmarks, The original PackIt).
 
-    Example: packit packs original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
+    Example: packit datasets original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """
     prepare_folder(out)
     if report is not None:
