@@ -81,7 +81,7 @@ def pixels(path: Path) -> np.ndarray:
 def test_every_way_to_draw_a_pack_is_another_picture(packit, packs, tmp_path) -> None:
     ways = (
         (),
-        ("--task",),
+        ("--as-task",),
         ("--camera", "front"),
         ("--camera", "top"),
         ("--camera", "-30,50"),
@@ -149,7 +149,7 @@ def test_colours_tell_what_moves_when_a_box_is_let_go(packit, tmp_path) -> None:
         bright = found[found.sum(axis=1) > 60]
         likeness = bright @ hue / np.linalg.norm(bright, axis=1)
         assert (likeness > 0.995).sum() > 100
-    done = packit("render", *arguments, "--task")
+    done = packit("render", *arguments, "--as-task")
     assert done.code == 2 and "--color stability needs a packed box" in done.err
 
 
@@ -230,7 +230,7 @@ def test_figures_are_the_same_again(packit, packs, history, tmp_path, monkeypatc
 def test_a_figure_of_packs_that_have_no_history(packit, tmp_path) -> None:
     wanted = ("--only", "evolution", "--history-dataset", "starter")
     failed = packit("figures", "--out", tmp_path / "docs", *wanted)
-    assert failed.code == 2 and "--history-dataset" in failed.err
+    assert failed.code == 2 and "packit generate --history" in failed.err
     assert list((tmp_path / "docs").iterdir()) == []
 
 
@@ -238,7 +238,7 @@ def test_a_figure_of_packs_that_have_no_history(packit, tmp_path) -> None:
     ("arguments", "message"),
     [
         (["render", "starter", "--out", "a.jpg"], "a.jpg is not a picture: choose a name"),
-        (["render", "--out", "a.png"], "nothing to draw: give PACKS"),
+        (["render", "--out", "a.png"], "nothing to draw: give DATASET"),
         (["render", "starter", "--id", "teapot", "--out", "a.png"], "leave them out, or 'starter'"),
         (["render", "--id", "dragon", "--out", "a.png"], "'dragon'"),
         (["render", "--category", "dragon", "--out", "a.png"], "'dragon': choose from"),

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
+from packit_sim.core.version import __version__
+
 _log = logging.getLogger("packit_sim")
+
+LOCK_SECONDS = 60.0
+"""Maximum time to wait for another process that compiles; after it this process compiles too."""
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -30,28 +39,92 @@ def kernel(function: Callable[..., Any]) -> Any:
     Notes
     -----
     The machine code is cached next to the module, or else in the user's cache folder (or
-    `NUMBA_CACHE_DIR`). If neither is writable, each process compiles again.
+    `NUMBA_CACHE_DIR`). Processes that need the same kernel wait for the first one to compile it. If
+    no folder is writable, each process compiles again.
     """
     try:
-        return numba.njit(cache=True, nogil=True)(function)
+        compiled = numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba found no folder that is writable
         return numba.njit(nogil=True)(function)
+    compile_or_load = compiled.compile
+
+    def alone(signature: Any) -> Any:
+        with global_compiler_lock, _lock():
+            return compile_or_load(signature)
+
+    compiled.compile = alone
+    return compiled
+
+
+@cache  # once per process, where no file can be written
+def announce() -> None:
+    """Log that kernels are compiled, unless that was said before in this installation."""
+    if _is_first():
+        _log.warning("compiling the placement engine: takes about 30 s, once per installation")
+
+
+def _probe() -> None:
+    """Find the cache folder of this module."""
+
+
+@cache
+def _folder() -> Path | None:
+    """Return the folder of this module's cache; None if none is writable."""
+    try:
+        return Path(numba.njit(cache=True)(_probe).stats.cache_path)
+    except RuntimeError:
+        return None
+
+
+class _ProcessLock:
+    """A lock file for all processes that compile; where it can't be had, nothing is locked."""
+
+    def __init__(self, path: Path) -> None:
+        from filelock import FileLock  # slow to import
+
+        self._lock = FileLock(path, timeout=LOCK_SECONDS, thread_local=False)
+        self._held: list[bool] = []
+
+    def __enter__(self) -> None:
+        try:
+            self._lock.acquire()
+        except (OSError, NotImplementedError):  # Timeout is an OSError; compiling twice costs time
+            self._held.append(False)
+        else:
+            self._held.append(True)
+
+    def __exit__(self, *raised: object) -> None:
+        if self._held.pop():
+            self._lock.release()
+
+
+@cache
+def _lock() -> AbstractContextManager[None]:
+    folder = _folder()
+    return nullcontext() if folder is None else _ProcessLock(folder / "packit-sim.lock")
+
+
+def _is_first() -> bool:
+    """Whether this process is the first that compiles here, with these versions."""
+    folder = _folder()
+    if folder is None:
+        return True
+    versions = f"{__version__}-{numba.__version__}-{sys.implementation.cache_tag}"
+    try:
+        (folder / f"packit-sim-{versions}.announced").touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 class _Announcement(event.Listener):  # type: ignore[misc] # numba's own hints are not read
-    """Announces once per process that kernels are compiled; loading cached ones is silent."""
-
-    def __init__(self) -> None:
-        self._announced = False
+    """Announces that kernels are compiled; loading cached ones is silent."""
 
     def on_start(self, event: Any) -> None:
-        if not self._announced and event.data["dispatcher"].py_func.__module__.startswith(
-            "packit_sim"
-        ):
-            self._announced = True
-            _log.warning(
-                "compiling the placement engine: takes about 20 s, and only the first time"
-            )
+        if event.data["dispatcher"].py_func.__module__.startswith(("packit_sim", "packit_agents")):
+            announce()
 
     def on_end(self, event: Any) -> None:
         pass

@@ -18,6 +18,7 @@ import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import ParallelBackendBase
 
+from packit_sim.core import compilation
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
 from packit_sim.core.version import __version__
@@ -88,6 +89,7 @@ class Workers:
 
     def map(self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]) -> list[_T]:
         """Return the function's results for all arguments, in their order."""
+        self._announce()
         if self._parallel is None:
             ahead = self._ahead if self._settings["backend"] == "ray" else "all"
             self._parallel = joblib.Parallel(pre_dispatch=ahead, **self._settings).__enter__()
@@ -100,11 +102,17 @@ class Workers:
         self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]
     ) -> Iterator[_T]:
         """Yield results as they finish, in any order; at most one job per worker is queued."""
+        self._announce()
         parallel = joblib.Parallel(
             return_as="generator_unordered", pre_dispatch=self._ahead, **self._settings
         )
         with _reporting_killed_workers():
             yield from parallel(joblib.delayed(function)(*each) for each in arguments)
+
+    def _announce(self) -> None:
+        """Announce the compilation here: workers would print into the progress bars."""
+        if self.count > 1:
+            compilation.announce()
 
     def __enter__(self) -> Workers:
         return self

@@ -171,7 +171,8 @@ def dataset_files(source: Path | str, split: str | None = None) -> tuple[Path, .
         return (dataset_file(source, split),)
     known = {name: n for n, name in enumerate(SPLITS)}
     files = folder_files(path)
-    files = [file for file in files if file.stem in (*SPLITS, WHOLE)] or files
+    if not any(file.stem in known for file in files):  # results may be next to the only file
+        files = [file for file in files if file.stem == WHOLE] or files
     return tuple(sorted(files, key=lambda file: (known.get(file.stem, len(known)), file.stem)))
 
 
@@ -335,9 +336,10 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_text(path, text)
     record = typed_json.builtins(manifest)
-    for library in record["libraries"]:
-        if library["source"] is None:
-            del library["source"]
+    record["libraries"] = [
+        ref.facts() if ref.source is None else {**ref.facts(), "source": ref.source}
+        for ref in libraries
+    ]
     replace_text(manifest_path(path), json.dumps(record, indent=1) + "\n")
 
 

@@ -180,7 +180,8 @@ def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | st
     after = [pack.provenance.after for pack in packs if isinstance(pack.provenance, Evolved)]
     if len(after) < len(packs) or None in after:
         raise PackItError(
-            "packs of an evolution must record `provenance.after`: generate them with --history"
+            "packs of an evolution must record `provenance.after`: choose a dataset of "
+            "`packit generate --history`"
         )
     last = len(packs) - 1
     shown = [n for n in range(len(packs)) if n in (0, last) or n.bit_count() == 1]
