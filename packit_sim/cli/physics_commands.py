@@ -21,7 +21,7 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import simple_table, write_json
-from packit_sim.core.checks import POSITIVE, check_value
+from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import dataset_file, read_packs
 from packit_sim.datasets.packs import Pack
@@ -94,7 +94,7 @@ def score_command(
     Example: packit score results.jsonl --limit 10
     """
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
-    check_value("distance", distance, POSITIVE)
+    check_range("distance", distance, POSITIVE)
     require(settings.decomposition)
 
     def row(pack: Pack, box: BoxState[PlacedItem]) -> Row:

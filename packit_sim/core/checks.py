@@ -48,7 +48,7 @@ Valid: TypeAlias = Range | tuple[bool, str]
 """The valid range of a number, or whether a value is valid and a description of valid values."""
 
 
-def check_value(name: str, value: Any, valid: Valid, unit: str = "") -> None:
+def check_range(name: str, value: Any, valid: Valid, unit: str = "") -> None:
     """Raise ArgumentError, which says what is valid, if a value is not."""
     holds, description = (value in valid, valid) if isinstance(valid, Range) else valid
     if not holds:
@@ -73,4 +73,4 @@ def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
         If a setting is not valid; the message contains its name, its value and what is valid.
     """
     for name, valid in checks.items():
-        check_value(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)
+        check_range(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)

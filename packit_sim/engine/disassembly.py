@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.checks import Range, check_value
+from packit_sim.core.checks import Range, check_range
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.items import Contents, PlacedItem
@@ -121,7 +121,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Rou
     ArgumentError
         If `moves` is less than 1.
     """
-    check_value("moves", moves, Range(1))
+    check_range("moves", moves, Range(1))
     placed = box.placed
     return tuple(find_route(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.checks import check_value
+from packit_sim.core.checks import check_range
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.packs import Task
@@ -202,7 +202,7 @@ def evaluate(
     players = [_player(agent) for agent in ([agents] if isinstance(agents, str) else agents)]
     file = None if file is None else Path(file)
     numbers = range(len(tasks)) if numbers is None else numbers
-    check_value(
+    check_range(
         "numbers", numbers, (len(numbers) == len(tasks), f"one for each of the {len(tasks)} tasks")
     )
     numbered = dict(zip(numbers, tasks, strict=True))
@@ -238,7 +238,7 @@ def _player(agent: Agent | str) -> Agent:
     if isinstance(agent, str):
         return Agent.from_name(agent)
     valid = 'an Agent, or a name such as "largest-first/aligned/blbf"'
-    check_value("agent", agent, (isinstance(agent, Agent), valid))
+    check_range("agent", agent, (isinstance(agent, Agent), valid))
     return agent
 
 

@@ -8,7 +8,7 @@ import fast_simplification
 import numpy as np
 import trimesh
 
-from packit_sim.core.checks import Range, check_value
+from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -51,8 +51,8 @@ class Simplification:
 
     def __post_init__(self) -> None:
         if self.max_triangles is not None:
-            check_value("max_triangles", self.max_triangles, Range(4))
-        check_value("max_error", self.max_error, Range(0, 1, "(]"))
+            check_range("max_triangles", self.max_triangles, Range(4))
+        check_range("max_error", self.max_error, Range(0, 1, "(]"))
 
     def __call__(self, shape: Shape) -> tuple[QuantizedMesh, float]:
         """Simplify a shape's mesh.

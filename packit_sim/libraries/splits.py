@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from packit_sim.core.checks import Range, check_value
+from packit_sim.core.checks import Range, check_range
 
 Split = Literal["train", "test", "validation"]
 
@@ -50,7 +50,7 @@ def divide(
     Every split gets `most` shapes of each category, or an equal share of a category with fewer than
     three times as many. A remainder goes to the splits with the fewest shapes in total.
     """
-    check_value("most", most, Range(1), "shape of a category in a split")
+    check_range("most", most, Range(1), "shape of a category in a split")
     members = defaultdict(list)
     for id in sorted(categories):
         members[groups[id]].append(id)

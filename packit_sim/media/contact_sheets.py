@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from PIL.ImageFont import FreeTypeFont
 
-from packit_sim.core.checks import Range, check_value
+from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
@@ -105,7 +105,7 @@ def picture(shape: Shape, side: int = 256) -> RGBImage:
     ArgumentError
         If the side is out of range.
     """
-    check_value("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
+    check_range("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
     with Scene(_box_of(shape)) as scene:
         return scene.snapshot(side, side, _LOOK).image
 
@@ -140,9 +140,9 @@ def contact_sheet(
     ArgumentError
         If the side is out of range, there are less than 1 columns, or there are no tiles.
     """
-    check_value("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
+    check_range("side", side, Range(MIN_SIDE, MAX_SIDE), "pixels")
     if columns is not None:
-        check_value("columns", columns, Range(1))
+        check_range("columns", columns, Range(1))
     pictures = []
     with Scene(_EMPTY) as scene:
         for label, content in tiles:

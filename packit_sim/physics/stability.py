@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from packit_sim.core.checks import POSITIVE, check_value
+from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
 from packit_sim.placement import Contents, ItemInBox
@@ -65,7 +65,7 @@ def stability(
     PhysicsError
         If an item can't be decomposed into convex pieces.
     """
-    check_value("distance", distance, POSITIVE)
+    check_range("distance", distance, POSITIVE)
     return Stability(settle(box, settings), settle_each(box, settings), distance)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from packit_sim.core.checks import POSITIVE, Range, check_value
+from packit_sim.core.checks import POSITIVE, Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.shapes import UP_AXES, Axis
 from packit_sim.render.cameras import ISO, Camera
@@ -42,7 +42,7 @@ class Cut:
     def __post_init__(self) -> None:
         if self.axis not in UP_AXES:
             raise ArgumentError(f"axis {self.axis!r} of a cut is not known: choose from x, y, z")
-        check_value("a cut at", self.at, POSITIVE)
+        check_range("a cut at", self.at, POSITIVE)
 
     @property
     def dimension(self) -> int:
@@ -87,7 +87,7 @@ class Look:
         if self.box not in BOX_STYLES:
             choices = ", ".join(BOX_STYLES)
             raise ArgumentError(f"box {self.box!r} is not known: choose from {choices}")
-        check_value("explode", self.explode, Range(0, ends="[)"))
+        check_range("explode", self.explode, Range(0, ends="[)"))
         if len(self.background) != 3 or not all(0 <= c <= 255 for c in self.background):
             raise ArgumentError(f"background {self.background!r} must be three numbers of 0 to 255")
 
