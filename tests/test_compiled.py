@@ -68,3 +68,73 @@ def test_where_nothing_can_be_kept_it_compiles_each_time_and_says_so(
         done = run(installed, no_folder)
         assert int(done.stdout) == 1 << turned
         assert done.stderr.count("compiling the placement engine") == 1
+
+
+MANY = """
+import sys
+from subprocess import PIPE, Popen
+running = [Popen([sys.executable, "-c", sys.argv[1]], stdout=PIPE, stderr=PIPE, text=True)
+           for _ in range(4)]
+for each in running:
+    out, err = each.communicate()
+    print("compiled" in out, "compiling" in err, each.returncode)
+"""
+
+COUNTED = f"""
+from numba.core import event
+class Listener(event.Listener):
+    def on_start(self, event):
+        if event.data["dispatcher"].py_func.__name__ == "turn_words":
+            print("compiled")
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Listener())
+{SCRIPT}
+"""
+
+
+def test_processes_that_start_together_compile_and_announce_once(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", MANY, COUNTED],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line.split() for line in done.stdout.splitlines()]
+    assert [code for _, _, code in rows] == ["0"] * 4, done.stdout
+    assert [compiled for compiled, _, _ in rows].count("True") == 1
+    assert [announced for _, announced, _ in rows].count("True") == 1
+
+
+WORKERS = """
+import numpy as np
+from packit_sim.core.parallel import Workers
+def turn(word):
+    from packit_sim.geometry.bits import turning_swaps
+    from packit_sim.geometry.word_kernels import turn_words
+    words = np.array([word], dtype=np.uint64)
+    turn_words(words, turning_swaps(1))
+    return int(words[0])
+with Workers(3) as workers:
+    print(sum(workers.map(turn, [(n,) for n in range(12)])))
+"""
+
+
+def test_kernels_of_workers_are_announced_once_by_the_process_that_starts_them(
+    tmp_path: Path,
+) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = [
+        subprocess.run(
+            [sys.executable, "-c", WORKERS],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for _ in range(2)
+    ]
+    assert done[0].stdout == done[1].stdout
+    assert [each.stderr.count("compiling the placement engine") for each in done] == [1, 0]

@@ -2,6 +2,8 @@ import dataclasses
 import itertools
 import pickle
 import re
+import subprocess
+import sys
 import threading
 import urllib.request
 from dataclasses import replace
@@ -551,3 +553,15 @@ def test_a_page_shows_the_box_as_it_fills(tasks, caplog) -> None:
         assert env.render() is None
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(address, timeout=10)
+
+
+@pytest.mark.parametrize("name", ["PackIt-v0", "PackItEasy-v0", "PackItPhysics-v0"])
+def test_gymnasium_imports_the_package_that_an_id_names(name) -> None:
+    code = f"""
+import sys, gymnasium
+assert "packit_sim" not in sys.modules
+env = gymnasium.make("packit_sim:{name}")
+print(type(env.unwrapped).__name__, env.spec.id)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["PackItEnv", name], done.stderr

@@ -261,3 +261,35 @@ def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
     packit("reproduce", "table1", *common, "--quick")
     with pytest.raises(PackItError, match="no table or figure 'table2': choose from table1, beam"):
         packit("reproduce", "table2", *common)
+
+
+def test_agents_may_be_names_and_workers_a_number(tasks, rollouts) -> None:
+    assert evaluate(NAMES, tasks, seed=2, workers=2) == rollouts
+    (one,) = evaluate("random/random/random", tasks[:1], seed=2)
+    assert one == rollouts[3]
+    mixed = [Agent.from_name(NAMES[0]), NAMES[1]]
+    assert evaluate(mixed, tasks, seed=2) == rollouts[:6]
+
+
+def test_the_library_of_tasks_is_found(tasks) -> None:
+    assert [task.digest for task in load_tasks("starter")[:3]] == [task.digest for task in tasks]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"agents": ["best/aligned/blbf"]}, "no shape policy 'best'"),
+        ({"agents": [7]}, 'agent 7 is not possible: an Agent, or a name such as "largest-first'),
+        ({"workers": -1}, "-1 workers are not possible"),
+        ({"numbers": [1, 2]}, r"numbers \[1, 2\] is not possible: one for each of the 3 tasks"),
+    ],
+)
+def test_arguments_of_evaluate_that_are_not_possible(wrong, message, tasks) -> None:
+    arguments = {"agents": NAMES, "tasks": tasks, "seed": 0, **wrong}
+    with pytest.raises(PackItError, match=message):
+        evaluate(**arguments)
+
+
+def test_tasks_keep_the_numbers_of_their_dataset(tasks, rollouts) -> None:
+    found = evaluate(NAMES[:1], tasks[1:], seed=2, numbers=[1, 2])
+    assert found == rollouts[1:3]

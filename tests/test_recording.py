@@ -388,3 +388,17 @@ def test_minari_finds_a_recording_by_its_id(tmp_path, monkeypatch) -> None:
         patched.setenv("MINARI_DATASETS_PATH", str(tmp_path / "all"))
         assert minari.load_dataset("packit/shapes-v2").total_steps == 2
         assert "packit/shapes-v2" in minari.list_local_datasets()
+
+
+@not_recreatable
+def test_two_recorders_cannot_write_to_one_path(tasks, tmp_path) -> None:
+    path = tmp_path / "twice"
+    with Recorder(PackItEnv(tasks[:1], **SHAPE_ONLY), path) as first:
+        with pytest.raises(PackItError, match=f"{path}: process {os.getpid()} is at work there"):
+            Recorder(PackItEnv(tasks[:1], **SHAPE_ONLY), path)
+        _, info = first.reset(seed=0)
+        first.step(int(np.flatnonzero(info["action_mask"])[0]))
+    assert minari.MinariDataset(path).total_episodes == 1
+    with pytest.raises(RecordingError, match=f"{path} exists: choose another path"):
+        record(PackItEnv(tasks[:1], **SHAPE_ONLY), path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["home", "twice"]

@@ -163,6 +163,8 @@ def compare_command(
 
     With one file its agents are compared with each other; with two files the first's agents are
     compared with the second's.
+
+    Example: packit compare mine.jsonl yours.jsonl
     """
     if len(results) > 2:
         raise ArgumentError(f"{len(results)} files can't be compared: give one or two")

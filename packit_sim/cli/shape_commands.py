@@ -29,7 +29,7 @@ from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import UNITS_CM, Unit
-from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.libraries.sources import ShapeInfo, listed
 from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.media.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE
@@ -234,7 +234,8 @@ def import_command(
 ) -> None:
     """Import meshes as a library: repaired, simplified, divided into splits, with a report.
 
-    Each mesh is read in a separate process with limited memory and time. From ShapeNet the paper's
+    Each mesh is read in a separate process with limited memory and time. A file becomes one rigid
+    shape, even if its scene has several parts. From ShapeNet the paper's
     three subsets are taken: 100 shapes of each category, or a third.
 
     Example: packit shapes import folder:meshes --unit mm --out my-library
@@ -283,6 +284,14 @@ def import_command(
     console.print(_report_table(outcomes))
     kept = sum(outcome.problem is None for outcome in outcomes)
     console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")
+    if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
+        console.print(
+            f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
+            "shape; to pack them separately, write each part to a file of its own.",
+            style="yellow",
+            markup=False,
+            soft_wrap=True,
+        )
     if not kept:
         raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
     print_written(out, f": {ShapeLibrary.open(out)}")
@@ -365,18 +374,19 @@ def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, st
 
 
 def _report_table(outcomes: Sequence[Outcome]) -> Table:
-    """Create a table of outcomes: refused meshes first, then repaired ones."""
+    """Create a table of outcomes: refused meshes first, then those that were changed most."""
     columns = ("mesh", "triangles", "error", "watertight", "outcome")
     table = simple_table(*columns)
     notable = [outcome for outcome in outcomes if outcome.problem is not None]
-    notable += [outcome for outcome in outcomes if outcome.repairs]
-    notable += [o for o in outcomes if o.problem is None and not o.repairs]
+    kept = [outcome for outcome in outcomes if outcome.problem is None]
+    notable += sorted(kept, key=lambda o: (o.parts == 1, not o.repairs))
     for outcome in notable[:MOST_ROWS]:
         info = outcome.info
         if info is None:
             table.add_row(escape(outcome.name), "", "", "", f"[red]{escape(outcome.problem or '')}")
             continue
         done = [] if outcome.id == outcome.name else [f"renamed {outcome.id}"]
+        done += [f"{outcome.parts} parts joined"] if outcome.parts > 1 else []
         counts = asdict(outcome.repairs) if outcome.repairs else {}
         done += [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
         table.add_row(

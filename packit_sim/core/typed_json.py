@@ -49,6 +49,8 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as problem:
         raise error(_sentence(str(problem), _parsed(data), kind, what)) from None
+    except UnicodeDecodeError:
+        raise error("not JSON: it is not text in UTF-8") from None
     except (ValueError, RecursionError) as problem:
         raise error(f"not JSON: {problem}") from None
 

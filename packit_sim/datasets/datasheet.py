@@ -177,7 +177,7 @@ def page(
     name = path.name if path.is_dir() else path.stem
     content = {
         "name": name,
-        "command": shlex.join(["packit", "packs", "datasheet", str(source), *licensed]),
+        "command": shlex.join(["packit", "datasets", "datasheet", str(source), *licensed]),
         "library": LibraryRef.of(library),
         "parts": parts,
         "splits": [part.split for part in parts],

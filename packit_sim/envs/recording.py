@@ -9,6 +9,7 @@ import json
 import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +22,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from packit_sim.core.errors import PackItError, StateError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import claimed
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
@@ -88,6 +90,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     ------
     RecordingError
         If the path exists.
+    BusyError
+        If another recorder writes to the path.
     MissingPackageError
         If the extra `learn` is not installed.
 
@@ -122,6 +126,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if self.path.exists():
             raise RecordingError(f"{self.path} exists: choose another path for the recording")
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._claim = ExitStack()
+        self._claim.enter_context(
+            claimed(self.path.with_name(f".{self.path.name}.lock"), self.path)
+        )
         self._played: _Played | None = None
         self._count = 0
         self._staging: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(
@@ -207,7 +215,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         staging, self._staging = self._staging, None
         try:
             if staging is not None:
-                with staging:
+                with self._claim, staging:
                     self._finish()
                     if self._count:
                         self._folder.rename(self.path)
@@ -216,7 +224,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def __exit__(self, *raised: Any) -> bool:
         if raised[0] is not None and self._staging is not None:
-            self._staging.cleanup()
+            with self._claim:
+                self._staging.cleanup()
             self._staging = None
         return super().__exit__(*raised)
 

@@ -110,6 +110,8 @@ class Outcome:
         The repairs, if it was kept.
     info : ShapeInfo, optional
         The metadata, if it was kept.
+    parts : int
+        The number of meshes in its file's scene, which became one rigid shape.
     """
 
     id: str
@@ -120,6 +122,7 @@ class Outcome:
     triangles_read: int | None = None
     repairs: Repairs | None = None
     info: ShapeInfo | None = None
+    parts: int = 1
 
 
 def import_library(
@@ -231,12 +234,18 @@ def _prepared(
         try:
             for outcome, future in futures:
                 try:
-                    mesh, info, repairs, triangles = future.result()
+                    done: _Prepared = future.result()
                 except Exception as error:  # one bad mesh must not stop the import of the others
                     yield replace(outcome, problem=_problem(error, settings)), None
                 else:
-                    kept = replace(outcome, triangles_read=triangles, repairs=repairs, info=info)
-                    yield kept, mesh
+                    kept = replace(
+                        outcome,
+                        triangles_read=done.triangles_read,
+                        repairs=done.repairs,
+                        info=done.info,
+                        parts=done.parts,
+                    )
+                    yield kept, done.mesh
         except BaseException:
             pool.stop()
             raise
@@ -257,10 +266,19 @@ def _problem(error: Exception, settings: ImportSettings) -> str:
             return f"unexpected: {error!r:.200}"
 
 
-def _prepare(
-    candidate: Candidate, settings: ImportSettings
-) -> tuple[QuantizedMesh, ShapeInfo, Repairs, int]:
-    """Return the mesh, its metadata and repairs, and the number of triangles that were read."""
+@dataclass(frozen=True)
+class _Prepared:
+    """A mesh to store with its metadata, and what was read and repaired."""
+
+    mesh: QuantizedMesh
+    info: ShapeInfo
+    repairs: Repairs
+    triangles_read: int
+    parts: int
+
+
+def _prepare(candidate: Candidate, settings: ImportSettings) -> _Prepared:
+    """Read, repair and simplify a mesh."""
     raw = candidate.read()
     shape, repairs = Shape.repaired(
         raw.mesh, candidate.id, candidate.category, up=settings.up or raw.up
@@ -276,7 +294,8 @@ def _prepare(
         candidate = replace(candidate, size_cm=(x, y, z))
     mesh, error = settings.simplification(shape)
     kept = Shape(mesh.mesh(), shape.id, shape.category)
-    return mesh, candidate.info(kept, float(f"{error + 5e-6:.5f}")), repairs, len(raw.mesh.faces)
+    info = candidate.info(kept, float(f"{error + 5e-6:.5f}"))
+    return _Prepared(mesh, info, repairs, len(raw.mesh.faces), raw.parts)
 
 
 def _grouped(

@@ -73,11 +73,14 @@ class RawMesh:
         The axis that points up, "x", "y" or "z".
     unit_cm : float, optional
         Centimetres in the file's unit of length, if the file or its format defines it.
+    parts : int
+        The number of meshes in the file's scene, counting every instance.
     """
 
     mesh: trimesh.Trimesh
     up: str = "z"
     unit_cm: float | None = None
+    parts: int = 1
 
 
 def read(file: Path) -> RawMesh:
@@ -145,7 +148,7 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         raise MeshError(f"{triangles:,} triangles are too many: at most {MAX_TRIANGLES:,}")
     if triangles < expected:
         raise MeshError(f"only {triangles:,} of its {expected:,} triangles could be read")
-    return RawMesh(scene.to_mesh(), up, unit_cm)
+    return RawMesh(scene.to_mesh(), up, unit_cm, sum(name in meshes for name in placed))
 
 
 def _check_ply(content: bytes) -> int:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +18,8 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import RawMesh
+
+_log = logging.getLogger(__name__)
 
 SHAPES_BUDGET = 2 * 2**30
 """Maximum size of all cached shapes of the process: bytes of their vertices and faces."""
@@ -217,8 +222,22 @@ class Source(ABC):
         """Load the shape of an id without the cache."""
         candidate = self.candidate(id)
         raw = candidate.read()
+        if raw.parts > 1:
+            _warn_of_parts(candidate.source, raw.parts)
         with located(candidate.source, MeshError):
             return Shape.from_mesh(raw.mesh, id, candidate.category, up=raw.up)
+
+
+@cache
+def _warn_of_parts(file: str, parts: int) -> None:
+    """Log once, and not in each worker, that a file's meshes are joined."""
+    if current_process().name == "MainProcess":
+        _log.warning(
+            "%s: its %d parts become one rigid shape; to pack them separately, write each part to "
+            "a file of its own",
+            file,
+            parts,
+        )
 
 
 @bounded_cache(
