@@ -95,7 +95,7 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog=f"Documentation: {DOCUMENTATION}")
+@app.callback(epilog=f"Start with `packit demo`. Documentation: {DOCUMENTATION}")
 def configure(
     verbose: Annotated[
         int,
@@ -110,10 +110,7 @@ def configure(
         ),
     ] = False,
 ) -> None:
-    """Pack real 3D shapes into a box, exactly.
-
-    Start with `packit demo`; it takes a minute and writes into the folder demo.
-    """
+    """Pack real 3D shapes into a box, exactly."""
     if verbose:
         handler = RichHandler(console=Console(stderr=True), show_path=False)
         for name in LOGGERS:
