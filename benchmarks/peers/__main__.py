@@ -4,8 +4,8 @@
 
 Each peer packs the items of a task, then the items of two tasks together, which never all fit in
 one box. Every packing, also PackIt-Sim's own, is checked by its meshes (see `validity`). Prints
-tables, and writes `benchmarks/results/peers.json` and `.png`. Packings that are already in the file
-are not repeated unless the peer's settings changed.
+tables, and writes `benchmarks/results/peers.json` and `docs/images/benchmark-peers.png`. Packings
+that are already in the file are not repeated unless the peer's settings changed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from benchmarks.common import argument_parser, machine
+from benchmarks.common import argument_parser, machine, plot_file
 from benchmarks.peers import picture
 from benchmarks.peers.cuboids import Cuboids
 from benchmarks.peers.heightmaps import Heightmaps
@@ -184,8 +184,9 @@ def main() -> None:
         chosen = [each for each in means if each.together == together]
         if chosen:
             console.print(summary_table(chosen))
-    picture.save(means, arguments.out / "peers.png")
-    console.print(f"wrote {file} and peers.png next to it")
+    plot = plot_file(arguments.out, "peers")
+    picture.save(means, plot)
+    console.print(f"wrote {file} and {plot}")
 
 
 if __name__ == "__main__":
