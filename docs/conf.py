@@ -41,7 +41,6 @@ nitpick_ignore_regex = [
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
 internal classes that signatures name."""
-suppress_warnings = ["toc.empty_glob"]
 
 html_theme = "furo"
 html_title = "PackIt-Sim"

@@ -159,6 +159,28 @@ def test_sliders_and_choices_change_what_is_seen(shown, card) -> None:
     assert difference(whole, picture(card)) < TOLERANCE / 4
 
 
+def test_at_1280_pixels_nothing_scrolls_sideways(chromium, tmp_path) -> None:
+    """Long names of agents wrap: neither the page nor a table has a horizontal scroll bar."""
+    names = (
+        "largest-fitting-first/lowest/maximal-contact+beam=4",
+        "largest-first/aligned/blbf+beam=4",
+        "random/random/random",
+    )
+    played = results(tmp_path / "played.jsonl", {name: [34, 9] for name in names})
+    text = page("A report", Runs.read([played]), None, "packit report")
+    (tmp_path / "report.html").write_text(text, encoding="utf-8")
+    wide = chromium.new_page(viewport={"width": 1280, "height": 900})
+    wide.goto((tmp_path / "report.html").as_uri())
+    sizes = wide.evaluate(
+        """[document.documentElement, ...document.querySelectorAll(".scroll")]
+        .map((part) => [part.scrollWidth, part.clientWidth, part.innerText.length])"""
+    )
+    assert wide.locator("tbody th").first.inner_text() == names[0]
+    wide.close()
+    assert len(sizes) >= 3 and all(length for _, _, length in sizes)
+    assert all(needed <= there for needed, there, _ in sizes), sizes
+
+
 def test_tables_are_sorted_by_their_headings(shown) -> None:
     table = shown.locator("#scores table")
     reward = table.locator("thead th", has_text="reward")
