@@ -192,8 +192,10 @@ def parse(words: Sequence[str]) -> None:
         if done.exit_code:
             raise
         return
-    for agent in context.params.get("agent") or ():
-        Agent.from_name(agent)
+    agents = context.params.get("agent") or ()
+    for agent in [agents] if isinstance(agents, str) else agents:
+        if "@" not in agent:  # then it names a file of weights
+            Agent.from_name(agent)
 
 
 @pytest.mark.parametrize("page", pages_with("console"))
