@@ -56,6 +56,9 @@ autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {
+    name: name for name in ("Mask", "Triple", "Observation", "Floats", "Ints", "RGBImage")
+}
 autoclass_content = "class"
 python_use_unqualified_type_names = True
 napoleon_google_docstring = False
