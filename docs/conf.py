@@ -33,6 +33,7 @@ extensions = [
 exclude_patterns = ["examples", "static", "templates"]
 templates_path = ["templates"]
 root_doc = "index"
+default_role = "py:obj"
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!packit_sim\b|packit_agents\b).*"),
@@ -62,6 +63,7 @@ autodoc_type_aliases = {
 autoclass_content = "class"
 python_use_unqualified_type_names = True
 napoleon_google_docstring = False
+napoleon_use_ivar = True
 napoleon_use_rtype = False
 napoleon_preprocess_types = False
 

@@ -1,4 +1,4 @@
-"""The public interface of the placement engine: where an item fits in a box (DESIGN: Feasible).
+"""The public interface of the placement engine: where an item fits in a box.
 
 `feasible` computes the exact mask over all grid nodes, `blbf` the bottom-left-back-fill location,
 and `oracle` the same mask by a plain loop over all locations: slow, obvious, and always equal.

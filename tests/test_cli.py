@@ -40,7 +40,7 @@ def pixels(path: Path) -> np.ndarray:
 def hides(placed: PlacedItem, other: PlacedItem) -> bool:
     """Whether a whole part of the other is within a wall of an item too thin for inner fine cells.
 
-    Nothing crosses there, and no cell tells: such an item is feasible (DESIGN: Feasible).
+    Nothing crosses there, and no cell tells: such an item is feasible (docs/concepts/exactness.md).
     """
     parts, others = (
         trimesh.Trimesh(p.item.mesh.vertices + p.center, p.item.mesh.faces, process=False).split(

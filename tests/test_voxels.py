@@ -1,4 +1,4 @@
-"""Outer and inner fine cells compared with DESIGN's definitions in numpy and scipy."""
+"""Outer and inner fine cells compared with their definitions in numpy and scipy."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Means with their uncertainty: 95% bootstrap intervals (DESIGN: the environment)."""
+"""Means with their uncertainty: 95% bootstrap intervals."""
 
 from __future__ import annotations
 

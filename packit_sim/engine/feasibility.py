@@ -1,8 +1,9 @@
-"""Feasible locations of an item in a box, exactly (DESIGN: Feasible).
+"""Feasible locations of an item in a box, exactly.
 
 Cheap filters come first: cell boxes, then the words of fine cells, and FCL for the few locations
 that the words leave open. Items in the box may be on the grid or off it; the candidate is on the
-grid. `oracle.oracle` computes the same by a plain loop; the two always agree.
+grid. `oracle.oracle` computes the same by a plain loop; the two always agree. What fits is defined
+in docs/concepts/exactness.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 PackIt's authors suggest it (paper, section 4). An item is *clear* at a location if it can be lifted
 from there out of the box's open top: no placed item is above any part of it. As for feasibility
-(DESIGN: Feasible), fine cells and collision meshes define this, for each placed item:
+(docs/concepts/exactness.md), fine cells and collision meshes define this, for each placed item:
 
 - no inner fine cell of the placed item is at or above an outer fine cell of the item, no outer one
   at or above an inner one, and

@@ -1,4 +1,4 @@
-"""The oracle: the definition of a feasible location as a plain loop (DESIGN: Feasible)."""
+"""The oracle: the definition of a feasible location as a plain loop."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Screening: the state of a location by its cells alone, which is blocked, free or open.
 
 Blocked: a fine cell is inner for one item and outer for another. Free: no outer fine cell is
-shared. Both are proofs (DESIGN: Feasible); at open locations the meshes decide.
+shared. Both are proofs (docs/concepts/exactness.md); at open locations the meshes decide.
 """
 
 from __future__ import annotations

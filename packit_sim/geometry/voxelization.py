@@ -49,8 +49,8 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
 
     Notes
     -----
-    Fine cells that are not reached are outer; those that are not touched either are inner
-    (DESIGN: Shapes).
+    Fine cells that are not reached are outer; those that are not touched either are
+    inner.
     """
     if max(cells) > MAX_CELLS:
         raise ArgumentError(
@@ -87,7 +87,7 @@ def lattice_cells(
 
 
 def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
-    """Estimate the volume that an open surface encloses (DESIGN: Shapes).
+    """Estimate the volume that an open surface encloses.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class Voxels:
     bricks : ndarray
         (n, 3) int16, place of each brick in the cell box, in grid steps.
     outer, inner : Words
-        (n,) uint64, the outer and the inner cells of each brick (DESIGN: Shapes).
+        (n,) uint64, the outer and the inner cells of each brick; see docs/concepts/grid.md.
     first : ndarray
         (n + 1,) int32, where each brick's rows of `fine` start; the last is their number.
     fine : Words
