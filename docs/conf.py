@@ -38,7 +38,10 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!packit_sim\b|packit_agents\b).*"),
     ("py:.*", r"packit_sim\..*\._\w+"),
-    ("py:.*", r"packit_sim\.(box\.BaseBox|engine\..*|libraries\.sources\.Source)"),
+    (
+        "py:.*",
+        r"packit_sim\.(box\.BaseBox|engine\..*|geometry\.voxels\.Voxels|libraries\.sources\.Source)",
+    ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
 internal classes that signatures name."""
