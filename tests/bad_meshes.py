@@ -94,7 +94,7 @@ FACET = (
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     **{f"empty{s}": (text(""), "the file is empty") for s in (".stl", ".obj", ".glb", ".3mf")},
     "blank.off": (text(" \n\n"), "the file is empty"),
-    "noise.stl": (data(bytes(range(256)) * 9), "neither ASCII nor has 2,304 bytes"),
+    "noise.stl": (data(bytes(range(256)) * 9), "not ASCII, and 2,304 bytes"),
     "noise.3mf": (data(bytes(range(256)) * 9), "no ZIP archive"),
     "noise.glb": (data(bytes(range(256)) * 9), "does not begin as a GLB"),
     "noise.dae": (data(bytes(range(256)) * 9), "can't be read as DAE"),
@@ -132,7 +132,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "many.stl": (
         data(b"\0" * 80 + struct.pack("<I", 10_000_000) + b"\0" * 900),
-        "neither ASCII nor has 984 bytes",
+        "not ASCII, and 984 bytes",
     ),
     "many.gltf": (
         gltf([POSITIONS | {"count": 10_000_000}], "data:;base64," + "A" * 48),

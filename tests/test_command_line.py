@@ -17,6 +17,7 @@ from packit_sim.cli.app import COMMANDS, app
 from packit_sim.core.errors import PhysicsError
 from packit_sim.core.version import DOCUMENTATION, __version__
 from packit_sim.datasets.pack_files import BUILTIN_DATASETS, builtin_datasets, write_packs
+from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex import decomposition, disk_cache
@@ -364,3 +365,11 @@ def test_the_advice_without_coacd_names_the_option(
     assert "pip install 'packit-sim[physics]'" in failed.stderr
     (advice,) = re.findall(r"(--\w+) bisection", failed.stderr)
     assert advice in options(commands()["score"])
+
+
+def test_environments_find_the_library_of_a_dataset(own: Path, meshes: Path) -> None:
+    with_default = PackItEnv(own).tasks
+    assert [task.digest for task in with_default] == [
+        task.digest for task in PackItEnv(own, meshes).tasks
+    ]
+    assert {item.shape.id for task in with_default for item in task.items} <= {"ball", "brick"}

@@ -31,11 +31,12 @@ def verify_command(
         report = verify_packing(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
     else:
+        opened = open_library(library, dataset, split)
         with progress_bars() as progress:
             bar = progress.add_task("verifying", total=None, note="")
             report = verify_dataset(
                 dataset_file(dataset, split) if split else dataset_path(dataset),
-                open_library(library, dataset, split),
+                opened,
                 lambda done, total: progress.update(bar, completed=done, total=total),
             )
         verdict = f"{report.packs - report.broken} of {report.packs} packs hold"

@@ -71,8 +71,9 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     tasks : str, Path, sequence of Task, or callable
         The name or path of a dataset (see `dataset_file`); tasks; a function that makes one with a
         random generator; or "fresh": made on the fly (see `TaskSampler`).
-    library : str, Path or ShapeLibrary
-        Name, path or open library of the shapes of a dataset or of fresh tasks.
+    library : str, Path or ShapeLibrary, optional
+        Name, path or open library of the shapes. By default the one that a dataset records, or
+        "everyday" for fresh tasks.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
     order : str
@@ -126,7 +127,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     def __init__(
         self,
         tasks: str | Path | Sequence[Task] | TaskMaker = STARTER_PACKS,
-        library: str | Path | ShapeLibrary = "everyday",
+        library: str | Path | ShapeLibrary | None = None,
         *,
         split: str | None = None,
         order: Order = "random",

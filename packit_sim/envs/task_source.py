@@ -10,7 +10,7 @@ import numpy as np
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import load_tasks
+from packit_sim.datasets.pack_files import DEFAULT_LIBRARY, load_tasks
 from packit_sim.datasets.packs import Task
 from packit_sim.generation.task_sampler import TaskSampler
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
@@ -34,8 +34,8 @@ class TaskSource:
     ----------
     tasks : str, Path, sequence of Task, or callable
         As of `PackItEnv`.
-    library : str, Path or ShapeLibrary
-        The library of the shapes of a dataset or of fresh tasks.
+    library : str, Path or ShapeLibrary, optional
+        As of `PackItEnv`.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
     order : {"random", "cycle"}
@@ -59,7 +59,7 @@ class TaskSource:
     def __init__(
         self,
         tasks: str | Path | Sequence[Task] | TaskMaker,
-        library: str | Path | ShapeLibrary,
+        library: str | Path | ShapeLibrary | None,
         split: str | None,
         order: Order,
         cells: Triple | None,
@@ -68,11 +68,13 @@ class TaskSource:
         self.maker: TaskMaker | None = None
         self._order = order
         if isinstance(tasks, str | Path):
-            opened = library if isinstance(library, ShapeLibrary) else ShapeLibrary.open(library)
+            if isinstance(library, str | Path):
+                library = ShapeLibrary.open(library)
             if tasks != FRESH:
-                self.tasks = load_tasks(tasks, opened, split)
+                self.tasks = load_tasks(tasks, library, split)
             else:
-                shapes = opened.split(split) if split else opened
+                shapes = library or ShapeLibrary.open(DEFAULT_LIBRARY)
+                shapes = shapes.split(split) if split else shapes
                 self.maker = TaskSampler(shapes, EvolutionSettings(cells=cells or BOX_CELLS))
         elif split is not None:
             raise ArgumentError(f"split {split!r} is of a dataset or a library: tasks have none")

@@ -137,9 +137,25 @@ class PackCollection:
         tasks: Path | str | None = None,
         tasks_split: str | None = None,
     ) -> PackCollection:
-        """Read a dataset or results (see `dataset_file`), and the tasks that were played.
+        """Read a dataset or results, and the tasks that were played.
 
-        By default the library is the one that the dataset records.
+        Parameters
+        ----------
+        source : Path or str
+            The dataset or results (see `dataset_file`).
+        library : ShapeLibrary, optional
+            The library of the shapes; by default the one that the dataset records.
+        split : str, optional
+            A split of the dataset.
+        tasks : Path or str, optional
+            The dataset that was played.
+        tasks_split : str, optional
+            A split of that dataset.
+
+        Returns
+        -------
+        PackCollection
+            The packs.
         """
         file = dataset_file(source, split)
         packs = read_packs(file)

@@ -189,7 +189,7 @@ def _check_stl(content: bytes) -> int:
     if content.lstrip()[:5].lower() == b"solid":
         return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
     raise MeshError(
-        f"it is neither ASCII nor has {len(content):,} bytes the length of a binary STL"
+        f"it is not ASCII, and {len(content):,} bytes are not the length of a binary STL"
     )
 
 
