@@ -13,7 +13,13 @@ GENERATED = ("docs/gallery/", "docs/reference/api/", "docs/reproduced/")
 
 PAGES = sorted(
     page
-    for page in [*ROOT.glob("*.md"), *DOCS.rglob("*.md")]
+    for folder, pattern in (
+        (ROOT, "*.md"),
+        (ROOT / "assets", "**/*.md"),
+        (ROOT / "benchmarks", "**/*.md"),
+        (DOCS, "**/*.md"),
+    )
+    for page in folder.glob(pattern)
     if not page.relative_to(ROOT).as_posix().startswith(GENERATED)
 )
 
