@@ -228,6 +228,17 @@ def test_the_commands_of_a_page_are_valid(page, tmp_path) -> None:
         raise AssertionError(f"{name(page)}: {text.strip()!r} is not in a console block")
 
 
+def test_the_command_reference_has_every_command_and_its_examples_are_valid() -> None:
+    text = reference()
+    examples = re.findall(r"^\$ packit (.*)$", text, flags=re.MULTILINE)
+    assert len(examples) > 10
+    for example in examples:
+        parse(shlex.split(example))
+    sections = re.findall(r"^### packit (.*)$", text, flags=re.MULTILINE)
+    usages = re.findall(r"^\*\*Usage:\*\* `packit (.*?) \[OPTIONS\]", text, flags=re.MULTILINE)
+    assert sections == usages and len(set(sections)) == len(sections) > 20
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "CHANGELOG"], ids=name)
 def test_commands_in_the_text_exist(page) -> None:
     """`packit evaluate --scores` in a sentence: the command and its options, without a value."""

@@ -72,22 +72,21 @@ def reference() -> str:
 
 def _section(name: str, command: Any) -> Iterator[str]:
     for paragraph in textwrap.dedent(command.help or "").replace("\b", "").split("\n\n"):
-        examples = _examples(paragraph)
-        if examples:
-            yield from ("```console", *(f"$ {line}" for line in examples), "```", "")
-        else:
-            yield from (_plain(" ".join(paragraph.split())), "")
-    usage = " ".join(command.collect_usage_pieces(typer.Context(command)))
-    yield from ("**Usage:** " + f"`{name} {usage}`", "")
+        yield from (_plain(" ".join(paragraph.split())), "")
+    examples = re.findall(r"^ *\$ (.+)$", command.epilog or "", flags=re.MULTILINE)
+    if examples:
+        yield from ("```console", *(f"$ {example}" for example in examples), "```", "")
+    pieces = command.collect_usage_pieces(typer.Context(command))
+    usage = [re.sub(r"^(?:\[\[(.*)\]\]|\{(.*)\})(\.*)$", _usage, piece) for piece in pieces]
+    yield from ("**Usage:** " + _code(" ".join([name, *usage])), "")
     for kind in ("argument", "option"):
         yield from (*_table(command, kind), "")
 
 
-def _examples(paragraph: str) -> list[str]:
-    """List the commands of a paragraph that gives examples; none if it does not."""
-    head, *rest = paragraph.strip().splitlines()
-    match = re.fullmatch(r"Examples?:(.*)", head.strip())
-    return [line.strip() for line in [match[1], *rest] if line.strip()] if match else []
+def _usage(piece: re.Match[str]) -> str:
+    """Write an argument as manuals do: [NAME] if it is optional, else NAME."""
+    optional, required, dots = piece.groups()
+    return (f"[{optional.upper()}]" if optional else required.upper()) + dots
 
 
 def _table(command: Any, kind: str) -> Iterator[str]:
@@ -102,6 +101,8 @@ def _table(command: Any, kind: str) -> Iterator[str]:
         return
     yield from (f"| {kind} | meaning | default, range |", "|---|---|---|")
     for names, meaning in rows:
+        if kind == "argument":
+            names = names.partition(" ")[0].strip("[]").upper()
         match = re.fullmatch(
             r"(.*?)\s*(?:\[((?:default|required|x\b|\d).*)\])?", meaning, re.DOTALL
         )
