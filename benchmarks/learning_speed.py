@@ -39,7 +39,7 @@ AIM = 150
 
 SHARED = {"features_extractor_class": ShapeSetExtractor}
 
-EXAMPLE: dict[str, Any] = {"n_steps": 64, "batch_size": 256, "n_epochs": 4}
+EXAMPLE: dict[str, Any] = {"n_steps": 64, "n_epochs": 4, "gamma": 1.0}
 """Settings of the example in docs/start/train.md, with 8 environments."""
 
 CASES: dict[str, tuple[Any, dict[str, Any], int, bool]] = {

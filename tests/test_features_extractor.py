@@ -165,6 +165,9 @@ def test_packnn_learns_as_a_policy_and_its_weights_play_the_same(tmp_path) -> No
     policy = load_policy(Stage.SHAPE, f"learned@{tmp_path / 'own.safetensors'}")
     assert policy.provenance == {"steps": 64}
     bare = env.unwrapped
+    model.policy.save(tmp_path / "policy.zip")
+    loaded = ActorCritic.load(tmp_path / "policy.zip").state_dict()
+    assert all((value == loaded[name]).all() for name, value in model.policy.state_dict().items())
     rng = np.random.default_rng(0)
     seen, _ = env.reset(seed=5)
     for _ in range(4):

@@ -285,6 +285,47 @@ def test_a_scheme_says_what_is_at_a_path(folder: Path, written: Path) -> None:
     assert copy.digest == ShapeLibrary.open(f"folder:{folder}").digest
 
 
+PLUGIN = """
+import trimesh
+from packit_sim.libraries.sources import Candidate, RawMesh, Source
+
+def read():
+    return RawMesh(trimesh.creation.box([3, 2, 1]))
+
+class Bricks(Source):
+    def __init__(self, path):
+        super().__init__(path, "bricks", "", {"brick": "cuboid"})
+
+    locator = property(lambda self: f"bricks:{self.path}")
+    digest = "0" * 64
+
+    def candidate(self, id):
+        return Candidate(id, "cuboid", read)
+"""
+
+
+def test_a_package_brings_a_source_by_its_entry_point(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "brick_source.py").write_text(PLUGIN)
+    metadata = tmp_path / "brick_source-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: brick-source\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[packit_sim.shape_sources]\nbricks = brick_source:Bricks\nfolder = brick_source:Bricks\n"
+    )
+    file = tmp_path / "bricks.txt"
+    with pytest.raises(LibraryError, match="no shape library 'bricks:"):
+        ShapeLibrary.open(f"bricks:{file}")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(LibraryError, match=f"no shape library 'bricks:.*': there is no {file}"):
+        ShapeLibrary.open(f"bricks:{file}")
+    file.touch()
+    library = ShapeLibrary.open(f"bricks:{file}")
+    assert library["brick"].volume == pytest.approx(6 / 14**1.5)
+    assert pickle.loads(pickle.dumps(library)).source.locator == f"bricks:{file}"
+    with pytest.raises(LibraryError, match="nor a mesh file"):  # own schemes come first
+        ShapeLibrary.open(f"folder:{metadata}")
+
+
 def test_scene_is_flattened_with_its_transforms_and_turned_z_up(folder: Path) -> None:
     mesh = ShapeLibrary.open(folder)["pair"].mesh
     assert mesh.body_count == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,6 +20,9 @@ from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
 
 SCHEMES = ("folder", "shapenet")
 """Prefixes of a path, followed by a colon, that say what is there."""
+
+SOURCES = "packit_sim.shape_sources"
+"""Entry points of other packages: a scheme, and a function of a path that returns a `Source`."""
 
 
 def assets_folder() -> Path:
@@ -78,7 +82,8 @@ class ShapeLibrary:
         ----------
         source : str or Path
             The name of a built-in library ("everyday"); the path of a stored library or of a folder
-            of mesh files; or "folder:PATH" or "shapenet:PATH", which say what is there.
+            of mesh files; or "SCHEME:PATH", where the scheme is "folder", "shapenet" or that of an
+            installed package.
         seed : int, default: 0
             The seed of ShapeNet's splits; other libraries store theirs or have none.
 
@@ -258,7 +263,11 @@ def _source(source: str | Path, seed: int) -> Source:
     if isinstance(source, str) and source in builtin_names():
         return StoredLibrary(assets_folder() / source)
     scheme, colon, path = str(source).partition(":")
-    if not (colon and isinstance(source, str) and scheme in SCHEMES):
+    if not (colon and isinstance(source, str)):
+        scheme, path = "", str(source)
+    elif scheme not in SCHEMES:
+        if path and scheme in (installed := entry_points(group=SOURCES)).names:
+            return _installed(installed[scheme], Path(path))
         scheme, path = "", str(source)
     folder = Path(path)
     if not path or not folder.is_dir():
@@ -275,6 +284,14 @@ def _source(source: str | Path, seed: int) -> Source:
     if (folder / TAXONOMY).exists():
         raise LibraryError(f"{folder}: looks like ShapeNet: open it as 'shapenet:{folder}'")
     return MeshFolder(folder)
+
+
+def _installed(found: EntryPoint, path: Path) -> Source:
+    """Open a source of another package."""
+    if not path.exists():
+        raise LibraryError(f"no shape library '{found.name}:{path}': there is no {path}")
+    source: Source = found.load()(path)
+    return source
 
 
 def _reopened(

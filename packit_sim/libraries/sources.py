@@ -1,4 +1,8 @@
-"""Sources of shapes, and the metadata of shapes."""
+"""Sources of shapes, and the metadata of shapes.
+
+A package adds a source by a subclass of `Source`, announced as an entry point of
+`packit_sim.shape_sources`; its name is the scheme in `ShapeLibrary.open("SCHEME:PATH")`.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +22,8 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import RawMesh
+
+__all__ = ["Candidate", "RawMesh", "ShapeInfo", "Source"]
 
 _log = logging.getLogger(__name__)
 

@@ -10,12 +10,16 @@ import torch
 from gymnasium import spaces
 from sb3_contrib.common.maskable.distributions import MaskableDistribution
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
 from packit_agents.learning.features_extractor import check_features
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_agents.learning.weights import write_weights
 from packit_sim.core.errors import ArgumentError
+
+_ADAM = {"eps": 1e-5, "fused": True}
+"""The settings of stable-baselines3, fused into one kernel."""
 
 
 class ActorCritic(MaskableActorCriticPolicy):
@@ -26,9 +30,12 @@ class ActorCritic(MaskableActorCriticPolicy):
 
     Parameters
     ----------
-    *spaces_and_schedule
-        Observation space (a dict, see `packit_sim.envs.observations`), action space and learning
-        rate schedule, as of the base class.
+    observation_space : spaces.Dict
+        The observation space of the environment, with features.
+    action_space : spaces.Discrete
+        Its action space.
+    lr_schedule : callable
+        The learning rate by the share of the steps that are left.
     settings : NetworkSettings, optional
         Settings of both networks; by default those of the paper.
     **others
@@ -41,19 +48,26 @@ class ActorCritic(MaskableActorCriticPolicy):
     """
 
     def __init__(
-        self, *spaces_and_schedule: Any, settings: NetworkSettings | None = None, **others: Any
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        *,
+        settings: NetworkSettings | None = None,
+        **others: Any,
     ) -> None:
         self._settings = settings or NetworkSettings()
-        observed, actions = spaces_and_schedule[:2]
-        check_features(observed, type(self).__name__)
-        slots = observed["outside"].shape[0]
-        if self._settings.policies == "shape" and actions.n != slots:
+        check_features(observation_space, type(self).__name__)
+        (slots,) = observation_space["outside"].shape or ()
+        if self._settings.policies == "shape" and action_space.n != slots:
             raise ArgumentError(
                 f"a network that chooses one of {slots} shapes can't play an environment with "
-                f"{actions.n} actions: give the environment a rotation and a location policy, such "
-                "as 'aligned' and 'blbf', or the network the setting policies='all'"
+                f"{action_space.n} actions: give the environment a rotation and a location policy, "
+                "such as 'aligned' and 'blbf', or the network the setting policies='all'"
             )
-        super().__init__(*spaces_and_schedule, **others)
+        if "optimizer_class" not in others:
+            others.setdefault("optimizer_kwargs", _ADAM)
+        super().__init__(observation_space, action_space, lr_schedule, **others)
 
     def write_weights(self, path: Path | str, provenance: Mapping[str, Any] | None = None) -> None:
         """Write the policy network as weights, which `learned@PATH` plays with.

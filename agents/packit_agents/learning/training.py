@@ -65,10 +65,6 @@ CHECKPOINT_SECONDS = 30.0
 """Seconds between two checkpoints: what a kill can lose, in addition to an update."""
 
 
-_ADAM = {"eps": 1e-5, "fused": True}
-"""The settings of stable-baselines3, fused into one kernel."""
-
-
 class TrainingError(PackItError, ValueError):
     """A training that can't be started or resumed as requested."""
 
@@ -271,7 +267,7 @@ class Training:
             clip_range=settings.clip,
             ent_coef=settings.entropy,
             vf_coef=settings.value,
-            policy_kwargs={"settings": settings.network, "optimizer_kwargs": _ADAM},
+            policy_kwargs={"settings": settings.network},
             seed=settings.seed,
             device=self._device,
         )
