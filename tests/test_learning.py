@@ -25,7 +25,8 @@ from packit_agents.learning.imitation import IMPOSSIBLE, LABEL, SMALLER, Imitati
 from packit_agents.learning.learned_policies import FIELDS, LearnedShape, log_probabilities, masked
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettings, network
-from packit_agents.learning.training import Training, TrainingError
+from packit_agents.learning.run_folder import TrainingError
+from packit_agents.learning.training import Training
 from packit_agents.learning.training_settings import TrainingSettings, read_settings
 from packit_agents.learning.weights import WeightsError, read_weights, write_weights
 from packit_sim import placement

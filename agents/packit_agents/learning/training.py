@@ -35,12 +35,9 @@ from packit_agents.learning.imitation import LABEL, ImitationPPO, LabellingEnv
 from packit_agents.learning.learned_policies import FIELDS, SHAPE_FIELDS, log_probabilities
 from packit_agents.learning.mixing import Mixture
 from packit_agents.learning.remote_envs import RemoteEnvs
+from packit_agents.learning.run_folder import RunFolder
 from packit_agents.learning.training_settings import TrainingSettings
-from packit_sim.core import typed_json
 from packit_sim.core.confidence import Estimate
-from packit_sim.core.errors import PackItError, located
-from packit_sim.core.files import claimed, replace_text
-from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.envs.env import PackItEnv
@@ -48,7 +45,7 @@ from packit_sim.envs.observations import Observation
 from packit_sim.envs.task_source import FRESH, TaskMaker
 from packit_sim.envs.vector import PackItVectorEnv
 from packit_sim.evaluation.evaluation import evaluate_batched
-from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
+from packit_sim.evaluation.learning_curves import CurvePoint
 from packit_sim.libraries.library import ShapeLibrary
 
 _log = logging.getLogger(__name__)
@@ -59,14 +56,8 @@ RECENT = 200
 VALIDATION_ENVS = 16
 """Number of environments in validation."""
 
-CHECKPOINT = "checkpoint.pt"
-
 CHECKPOINT_SECONDS = 30.0
 """Seconds between two checkpoints: what a kill can lose, in addition to an update."""
-
-
-class TrainingError(PackItError, ValueError):
-    """A training that can't be started or resumed as requested."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +129,7 @@ class Training:
         held_out = settings.validation_packs or settings.packs
         tasks = load_tasks(held_out, library, settings.validation)
         self._validation = tasks[: settings.validation_tasks]
-        self._check_folder()
+        self._run = RunFolder(folder, self._provenance())
         self._device = on_device(device)
         maker = partial(
             _env, self._tasks, self._library, self._env_settings(), settings, self._fields
@@ -187,7 +178,7 @@ class Training:
         BusyError
             If another process works in the folder.
         """
-        with claimed(self.folder / ".lock", self.folder):
+        with self._run.claim():
             if not self.is_over:
                 left = self.settings.steps - self.steps
                 begins = "resumes" if self.steps else "starts"
@@ -273,8 +264,7 @@ class Training:
         )
         model.imitation = settings.imitation
         model.imitation_epochs = settings.imitation_epochs
-        logs = self.folder / "tensorboard"
-        model.set_logger(Logger(None, [TensorBoardOutputFormat(str(logs))]))
+        model.set_logger(Logger(None, [TensorBoardOutputFormat(str(self._run.logs))]))
         return model
 
     def _validate(self) -> None:
@@ -286,21 +276,14 @@ class Training:
         self.curve.append(point)
         _log.info("step %d: validation reward %.3f", point.steps, point.validation.mean)
         if before is None or point.validation.mean > before.validation.mean:
-            self._write_weights("best", point)
-        self._write_weights("last", point)
-        curve = [each.to_json() for each in self.curve]
-        replace_text(self.folder / CURVE_FILE, json.dumps(curve, indent=1) + "\n")
+            self._run.write_weights("best", self.policy, point)
+        self._run.write_weights("last", self.policy, point)
+        self._run.write_curve(self.curve)
 
     def _act(self, observations: Observation) -> npt.NDArray[np.int64]:
         fields = {name: observations[name] for name in self._fields}
         valid = observations["action_mask"].astype(bool)
         return log_probabilities(self.policy.actor, fields, valid).argmax(1)
-
-    def _write_weights(self, name: str, point: CurvePoint) -> None:
-        self.policy.write_weights(
-            self.folder / f"{name}.safetensors",
-            {"version": __version__, **self._provenance(), "point": point.to_json()},
-        )
 
     def _provenance(self) -> dict[str, Any]:
         """Return the settings, and the digests of the tasks and the library."""
@@ -310,28 +293,11 @@ class Training:
         record["library"] = LibraryRef.of(self._library).facts()
         return json.loads(json.dumps(record))
 
-    def _check_folder(self) -> None:
-        file = self.folder / SETTINGS_FILE
-        wanted = self._provenance()
-        if not file.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            replace_text(file, json.dumps(wanted, indent=1) + "\n")
-            return
-        with located(f"{file} can't be read", TrainingError):
-            found = typed_json.decode(file.read_bytes(), dict[str, Any], TrainingError)
-        if found != wanted:
-            old, new = flat(found), flat(wanted)
-            names = [name for name in {**new, **old} if old.get(name) != new.get(name)]
-            raise TrainingError(
-                f"{self.folder} holds a training with another {', '.join(names)}: "
-                "choose another folder"
-            )
-
     def _write(self) -> None:
         """Write the checkpoint atomically."""
         policy, model = self.policy, self._model
         write_checkpoint(
-            self.folder / CHECKPOINT,
+            self._run.checkpoint,
             {"policy": policy.state_dict(), "optimizer": policy.optimizer.state_dict()},
             CheckpointState(
                 steps=self.steps,
@@ -349,10 +315,10 @@ class Training:
     def _restore(self) -> None:
         """Resume from the checkpoint, if there is one."""
         self._written = time.monotonic()
-        found = read_checkpoint(self.folder / CHECKPOINT, self._device)
+        found = read_checkpoint(self._run.checkpoint, self._device)
         assert isinstance(self._envs.action_space, spaces.Discrete)
         self._model.dataset = DaggerDataset(
-            self.folder / "dagger_dataset",
+            self._run.dagger_dataset,
             int(self._envs.action_space.n),
             0 if found is None else found[1].steps,
         )
