@@ -152,10 +152,26 @@ def check_readme(names: dict[str, Any], output: str) -> None:
     assert Path("packed.png").stat().st_size > 1000
 
 
+def check_training(names: dict[str, Any], output: str) -> None:
+    assert names["model"].num_timesteps == 512
+    assert len(names["rollouts"]) == len(names["test"].tasks)
+    for file in ("packer.zip", "mine.jsonl", "mine.safetensors"):
+        assert Path(file).stat().st_size > 1000, file
+
+
+def check_extensions(names: dict[str, Any], output: str) -> None:
+    assert output.count("flattest-first/aligned/blbf, task ") == 3
+    placed = names["env"].unwrapped.episode.box.placed
+    assert placed and max(4 * each.location[2] + each.item.cells[2] for each in placed) <= 60
+    assert list(names["library"]) == ["brick", "cube", "plank"]
+
+
 CHECKED = {
     "README.md": check_readme,
     "docs/guides/agents.md": check_search,
     "docs/guides/physics.md": check_physics,
+    "docs/start/extend.md": check_extensions,
+    "docs/start/train.md": check_training,
 }
 """What must hold after the code of a page, with its names and its output."""
 
