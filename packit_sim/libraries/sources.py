@@ -1,7 +1,7 @@
 """Sources of shapes, and the metadata of shapes.
 
-A package adds a source by a subclass of `Source`, announced as an entry point of
-`packit_sim.shape_sources`; its name is the scheme in `ShapeLibrary.open("SCHEME:PATH")`.
+A package adds a source by a subclass of `Source`, announced as an entry point of the group
+"packit_sim.shape_sources". Its name is the scheme in `ShapeLibrary.open("SCHEME:PATH")`.
 """
 
 from __future__ import annotations
