@@ -60,6 +60,7 @@ types: $(STAMP) ## mypy
 	@$(BIN)/mypy
 
 docs: $(STAMP) ## the documentation site, into build/site; a warning is an error
+	@rm -rf docs/reference/api
 	@$(BIN)/sphinx-build -q -W -n --keep-going -d build/doctrees docs build/site
 	@echo "open build/site/index.html"
 
