@@ -38,13 +38,14 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!packit_sim\b|packit_agents\b).*"),
     ("py:.*", r"packit_sim\..*\._\w+"),
+    ("py:obj", r"packit_sim\.(\w+_policies|searches|commands|shape_sources)"),
     (
         "py:.*",
         r"packit_sim\.(box\.BaseBox|engine\..*|geometry\.voxels\.Voxels|libraries\.sources\.Source)",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
-internal classes that signatures name."""
+internal classes that signatures name, and groups of entry points."""
 
 html_theme = "furo"
 html_title = "PackIt-Sim"

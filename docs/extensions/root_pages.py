@@ -16,8 +16,9 @@ PAGES = {
     "ARCHITECTURE.md": "docs/project/architecture.md",
     "CHANGELOG.md": "docs/project/changelog.md",
     "CONTRIBUTING.md": "docs/project/contributing.md",
+    "assets/README.md": "docs/reference/datasets.md",
 }
-"""The page of each file of the root."""
+"""The page of each file that the included ones link to."""
 
 
 def relink(app: Sphinx, path: Path, page: str, content: list[str]) -> None:
