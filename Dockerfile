@@ -11,7 +11,8 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 COPY . /src
-RUN pip install --no-cache-dir --constraint /src/constraints.txt /src
+RUN pip install --no-cache-dir --constraint /src/constraints.txt /src \
+    && bash /src/scripts/slim-pybullet.sh /usr/local
 
 RUN useradd --create-home --uid 1000 packit && mkdir /work && chown packit /work
 USER 1000

@@ -20,7 +20,7 @@ help: ## this list
 
 setup: $(STAMP) ## everything for developers into .venv, once; EXTRAS=dev,cluster for more, EXTRAS= for less
 
-SET_UP_BY := pyproject.toml constraints.txt packit_sim/core/version.py scripts/setup.sh scripts/system-packages.sh
+SET_UP_BY := pyproject.toml constraints.txt packit_sim/core/version.py scripts/setup.sh scripts/slim-pybullet.sh scripts/system-packages.sh
 
 $(STAMP): $(SET_UP_BY)
 	@bash scripts/system-packages.sh $(if $(EXTRAS),egl chromium,egl)

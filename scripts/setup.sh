@@ -21,7 +21,7 @@ esac
     fail "$python has no venv: on Debian and Ubuntu, apt install python$version-venv"
 
 case ,$extras, in
-    ,,) size="0.6 GB" && [ "$version" != 3.11 ] || size="0.9 GB" ;;
+    ,,) size="0.6 GB" ;;
     *,dev,* | *,learn,* | *,all,* | *,bench,*)
         size="2.5 GB with a CPU build of torch, 6 GB with a CUDA build" ;;
     *) size="about 1 GB" ;;
@@ -47,4 +47,5 @@ if [ ! -e $venv ]; then
 fi
 $venv/bin/python -m pip --disable-pip-version-check install --progress-bar off \
     --constraint constraints.txt --editable ".${extras:+[$extras]}" | progress
+bash scripts/slim-pybullet.sh $venv
 echo "$venv is ready"

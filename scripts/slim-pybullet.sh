@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Removes from an environment what PyBullet's wheel has and PackIt-Sim never uses: the debug symbols of
+# its library (126 MB) and the robots and scenes of its examples (142 MB).
+#
+#     scripts/slim-pybullet.sh .venv
+set -euo pipefail
+
+for packages in "$1"/lib/python3*/site-packages; do
+    rm -rf "$packages/pybullet_data" "$packages/pybullet_envs"
+    for library in "$packages"/pybullet.*.so; do
+        if [ -e "$library" ] && command -v strip > /dev/null; then
+            strip --strip-debug "$library"
+        fi
+    done
+done
