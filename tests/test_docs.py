@@ -240,8 +240,12 @@ def test_the_commands_of_a_page_are_valid(page, tmp_path) -> None:
                 assert find_spec(words[1]), line
             for chosen in re.findall(r"packit-sim\[([\w,]+)\]", line):
                 assert set(chosen.split(",")) <= set(extras), line
-    for text in re.findall(r"^ {4}\$? ?packit .*", read(page), flags=re.MULTILINE):
-        raise AssertionError(f"{name(page)}: {text.strip()!r} is not in a console block")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_are_in_console_blocks(page) -> None:
+    """Otherwise nothing checks them."""
+    assert re.findall(r"^ {4}\$? ?packit .*", read(page), flags=re.MULTILINE) == []
 
 
 def test_the_command_reference_has_every_command_and_its_examples_are_valid() -> None:
