@@ -14,12 +14,14 @@ COPY . /src
 RUN pip install --no-cache-dir --constraint /src/constraints.txt /src \
     && bash /src/scripts/slim-pybullet.sh /usr/local
 
-RUN useradd --create-home --uid 1000 packit && mkdir /work && chown packit /work
+# Any user may run the image, and finds the compiled kernels.
+ENV NUMBA_CACHE_DIR=/var/cache/packit/kernels \
+    PACKIT_CACHE=/var/cache/packit/shapes
+RUN useradd --create-home --uid 1000 packit \
+    && mkdir --mode 777 /work /var/cache/packit
 USER 1000
 WORKDIR /work
-
-# Compiles and caches the kernels, and shows that the image works.
-RUN packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo
+RUN umask 000 && packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo
 
 ENTRYPOINT ["packit"]
 CMD ["--help"]
