@@ -20,6 +20,7 @@ from packit_sim.datasets.pack_files import BUILTIN_DATASETS, builtin_datasets, w
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import read_results
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.physics import world
 from packit_sim.physics.convex import decomposition, disk_cache
 from tests.runs import Ran, rollout
 from tests.runs import run_packit as packit
@@ -373,3 +374,39 @@ def test_environments_find_the_library_of_a_dataset(own: Path, meshes: Path) -> 
         task.digest for task in PackItEnv(own, meshes).tasks
     ]
     assert {item.shape.id for task in with_default for item in task.items} <= {"ball", "brick"}
+
+
+@pytest.mark.parametrize(
+    ("command", "package", "extra"),
+    [
+        ("train --out x", "torch", "learn"),
+        ("train --out x", "stable_baselines3", "learn"),
+        ("evaluate starter --tasks 1 --agent packnn/aligned/blbf", "torch", "learn"),
+        ("view starter --no-browser", "viser", "view"),
+        ("film starter --out x.mp4", "imageio_ffmpeg", "view"),
+        ("figures --out x", "matplotlib", "report"),
+        ("datasets stats starter --out x.png", "matplotlib", "report"),
+        ("datasets datasheet starter --out x.md", "jinja2", "report"),
+        ("reproduce table1 --quick", "matplotlib", "report"),
+        ("report few.jsonl --out x.html", "jinja2", "report"),
+        ("generate --out x --backend ray", "ray", "cluster"),
+        ("score few.jsonl --pieces bisection", "pybullet", "physics"),
+        ("evaluate few.jsonl --physics --pieces bisection", "pybullet", "physics"),
+    ],
+)
+def test_a_missing_package_names_its_extra_before_any_work(
+    command: str, package: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(tmp_path / "cache"))
+    write_packs(tmp_path / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
+    before = sorted(tmp_path.iterdir())
+    for name in list(sys.modules):
+        if name.partition(".")[0] == package or name.startswith("packit_agents.learning."):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    world._pybullet.cache_clear()
+    failed = packit(*command.split(), cwd=tmp_path)
+    assert failed.returncode == 2, failed.stdout
+    assert failed.stderr.count("\n") == 1
+    assert f"pip install 'packit-sim[{extra}]'" in failed.stderr
+    assert sorted(tmp_path.iterdir()) == before

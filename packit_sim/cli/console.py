@@ -27,6 +27,7 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.convex.decomposition import Decomposition, decompose_all, is_cached
 from packit_sim.physics.settings import DecompositionSettings, Method
+from packit_sim.physics.world import require_engine
 
 console = Console()
 
@@ -91,7 +92,8 @@ def decompose_shown(
     settings: DecompositionSettings | None = None,
     workers: int | None = None,
 ) -> None:
-    """Decompose the shapes that are in no cache yet into convex pieces, with a progress bar."""
+    """Decompose the shapes that are in no cache yet for a simulation, with a progress bar."""
+    require_engine()
     missing = [
         shape
         for shape in {shape.digest: shape for shape in shapes}.values()

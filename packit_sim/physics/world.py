@@ -279,6 +279,11 @@ class World:
         return found
 
 
+def require_engine() -> None:
+    """Raise MissingPackageError if PyBullet is missing; call it before long work."""
+    _pybullet()
+
+
 @functools.cache
 def _pybullet() -> Any:
     """Import PyBullet, which takes a tenth of a second and prints its build time."""
