@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
@@ -21,6 +22,9 @@ _log = logging.getLogger("packit_sim")
 
 LOCK_SECONDS = 60.0
 """Maximum time to wait for another process that compiles; after it this process compiles too."""
+
+POLL_SECONDS = 0.02
+"""Time between two attempts to lock the file."""
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -77,25 +81,47 @@ def _folder() -> Path | None:
 
 
 class _ProcessLock:
-    """A lock file for all processes that compile; where it can't be had, nothing is locked."""
+    """A lock file for all processes that compile, only used by the holder of numba's lock.
+
+    Where it can't be had nothing is locked: compiling twice costs time alone. It is not a
+    `filelock`, whose lock around fork() would be taken before numba's, and within it here.
+    """
 
     def __init__(self, path: Path) -> None:
-        from filelock import FileLock  # slow to import
-
-        self._lock = FileLock(path, timeout=LOCK_SECONDS, thread_local=False)
-        self._held: list[bool] = []
+        self._path = path
+        self._depth = 0
+        self._descriptor: int | None = None
 
     def __enter__(self) -> None:
-        try:
-            self._lock.acquire()
-        except (OSError, NotImplementedError):  # Timeout is an OSError; compiling twice costs time
-            self._held.append(False)
-        else:
-            self._held.append(True)
+        self._depth += 1
+        if self._depth == 1:
+            self._descriptor = self._locked()
 
     def __exit__(self, *raised: object) -> None:
-        if self._held.pop():
-            self._lock.release()
+        self._depth -= 1
+        if self._depth == 0 and self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _locked(self) -> int | None:
+        """Return the descriptor of the locked file."""
+        try:
+            import fcntl
+
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+        except (ImportError, OSError):
+            return None
+        end = time.monotonic() + LOCK_SECONDS
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return descriptor
+            except BlockingIOError:
+                time.sleep(POLL_SECONDS)
+            except OSError:  # a file system without locks
+                break
+        os.close(descriptor)
+        return None
 
 
 @cache
