@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_files import (
     builtin_datasets,
     dataset_files,
     dataset_path,
     load_tasks,
-    manifest_path,
     read_packs,
     write_packs,
 )

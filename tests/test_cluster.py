@@ -113,7 +113,7 @@ def wait_for(holds, seconds: float = 120.0) -> None:
 def check(file: Path, local: Path, arrived: list[tuple[int, Pack]], packs: int = 6) -> None:
     """Each pack is there once, and equal to the local run's."""
     assert sorted(number for number, _ in arrived) == list(range(packs))
-    for suffix in (".jsonl", ".manifest.json"):
+    for suffix in (".jsonl", ".jsonl.manifest.json"):
         assert file.with_suffix(suffix).read_bytes() == local.with_suffix(suffix).read_bytes()
     assert not jobs.work_folder(file).exists()
 

@@ -150,7 +150,7 @@ def own(meshes: Path, tmp_path: Path) -> Path:
 
 
 def test_a_dataset_records_its_library(own: Path, meshes: Path, tmp_path: Path) -> None:
-    manifest = json.loads((own / "packs.manifest.json").read_text())
+    manifest = json.loads((own / "packs.jsonl.manifest.json").read_text())
     (library,) = manifest["libraries"]
     assert library["source"] == f"folder:{meshes}"
     assert library["digest"] == ShapeLibrary.open(meshes).digest
@@ -167,7 +167,8 @@ def test_a_dataset_records_its_library(own: Path, meshes: Path, tmp_path: Path) 
         assert done.returncode == 0, done.stderr
     again = packit("generate", "--library", meshes, *SMALL, "--out", own)
     assert (
-        again.returncode == 0 and json.loads((own / "packs.manifest.json").read_text()) == manifest
+        again.returncode == 0
+        and json.loads((own / "packs.jsonl.manifest.json").read_text()) == manifest
     )
 
 
@@ -184,7 +185,7 @@ def test_a_library_that_moved_or_changed_is_named(own: Path, meshes: Path, tmp_p
 
 
 def test_a_dataset_without_a_recorded_library_says_so(own: Path) -> None:
-    manifest = own / "packs.manifest.json"
+    manifest = own / "packs.jsonl.manifest.json"
     record = json.loads(manifest.read_text())
     del record["libraries"][0]["source"]
     manifest.write_text(json.dumps(record))
@@ -196,9 +197,9 @@ def test_a_dataset_without_a_recorded_library_says_so(own: Path) -> None:
 def test_packs_of_several_libraries_need_a_choice(tmp_path: Path, own: Path) -> None:
     lines = (own / "packs.jsonl").read_text()
     (tmp_path / "both.jsonl").write_text(lines)
-    record = json.loads((own / "packs.manifest.json").read_text())
+    record = json.loads((own / "packs.jsonl.manifest.json").read_text())
     record["libraries"].append({**record["libraries"][0], "name": "other"})
-    (tmp_path / "both.manifest.json").write_text(json.dumps(record))
+    (tmp_path / "both.jsonl.manifest.json").write_text(json.dumps(record))
     failed = packit("verify", tmp_path / "both.jsonl")
     assert failed.returncode == 2 and "several libraries, 'meshes'" in failed.stderr
 
@@ -206,7 +207,7 @@ def test_packs_of_several_libraries_need_a_choice(tmp_path: Path, own: Path) -> 
 def test_the_demos_own_folder_is_a_dataset(tmp_path: Path) -> None:
     write_packs(tmp_path / "packs.jsonl", [rollout("a/b/c", 0, 9).pack])
     shutil.copy(tmp_path / "packs.jsonl", tmp_path / "results.jsonl")
-    shutil.copy(tmp_path / "packs.manifest.json", tmp_path / "results.manifest.json")
+    shutil.copy(tmp_path / "packs.jsonl.manifest.json", tmp_path / "results.jsonl.manifest.json")
     verified = packit("verify", tmp_path)
     assert verified.returncode == 0, verified.stdout
     assert "2 of 2 packs hold" in verified.stdout

@@ -74,7 +74,7 @@ def test_a_dataset_has_its_packs_by_seed_and_nothing_else_is_left(
     assert all(verify(pack, library) == [] for pack in generated)
     assert {item.shape for pack in generated for item in pack.items} <= set(library.ids)
     names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == ["train.jsonl", "train.manifest.json"]
+    assert names == ["train.jsonl", "train.jsonl.manifest.json"]
     tasks = load_tasks(tmp_path, ShapeLibrary.open("everyday"), "train")
     assert [task.pack for task in tasks] == generated
 
@@ -136,7 +136,7 @@ def test_a_killed_generator_resumes_and_ends_in_the_same_packs(undisturbed, tmp_
     assert read_packs(file) == undisturbed
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "train.jsonl",
-        "train.manifest.json",
+        "train.jsonl.manifest.json",
     ]
 
 
@@ -236,11 +236,11 @@ def test_a_full_disk_stops_it_and_loses_nothing(
         patched.setattr(os, "fsync", full)
         with pytest.raises(OSError, match="No space left"):
             generate(order(library), file)
-    assert read_packs(file, manifest=False)[:1] == undisturbed[:1]
+    assert read_packs(file)[:1] == undisturbed[:1]
     assert generate(order(library), file) == undisturbed
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "train.jsonl",
-        "train.manifest.json",
+        "train.jsonl.manifest.json",
     ]
 
 

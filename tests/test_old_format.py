@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.pack_files import manifest_path, read_packs, write_packs
+from packit_sim.datasets.manifests import manifest_path
+from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import (
     UNKNOWN_PROVENANCE,

@@ -6,8 +6,9 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
+from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import load_tasks, manifest_path, read_packs, write_packs
+from packit_sim.datasets.pack_files import load_tasks, read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
@@ -41,7 +42,10 @@ def test_reading_back_is_the_identity(pack, tmp_path) -> None:
     path = tmp_path / "new folder" / "packs.jsonl"
     write_packs(path, [pack, pack])
     assert read_packs(path) == [pack, pack]
-    assert sorted(p.name for p in path.parent.iterdir()) == ["packs.jsonl", "packs.manifest.json"]
+    assert sorted(p.name for p in path.parent.iterdir()) == [
+        "packs.jsonl",
+        "packs.jsonl.manifest.json",
+    ]
     manifest = json.loads(manifest_path(path).read_text())
     assert manifest["packs"] == 2 and manifest["libraries"][0]["name"] == "zoo"
 
@@ -151,7 +155,9 @@ def test_files_that_are_no_dataset_are_refused(pack, tmp_path) -> None:
     path = tmp_path / "packs.jsonl"
     write_packs(path, [pack, pack])
     path.write_text(pack.to_json() + "\n")
-    with pytest.raises(PackFormatError, match=r"not the file that packs.manifest.json describes"):
+    with pytest.raises(
+        PackFormatError, match=r"not the file that packs.jsonl.manifest.json describes"
+    ):
         read_packs(path)
     manifest_path(path).write_text("{}")
     with pytest.raises(PackFormatError, match="is no manifest"):

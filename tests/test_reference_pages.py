@@ -14,7 +14,7 @@ from gymnasium import spaces
 
 from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
 from packit_sim.datasets import packings, packs, provenance
-from packit_sim.datasets.pack_files import Manifest, manifest_path
+from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
 from packit_sim.game.episode import End

@@ -265,7 +265,7 @@ def test_the_command_writes_one_file(tmp_path) -> None:
     assert SOLUTION in text and text.count('<figure class="card">') == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "played.jsonl",
-        "played.manifest.json",
+        "played.jsonl.manifest.json",
         "report.html",
     ]
 

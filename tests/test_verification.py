@@ -15,7 +15,8 @@ from packit_sim import EvolutionSettings, evolve, placement
 from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.pack_files import dataset_file, manifest_path, read_packs, write_packs
+from packit_sim.datasets.manifests import manifest_path
+from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
 from packit_sim.datasets.packings import verify_packing, winding_number
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved, Other, Played
@@ -418,12 +419,12 @@ def manifest_with(**changes: Any) -> Callable[[Path], object]:
 
 
 def manifest_text(text: str) -> Callable[[Path], object]:
-    return lambda folder: (folder / "train.manifest.json").write_text(text)
+    return lambda folder: (folder / "train.jsonl.manifest.json").write_text(text)
 
 
 def without(key: str) -> Callable[[Path], object]:
     def damage(folder: Path) -> None:
-        path = folder / "train.manifest.json"
+        path = folder / "train.jsonl.manifest.json"
         manifest = json.loads(path.read_text())
         del manifest[key]
         path.write_text(json.dumps(manifest))
@@ -438,7 +439,7 @@ def add_byte(folder: Path) -> None:
 
 def exchange_files(folder: Path) -> None:
     """The train split under the name of the test split, and the other way round."""
-    for suffix in (".jsonl", ".manifest.json"):
+    for suffix in (".jsonl", ".jsonl.manifest.json"):
         one, other = folder / f"train{suffix}", folder / f"test{suffix}"
         first = one.read_bytes()
         one.write_bytes(other.read_bytes())
@@ -480,12 +481,12 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "an empty file": (bytes_of(lambda data: b""), "train.jsonl: it holds no packs"),
     "one byte more": (
         add_byte,
-        "train.manifest.json: field 'sha256' is .*, of train.jsonl it is",
+        "train.jsonl.manifest.json: field 'sha256' is .*, of train.jsonl it is",
     ),
     "a wrong digest": (manifest_with(sha256="0" * 64), "manifest.json: field 'sha256' is '000"),
     "a wrong number": (manifest_with(packs=3), "'packs' is 3, of train.jsonl it is 2"),
     "a number that is none": (manifest_with(packs=2.0), "'packs' is 2.0: expected int"),
-    "no digest": (without("sha256"), "train.manifest.json: field 'sha256' is missing"),
+    "no digest": (without("sha256"), "train.jsonl.manifest.json: field 'sha256' is missing"),
     "no number": (without("packs"), "field 'packs' is missing"),
     "no libraries": (without("libraries"), "field 'libraries' is missing"),
     "no version": (without("version"), "field 'version' is missing"),
@@ -493,14 +494,14 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "a manifest of another format": (manifest_with(format=9), "'format' is 9"),
     "a manifest of another split": (manifest_with(split="test"), "several splits: 'train', 'test'"),
     "no manifest": (
-        lambda folder: (folder / "train.manifest.json").unlink(),
-        "train.jsonl: it has no manifest train.manifest.json",
+        lambda folder: (folder / "train.jsonl.manifest.json").unlink(),
+        "train.jsonl: it has no manifest train.jsonl.manifest.json",
     ),
-    "no JSON for a manifest": (manifest_text("{"), "train.manifest.json: not JSON"),
+    "no JSON for a manifest": (manifest_text("{"), "train.jsonl.manifest.json: not JSON"),
     "a list for a manifest": (manifest_text("[]"), "a manifest must be a JSON object, not list"),
     "a manifest alone": (
         lambda folder: (folder / "train.jsonl").unlink(),
-        "train.manifest.json: there is no file that this manifest describes",
+        "train.jsonl.manifest.json: there is no file that this manifest describes",
     ),
     "files exchanged": (exchange_files, "is a shape of split test, the pack is of train"),
 }
@@ -526,7 +527,7 @@ def test_one_run_reports_all_problems(files, library, tmp_path) -> None:
     lines = _problem_lines(report)
     for found in (
         "test.jsonl, pack 2: line 3",
-        "test.manifest.json: field 'packs'",
+        "test.jsonl.manifest.json: field 'packs'",
         "recorded as 0.9",
     ):
         assert found in lines

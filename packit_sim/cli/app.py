@@ -8,12 +8,12 @@ from importlib.metadata import entry_points
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
 from typer.core import TyperGroup
 
 from packit_sim.cli import agent_commands, dataset_commands, shape_commands
+from packit_sim.cli.console import PlainConsole
 from packit_sim.cli.demo_command import demo_command
 from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
 from packit_sim.cli.figure_commands import figures_command
@@ -112,7 +112,7 @@ def configure(
 ) -> None:
     """Pack real 3D shapes into a box, exactly."""
     if verbose:
-        handler = RichHandler(console=Console(stderr=True), show_path=False)
+        handler = RichHandler(console=PlainConsole(stderr=True), show_path=False)
         for name in LOGGERS:
             logger = logging.getLogger(name)
             logger.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
@@ -139,4 +139,4 @@ def _print_error(message: str) -> None:
     """Print a message as one line; none if it is empty, because the help was printed instead."""
     if line := " ".join(message.split("\n")).strip():
         text = f"[bold red]error:[/] {escape(line)}"
-        Console(stderr=True).print(text, highlight=False, soft_wrap=True)
+        PlainConsole(stderr=True).print(text, highlight=False, soft_wrap=True)

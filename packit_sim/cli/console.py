@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,6 +18,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.parallel import BackendName
@@ -29,7 +30,27 @@ from packit_sim.physics.convex.decomposition import Decomposition, decompose_all
 from packit_sim.physics.settings import DecompositionSettings, Method
 from packit_sim.physics.world import require_engine
 
-console = Console()
+_VISIBLE: dict[int, int | str] = {
+    **{code: 0x2400 + code for code in range(0x20) if chr(code) != "\n"},
+    **dict.fromkeys([*range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)], "\ufffd"),
+}
+"""What is printed for control characters and for those that change the direction of writing."""
+
+
+class PlainConsole(Console):
+    """A console to which no text can send commands: names may come from files that others wrote."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                yield Segment(segment.text.translate(_VISIBLE), segment.style)
+
+
+console = PlainConsole()
 
 LibraryOption = Annotated[
     str,

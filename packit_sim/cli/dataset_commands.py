@@ -24,15 +24,9 @@ from packit_sim.core import templates
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
+from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.datasets.original import Original, read_original
-from packit_sim.datasets.pack_files import (
-    BUILTIN_DATASETS,
-    WHOLE,
-    Manifest,
-    dataset_files,
-    manifest_path,
-    write_packs,
-)
+from packit_sim.datasets.pack_files import BUILTIN_DATASETS, WHOLE, dataset_files, write_packs
 from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots

@@ -201,7 +201,7 @@ def _done(order: GenerationJob, file: Path) -> dict[int, Pack]:
     """Return the last pack of each finished evolution by number."""
     if not file.exists():
         return {}
-    packs = read_packs(file, manifest=False)
+    packs = read_packs(file)
     return {
         pack.provenance.seed - order.seed: pack
         for pack in packs

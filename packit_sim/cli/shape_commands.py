@@ -22,7 +22,13 @@ from packit_sim.cli.console import (
     prepare_folder,
     progress_bars,
 )
-from packit_sim.cli.output import print_written, simple_table, write_json
+from packit_sim.cli.output import (
+    NOTHING_WRITTEN,
+    print_written,
+    simple_table,
+    stoppable,
+    write_json,
+)
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
@@ -261,7 +267,7 @@ def import_command(
     except LibraryError:
         splits = None
     ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
-    with progress_bars() as progress:
+    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("importing", total=len(ids), note="")
 
         def advance(outcome: Outcome) -> None:

@@ -12,6 +12,7 @@ from packit_sim.cli.console import (
     open_library,
     progress_bars,
 )
+from packit_sim.cli.output import stoppable
 from packit_sim.datasets.pack_files import dataset_file, dataset_path
 from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.verification import verify_dataset
@@ -32,7 +33,7 @@ def verify_command(
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
     else:
         opened = open_library(library, dataset, split)
-        with progress_bars() as progress:
+        with stoppable("the check is not complete"), progress_bars() as progress:
             bar = progress.add_task("verifying", total=None, note="")
             report = verify_dataset(
                 dataset_file(dataset, split) if split else dataset_path(dataset),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import tempfile
 from collections.abc import Iterator
@@ -25,23 +26,33 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Parameters
     ----------
     path : Path
-        The file to write.
+        The file to write; of a symbolic link, its target is written.
 
     Yields
     ------
     BinaryIO
         The temporary file, in the same folder.
+
+    Raises
+    ------
+    OSError
+        If the disk is full, or the folder can't be written; the error has the path.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    target = followed(path)
+    name = None
     try:
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=_prefix(target))
         with os.fdopen(handle, "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
         os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
+        os.replace(name, target)
+    except BaseException as error:
+        if name is not None:
+            Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError) and _concerns(error, target):
+            raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 
 
@@ -49,6 +60,24 @@ def replace_text(path: Path, text: str) -> None:
     """Write a text file in UTF-8, whole or not at all."""
     with replacing(path) as file:
         file.write(text.encode())
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove temporary files of `replacing` that a killed process left; the caller has the lock."""
+    target = followed(path)
+    for left in target.parent.glob(f"{glob.escape(_prefix(target))}{'[a-z0-9_]' * 8}"):
+        left.unlink(missing_ok=True)
+
+
+def followed(path: Path) -> Path:
+    """Return the file behind a path: the target of a symbolic link, or else the path itself."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def lock_path(path: Path) -> Path:
+    """Return the lock file of a file or folder, the same for every path that leads there."""
+    target = followed(path)
+    return target.with_name(f".{target.name}.lock")
 
 
 @contextmanager
@@ -85,11 +114,27 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
             "or stop it and repeat the command"
         ) from None
     try:
-        lock.write_text(str(os.getpid()))
+        try:
+            lock.write_text(str(os.getpid()))
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(lock)) from None
         yield
     finally:
         lock.unlink(missing_ok=True)  # before the release: another process may then hold the path
         held.release()
+
+
+def _prefix(target: Path) -> str:
+    """Return how the names of temporary files for a path begin."""
+    return f".{target.name}."
+
+
+def _concerns(error: OSError, target: Path) -> bool:
+    """Whether an error concerns writing of a file: it has no file name, or a temporary one."""
+    if error.errno is None:
+        return False
+    named = error.filename
+    return named is None or os.path.basename(os.fsdecode(named)).startswith(_prefix(target))
 
 
 def _holder(lock: Path) -> str:

@@ -15,14 +15,8 @@ from typing import Any
 from packit_sim.core import templates
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import (
-    WHOLE,
-    Manifest,
-    dataset_files,
-    dataset_path,
-    manifest_path,
-    read_packs,
-)
+from packit_sim.datasets.manifests import Manifest, find_manifest
+from packit_sim.datasets.pack_files import WHOLE, dataset_files, dataset_path, read_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.datasets.statistics import DatasetStatistics
@@ -227,7 +221,8 @@ def _shared_objects(parts: Sequence[SplitSummary], library: ShapeLibrary) -> set
 def _version(file: Path) -> str | None:
     """Return the version in the manifest, if there is one."""
     try:
-        return Manifest.read(manifest_path(file)).version
+        found = find_manifest(file, file.read_bytes())
+        return None if found is None else Manifest.read(found).version
     except PackFormatError:
         return None
 

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from msgspec import Struct
-
-from packit_sim.core import typed_json
 from packit_sim.core.errors import LibraryError, PackFormatError, located
-from packit_sim.core.files import replace_text
-from packit_sim.core.version import __version__
-from packit_sim.datasets.packs import FORMAT, LibraryRef, Pack, Task
-from packit_sim.datasets.provenance import Count
+from packit_sim.datasets.manifests import Manifest, find_manifest, write_described
+from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.libraries.library import ShapeLibrary, assets_folder, builtin_names
 from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
-from packit_sim.libraries.splits import SPLITS, Split
+from packit_sim.libraries.splits import SPLITS
 
 STARTER_PACKS = "starter"
 """The name of the small built-in dataset."""
@@ -35,63 +28,6 @@ BUILTIN_DATASETS = {
 
 DEFAULT_LIBRARY = "everyday"
 """The built-in library of the built-in datasets."""
-
-
-class Manifest(Struct, frozen=True, omit_defaults=True):
-    """The record next to a file of packs.
-
-    Attributes
-    ----------
-    format : int
-        The version of the file's format.
-    version : str
-        The version of PackIt-Sim that wrote the file.
-    packs : int
-        The number of packs.
-    sha256 : str
-        The SHA-256 of the file, in hex.
-    libraries : tuple of LibraryRef
-        The libraries of the packs, in the order of their first pack.
-    split : Split, optional
-        The split of the library that the packs' shapes belong to.
-    """
-
-    format: int
-    version: str
-    packs: Count
-    sha256: str
-    libraries: tuple[LibraryRef, ...]
-    split: Split | None = None
-
-    @classmethod
-    def read(cls, path: Path) -> Manifest:
-        """Read a manifest.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-
-        Returns
-        -------
-        Manifest
-            The record.
-
-        Raises
-        ------
-        PackFormatError
-            If the file can't be read or is not a manifest; the message does not name the file.
-        """
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise PackFormatError(str(error.strerror)) from None
-        return typed_json.decode(data, cls, PackFormatError, "a manifest")
-
-
-def manifest_path(path: Path) -> Path:
-    """Return the path of a dataset's manifest."""
-    return path.with_suffix(".manifest.json")
 
 
 def builtin_datasets() -> tuple[str, ...]:
@@ -294,13 +230,14 @@ def recorded_library(refs: Iterable[LibraryRef], where: Path | str) -> ShapeLibr
 
 def _recorded(file: Path) -> tuple[LibraryRef, ...]:
     """Return the libraries of a file's manifest, or else that of its first readable pack."""
-    described = manifest_path(file)
-    if described.exists():
+    data = read_bytes(file)
+    described = find_manifest(file, data)
+    if described is not None:
         try:
             return Manifest.read(described).libraries
         except PackFormatError:
             pass  # reported by whatever reads the packs
-    for _, line in numbered_lines(read_bytes(file)):
+    for _, line in numbered_lines(data):
         try:
             return (Pack.from_json(line).library,)
         except PackFormatError:
@@ -326,32 +263,26 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
         The file; its folder is created.
     packs : iterable of Pack
         The packs.
+
+    Raises
+    ------
+    PackFormatError
+        If a file that is not a manifest has the name of the manifest.
     """
     path = Path(path)
     packs = list(packs)
-    text = "".join(pack.to_json() + "\n" for pack in packs)
-    libraries = _with_sources(pack.library for pack in packs)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    manifest = Manifest(FORMAT, __version__, len(packs), digest, libraries)
+    data = "".join(pack.to_json() + "\n" for pack in packs).encode()
     path.parent.mkdir(parents=True, exist_ok=True)
-    replace_text(path, text)
-    record = typed_json.builtins(manifest)
-    record["libraries"] = [
-        ref.facts() if ref.source is None else {**ref.facts(), "source": ref.source}
-        for ref in libraries
-    ]
-    replace_text(manifest_path(path), json.dumps(record, indent=1) + "\n")
+    write_described(path, data, len(packs), _with_sources(pack.library for pack in packs))
 
 
-def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
-    """Read a file of packs.
+def read_packs(path: Path | str) -> list[Pack]:
+    """Read a file of packs, and compare it with its manifest if it has one.
 
     Parameters
     ----------
     path : Path or str
         The JSON Lines file.
-    manifest : bool, default: True
-        Whether to compare the file with its manifest, if it has one.
 
     Returns
     -------
@@ -374,15 +305,15 @@ def read_packs(path: Path | str, *, manifest: bool = True) -> list[Pack]:
             raise PackFormatError(f"{path}, line {number}: {error}") from None
     if not packs:
         raise PackFormatError(f"{path} holds no packs")
-    described = manifest_path(path)
-    if manifest and described.exists():
+    described = find_manifest(path, data)
+    if described is not None:
         with located(f"{described} is no manifest", PackFormatError):
-            described_as = Manifest.read(described)
-        if described_as.sha256 != hashlib.sha256(data).hexdigest():
+            manifest = Manifest.read(described)
+        if not manifest.describes(data):
             raise PackFormatError(
                 f"{path} is not the file that {described.name} describes: its SHA-256 differs"
             )
-        refs = {ref: ref for ref in described_as.libraries}
+        refs = {ref: ref for ref in manifest.libraries}
         packs = [
             dataclasses.replace(pack, library=refs.get(pack.library, pack.library))
             for pack in packs

@@ -17,15 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
-from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
-from packit_sim.datasets.pack_files import (
-    WHOLE,
+from packit_sim.datasets.manifests import (
+    SUFFIX,
     Manifest,
-    folder_files,
+    find_manifest,
+    former_manifest_path,
     manifest_path,
-    numbered_lines,
-    read_bytes,
 )
+from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
+from packit_sim.datasets.pack_files import WHOLE, folder_files, numbered_lines, read_bytes
 from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.provenance import Evolved, Played, Provenance
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
@@ -295,15 +295,17 @@ def _check_folder(folder: Path, parts: Sequence[_PackFile], check: _DatasetCheck
         if part.file.stem not in names and not part.is_results:
             choices = ", ".join(names)
             check.add(part.file, None, f"a file of this folder can't have this name: {choices}")
-    for manifest in sorted({*folder.glob("*.manifest.json")} - {*map(manifest_path, files)}):
-        check.add(manifest, None, "there is no file that this manifest describes")
+    former = {*map(former_manifest_path, files)}
+    for manifest in sorted({*folder.glob(f"*{SUFFIX}")} - former):
+        if not manifest.with_name(manifest.name.removesuffix(SUFFIX)).exists():
+            check.add(manifest, None, "there is no file that this manifest describes")
 
 
 def _check_manifest(part: _PackFile, check: _DatasetCheck) -> Manifest | None:
     """Compare a manifest with its file; None if there is no manifest."""
-    path = manifest_path(part.file)
-    if not path.exists():
-        check.add(part.file, None, f"it has no manifest {path.name}")
+    path = find_manifest(part.file, part.data)
+    if path is None:
+        check.add(part.file, None, f"it has no manifest {manifest_path(part.file).name}")
         return None
     try:
         manifest = Manifest.read(path)

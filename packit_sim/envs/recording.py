@@ -22,7 +22,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from packit_sim.core.errors import PackItError, StateError
 from packit_sim.core.extras import needed_for
-from packit_sim.core.files import claimed
+from packit_sim.core.files import claimed, lock_path
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
@@ -127,9 +127,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             raise RecordingError(f"{self.path} exists: choose another path for the recording")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._claim = ExitStack()
-        self._claim.enter_context(
-            claimed(self.path.with_name(f".{self.path.name}.lock"), self.path)
-        )
+        self._claim.enter_context(claimed(lock_path(self.path), self.path))
         self._played: _Played | None = None
         self._count = 0
         self._staging: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(

@@ -15,7 +15,8 @@ from pathlib import Path
 from msgspec import structs
 
 from packit_sim.core.errors import PackItError
-from packit_sim.core.files import claimed
+from packit_sim.core.files import claimed, lock_path
+from packit_sim.datasets import manifests
 from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import Played
@@ -274,8 +275,10 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsSto
     BusyError
         If another process works on the file; also whatever `read_results` raises.
     """
-    alone = nullcontext() if file is None else claimed(file.with_name(f".{file.name}.lock"), file)
+    alone = nullcontext() if file is None else claimed(lock_path(file), file)
     with alone:
+        if file is not None:
+            manifests.prepare(file)
         store = ResultsStore(file, agents)
         yield store
         store.write()

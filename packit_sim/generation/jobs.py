@@ -22,8 +22,9 @@ from msgspec import Struct
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError
-from packit_sim.core.files import claimed, replace_text
+from packit_sim.core.files import claimed, followed, replace_text
 from packit_sim.core.parallel import Workers
+from packit_sim.datasets import manifests
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
@@ -163,8 +164,7 @@ def generate(
     """
     folder = work_folder(file)
     with _locked(folder):
-        for half_written in file.parent.glob(f".{file.name}.*"):
-            half_written.unlink()
+        manifests.prepare(file)
         done = _finished(job, file)
         _check_job(job, folder / JOB_FILE)
         if done:
@@ -187,7 +187,8 @@ def generate(
 
 def work_folder(file: Path) -> Path:
     """Return the folder of a dataset's checkpoints, which exists until all packs are finished."""
-    return file.with_name(f".{file.stem}.making")
+    target = followed(file)
+    return target.with_name(f".{target.stem}.making")
 
 
 def checkpoint(folder: Path, number: int) -> Path:
@@ -273,15 +274,12 @@ def _check_job(job: GenerationJob, path: Path) -> None:
 
 
 def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
-    """Read the packs of a dataset by seed. Raises GenerationError if they are not of this job.
-
-    The manifest may be that of one pack less: a kill can fall between the two.
-    """
+    """Read the packs of a dataset by seed. Raises GenerationError if they are not of this job."""
     if not file.exists():
         return {}
     done: dict[int, list[Pack]] = {}
     library = LibraryRef.of(job.library)
-    for number, pack in enumerate(read_packs(file, manifest=False)):
+    for number, pack in enumerate(read_packs(file)):
         found = pack.provenance
         if (
             not isinstance(found, Evolved)
