@@ -16,6 +16,7 @@ from gymnasium.utils.env_checker import check_env
 from packit_sim.box import BaseBox
 from packit_sim.core import caches
 from packit_sim.core.counters import counted_by
+from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.pack_files import load_tasks, write_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.engine import insertion
@@ -565,3 +566,89 @@ print(type(env.unwrapped).__name__, env.spec.id)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.split() == ["PackItEnv", name], done.stderr
+
+
+@pytest.mark.parametrize(
+    "action", [0.5, 0.0, "0", b"0", True, np.bool_(True), None, [0], np.ones(2)]
+)
+def test_an_action_that_is_not_an_integer_is_refused(tasks, action) -> None:
+    env = PackItEnv(tasks, observation="none", max_shapes=40)
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(ArgumentError, match=r"action .* is not possible: it must be an integer"):
+        env.step(action)
+    assert env.get_state() == before
+    for integer in (0, np.int64(0), np.uint8(0)):
+        env.set_state(before)
+        assert env.step(integer)[4].get("end") is None
+    env.set_state(before)
+    assert env.step(np.array(0))[4].get("end") is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (5, "options 5 are not possible: give a dict, or None"),
+        ("task", "options 'task' are not possible"),
+        ({"tasks": 1}, "there is no option 'tasks': choose from task"),
+        ({"task": 1, 2: 3}, "there is no option 2: choose from task"),
+        ({"task": 1.0}, "task 1.0 is not possible: it must be an integer"),
+        ({"task": True}, "task True is not possible: it must be an integer"),
+        ({"task": "0"}, "task '0' is not possible: it must be an integer"),
+        ({"task": -1}, "there is no task -1: choose 0 to "),
+    ],
+)
+def test_options_that_cannot_be_are_refused(tasks, options, message) -> None:
+    env = PackItEnv(tasks, observation="none", max_shapes=40)
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        env.reset(seed=1, options=options)
+    assert env.get_state() == before
+    env.reset(options={"task": np.int64(1)})
+    assert env.reset(options={})[1]["task"] in range(len(tasks))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tasks": "others"}, "can't be restored in the task .*: their items or boxes differ"),
+        ({"tasks": "fewer"}, "there is no task 4: choose 0 to 1"),
+        ({"easy": True}, "the rules 'PackIt' can't be restored under the rules 'PackIt-Easy'"),
+        ({"kinematic": True}, "under the rules 'PackIt, kinematic'"),
+        ({"physics": True}, "under the rules 'PackIt, physics'"),
+        ({"cells": (100, 100, 120)}, "under the rules 'PackIt, box of 100 x 100 x 120 cells'"),
+        ({"rotation": None}, "a state in which Aligned plays rotations .* where the agent does"),
+        ({"rotation": "random"}, "a state in which Aligned plays rotations .* where Random"),
+        ({"shape": "largest-first"}, "a state in which the agent plays shapes can't be restored"),
+    ],
+)
+def test_a_state_of_another_environment_is_refused(tasks, settings, message) -> None:
+    """The environment that refuses is unchanged, whether or not it has begun an episode."""
+    common = {"observation": "none", "max_shapes": 40}
+    ours = PackItEnv(tasks, rotation="aligned", **common)
+    ours.reset(seed=0, options={"task": 4})
+    ours.step(0)
+    state = pickle.loads(pickle.dumps(ours.get_state()))
+    given = {"others": tasks[::-1], "fewer": tasks[:2]}.get(settings.get("tasks"), tasks)
+    other = PackItEnv(**{"rotation": "aligned", **common, **settings, "tasks": given})
+    with pytest.raises(ArgumentError, match=message):
+        other.set_state(state)
+    with pytest.raises(StateError):
+        other.episode  # noqa: B018
+    other.reset(seed=1, options={"task": 1})
+    before = other.get_state()
+    with pytest.raises(ArgumentError, match=message):
+        other.set_state(state)
+    assert other.get_state() == before
+    again = PackItEnv(tasks, rotation="aligned", **common)
+    again.set_state(state)
+    assert again.get_state() == state
+
+
+def test_what_is_not_a_state_is_refused(tasks) -> None:
+    env = PackItEnv(tasks, observation="none", max_shapes=40)
+    env.reset(seed=0)
+    for nothing in (None, 5, env.episode.state()):
+        with pytest.raises(ArgumentError, match=r"not a state: give what get_state\(\) returned"):
+            env.set_state(nothing)

@@ -253,6 +253,21 @@ def test_a_state_is_gone_back_to() -> None:
     assert ends[0] == ends[1]
 
 
+def test_a_state_of_another_world_is_refused() -> None:
+    items = Item(TILTED, 0.01), cube_of(10)
+    env = env_of(*items)
+    env.reset(seed=0)
+    state = env.get_state()
+    softer = replace(env.rules.physics, friction=0.9)
+    for settings in ({"physics": softer}, {"physics": None}):
+        other = env_of(*items, **settings)
+        with pytest.raises(ArgumentError, match="a state of the rules .PackIt, physics"):
+            other.set_state(state)
+        other.reset(seed=0)
+        with pytest.raises(ArgumentError, match="can't be restored under the rules"):
+            env.set_state(other.get_state())
+
+
 @pytest.mark.parametrize(
     "name", ["largest-first/aligned/blbf", "smallest-first/lowest/dblf+beam=2"]
 )

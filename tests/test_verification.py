@@ -701,6 +701,28 @@ def test_surfaces_may_overlap_by_the_tolerance_of_the_box(parts, tmp_path) -> No
     assert not _verify(parts, tmp_path, cube, ("cube.stl", at(149.9, 50, 50))).holds
 
 
+@pytest.mark.parametrize("long", [10, 1e4, 1e8])
+def test_in_a_long_box_the_tolerance_is_that_of_the_smaller_item(long, parts, tmp_path) -> None:
+    def verified(*positions: float) -> Report:
+        cubes = [("cube.stl", at(x, 0.5, 0.5, 0.01)) for x in positions]
+        return _verify(parts, tmp_path, *cubes, box=[long, 1, 1])
+
+    assert len(verified(0.5, 0.5, 0.5, 0.5, 0.5).problems) == 4 + 3 + 2 + 1
+    assert len(verified(0.5, 1.4, 2.3).problems) == 2
+    assert verified(0.5, 1.5, 2.5, long - 0.5).holds
+    assert verified(0.5, 1.4995, long - 0.4995).holds
+    for positions in ((0.5, 1.498), (0.498, 1.5), (0.5, long - 0.498)):
+        assert len(verified(*positions).problems) == 1, positions
+
+
+def test_a_small_item_on_a_large_one_has_the_small_ones_tolerance(parts, tmp_path) -> None:
+    large = ("cube.stl", at(50, 50, 50))
+    small = lambda x: ("cube.stl", at(x, 50, 50, 0.001))  # noqa: E731
+    assert _verify(parts, tmp_path, large, small(100.05)).holds
+    assert not _verify(parts, tmp_path, large, small(100.049)).holds
+    assert not _verify(parts, tmp_path, small(100.049), large).holds
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [

@@ -1,6 +1,7 @@
 """Checks of settings and arguments against their valid values."""
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -53,6 +54,36 @@ def check_range(name: str, value: Any, valid: Valid, unit: str = "") -> None:
     holds, description = (value in valid, valid) if isinstance(valid, Range) else valid
     if not holds:
         raise ArgumentError(f"{name} {value!r} is not possible: {description} {unit}".rstrip())
+
+
+def as_integer(name: str, value: Any) -> int:
+    """Return an integer of any library's type as an int.
+
+    Parameters
+    ----------
+    name : str
+        The name of the argument in the message.
+    value : object
+        The argument: an int, an integer of NumPy, or an array of one without axes.
+
+    Returns
+    -------
+    int
+        The same number.
+
+    Raises
+    ------
+    ArgumentError
+        If the value is something else, such as a bool, a float or a text.
+    """
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return operator.index(value)
+    except TypeError:
+        raise ArgumentError(
+            f"{name} {value!r:.80} is not possible: it must be an integer"
+        ) from None
 
 
 def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import combinations
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -31,6 +31,9 @@ POSE_SLACK = 1e-6
 
 MAX_LENGTH = 1e30
 """Largest length of boxes, meshes and poses, in any unit; its inverse is the smallest."""
+
+MAX_SHRINKAGE = 1e-3
+"""Largest tolerance of an item, relative to the longest side of its bounding box."""
 
 SAMPLES = 9
 """Points of a part that vote on whether it is inside another shell."""
@@ -79,9 +82,10 @@ def verify_packing(file: Path | str) -> Report:
     The mesh of an item must be inside the box, must not cross that of another item, and must have
     no part inside a shell of another item, not even in a cavity. A shell is a part that is closed,
     after filling the holes that the importer would fill (`repair_mesh`): the inside of an open part
-    is unknown. The tolerance is the contact tolerance, with the box's longest extent as the unit;
-    meshes shrink by it as on the grid, along their file's axes. The volume is that of the closed
-    body, or of the solid by voxels (see `Shape`).
+    is unknown. The tolerance of an item is the contact tolerance, with the box's longest extent as
+    the unit, and at most `MAX_SHRINKAGE` of its own longest side; that of a pair is the smaller
+    one. Meshes shrink by it as on the grid, along their file's axes. The volume is that of the
+    closed body, or of the solid by voxels (see `Shape`).
     """
     file = Path(file)
     extents, items = _packing(file)
@@ -104,7 +108,8 @@ def verify_packing(file: Path | str) -> Report:
         problems += _wall_problems(body, extents, unit)
     for one, other in combinations(bodies, 2):
         if (np.maximum(one.low, other.low) < np.minimum(one.high, other.high)).all():
-            problems += _pair_problems(one, other)
+            tolerance = min(one.tolerance, other.tolerance)
+            problems += _pair_problems(one.shrunk(tolerance), other.shrunk(tolerance))
     cube = unit * unit * unit
     volume = sum(body.volume for body in bodies) * cube
     found = tuple(Problem(file, None, sentence) for sentence in problems)
@@ -154,9 +159,9 @@ def _loaded(path: Path) -> _Loaded:
 
 
 class _MeshInBox:
-    """A mesh in its pose, shrunk by the tolerance; the unit is the box's longest extent.
+    """A mesh in its pose; the unit is the box's longest extent.
 
-    low, high: (3,) the bounds before shrinking. volume: of the solid.
+    low, high: (3,) the bounds. volume: of the solid. tolerance: how far it may reach beyond a wall.
     """
 
     def __init__(self, what: str, loaded: _Loaded, pose: Floats, unit: float) -> None:
@@ -165,15 +170,34 @@ class _MeshInBox:
         self._linear, self._shift = pose[:3, :3] / unit, pose[:3, 3] / unit
         scale = float(np.linalg.norm(self._linear)) / math.sqrt(3)
         self.volume = loaded.volume * scale**3
-        extents = loaded.extents * scale
-        self._drawn_in = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
+        self._extents = loaded.extents * scale
+        self.tolerance = min(CONTACT_TOLERANCE, MAX_SHRINKAGE * float(self._extents.max()))
+        self._shrunk: dict[float, _ShrunkMesh] = {}
         there = loaded.vertices @ self._linear.T + self._shift
         self.low, self.high = there.min(axis=0), there.max(axis=0)
 
-    def _put(self, vertices: Floats) -> Floats:
-        middle = self._loaded.middle
-        drawn_in = (vertices - middle) * self._drawn_in + middle
-        return drawn_in @ self._linear.T + self._shift
+    def shrunk(self, tolerance: float) -> _ShrunkMesh:
+        """Return the mesh shrunk by a tolerance: its own, or a smaller one."""
+        if tolerance not in self._shrunk:
+            middle = self._loaded.middle
+            factors = np.maximum(self._extents - tolerance, 0) / self._extents
+            unit = tolerance / CONTACT_TOLERANCE
+
+            def put(vertices: Floats) -> Floats:
+                drawn_in = (vertices - middle) * factors + middle
+                return (drawn_in @ self._linear.T + self._shift) / unit
+
+            self._shrunk[tolerance] = _ShrunkMesh(self.what, self._loaded, put)
+        return self._shrunk[tolerance]
+
+
+class _ShrunkMesh:
+    """A mesh that is shrunk by a tolerance, in a unit in which that is the contact tolerance."""
+
+    def __init__(self, what: str, loaded: _Loaded, put: Callable[[Floats], Floats]) -> None:
+        self.what = what
+        self._loaded = loaded
+        self._put = put
 
     @cached_property
     def surface(self) -> LooseMesh:
@@ -194,7 +218,7 @@ class _MeshInBox:
         corners = self._put(vertices)
         return [corners[faces] for faces in shells]
 
-    def holds(self, other: _MeshInBox) -> bool:
+    def holds(self, other: _ShrunkMesh) -> bool:
         """Whether a part of another body is in a shell; their surfaces must not cross."""
         for shell in self.shells:
             low, high = shell.min(axis=(0, 1)), shell.max(axis=(0, 1))
@@ -239,11 +263,11 @@ def _wall_problems(body: _MeshInBox, extents: Floats, unit: float) -> Iterator[s
     beyond = np.column_stack([-body.low, body.high - extents / unit])
     for walls, depths in zip(AXIS_WALLS, beyond.tolist(), strict=True):
         for wall, depth in zip(walls, depths, strict=True):
-            if not depth <= CONTACT_TOLERANCE:
+            if not depth <= body.tolerance:
                 yield f"{body.what} reaches {depth * unit:.3g} beyond the box's {wall} wall"
 
 
-def _pair_problems(one: _MeshInBox, other: _MeshInBox) -> Iterator[str]:
+def _pair_problems(one: _ShrunkMesh, other: _ShrunkMesh) -> Iterator[str]:
     if one.surface.crosses(other.surface):
         yield f"{other.what} crosses {one.what}"
         return

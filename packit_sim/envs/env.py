@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,12 +55,16 @@ class EnvState:
         The state of the environment's random generator.
     terminated : bool
         Whether a step has returned that the episode is over.
+    policies : tuple of str
+        What plays shapes, rotations and locations: the type of a policy and the digest of its
+        weights, if it has any, or "the agent".
     """
 
     task: int | Task
     episode: State
     random: dict[str, Any]
     terminated: bool
+    policies: tuple[str, ...]
 
 
 class PackItEnv(gym.Env[Observation, np.int64]):
@@ -154,6 +158,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             stage: load_policy(stage, policy) if isinstance(policy, str) else policy
             for stage, policy in zip(Stage, (shape, rotation, location), strict=True)
         }
+        self._policies = tuple(map(_description, self._fixed.values()))
         sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
         free = [stage for stage in Stage if not self._fixed[stage]]
         if not free:
@@ -214,16 +219,17 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         Raises
         ------
         ArgumentError
-            If there is no such task, or it does not go with this environment.
+            If there is no such task or option, or the task does not go with this environment.
 
         Notes
         -----
         With a fixed shape policy the episode may be over before the first choice: then no action is
         valid, and the first step returns that it is terminated.
         """
+        wanted = _wanted_task(options)
+        named = None if wanted is None else self._named_task(wanted)
         super().reset(seed=seed)
-        wanted = (options or {}).get("task")
-        task, self._number = self._source.choose(wanted, self._number, self.np_random)
+        task, self._number = named or self._source.draw(self._number, self.np_random)
         self._check(task)
         self._episode = Episode(task, self.rules)
         self._terminated = False
@@ -258,13 +264,15 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         ------
         StateError
             If called after termination.
+        ArgumentError
+            If the action is not an integer. The environment is unchanged.
         """
         if self._terminated:
             raise StateError(f"the episode is over: {self.episode.end}: call reset()")
         reward = 0.0
         with counted_by(self._calls):
             if self.episode.end is None:
-                reward = self.episode.step(int(action)) + self._play_fixed()
+                reward = self.episode.step(action) + self._play_fixed()
             self._terminated = self.episode.end is not None
             self._show()
             observation, info = self._observe()
@@ -282,7 +290,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
         task = self._number if self._number != GENERATED else self.episode.task
         random = dict(self.np_random.bit_generator.state)
-        return EnvState(task, self.episode.state(), random, self._terminated)
+        return EnvState(task, self.episode.state(), random, self._terminated, self._policies)
 
     def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
         """Return to a state of an environment with the same settings.
@@ -298,12 +306,27 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             The observation in that state.
         info : dict
             The same for `info`.
+
+        Raises
+        ------
+        ArgumentError
+            If it is a state of another task, of other rules or of other policies. The environment
+            is unchanged.
         """
-        task = self.tasks[state.task] if isinstance(state.task, int) else state.task
-        if self._episode is None or self._episode.task is not task:
-            self._episode = Episode(task, self.rules)
-        self._episode.restore(state.episode)
-        self._number = state.task if isinstance(state.task, int) else GENERATED
+        if not isinstance(state, EnvState):
+            raise ArgumentError(f"{state!r:.80} is not a state: give what get_state() returned")
+        for stage, theirs, ours in zip(Stage, state.policies, self._policies, strict=True):
+            if theirs != ours:
+                raise ArgumentError(
+                    f"a state in which {theirs} plays {stage.name.lower()}s can't be restored "
+                    f"where {ours} does"
+                )
+        task, number = self._named_task(state.task)
+        episode = self._episode
+        if episode is None or episode.task is not task:
+            episode = Episode(task, self.rules)
+        episode.restore(state.episode)
+        self._episode, self._number = episode, number
         self._terminated = state.terminated
         self.np_random.bit_generator.state = state.random
         with counted_by(self._calls):
@@ -368,6 +391,12 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             info["end"] = str(episode.end)
         return observation, info
 
+    def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
+        """Return a task and its number, or raise ArgumentError if it does not go with this."""
+        task, number = self._source.named(wanted)
+        self._check(task)
+        return task, number
+
     def _check(self, task: Task) -> None:
         """Raise ArgumentError if a task does not go with this environment."""
         if self.rules.cells is None and task.cells != self.cells:
@@ -384,6 +413,27 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                     f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
                     f"it fits into no box of {self.cells}"
                 )
+
+
+def _wanted_task(options: object) -> Any:
+    """Return the option "task" of `reset`, None if it is not given."""
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise ArgumentError(f"options {options!r:.80} are not possible: give a dict, or None")
+    for name in options:
+        if name != "task":
+            raise ArgumentError(f"there is no option {name!r:.80}: choose from task")
+    return options.get("task")
+
+
+def _description(policy: Policy | None) -> str:
+    """Describe what plays a sub-task, for states: the same in each process."""
+    if policy is None:
+        return "the agent"
+    kind = policy if hasattr(policy, "__qualname__") else type(policy)
+    weights = getattr(policy, "weights_digest", None)
+    return kind.__qualname__ + (f" with the weights {weights}" if weights else "")
 
 
 def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:

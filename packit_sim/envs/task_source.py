@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import DEFAULT_LIBRARY, load_tasks
@@ -99,15 +100,43 @@ class TaskSource:
             )
         return boxes.pop()
 
-    def choose(
-        self, wanted: Task | int | None, last: int, rng: np.random.Generator
-    ) -> tuple[Task, int]:
-        """Choose the task of an episode.
+    def named(self, wanted: Task | int) -> tuple[Task, int]:
+        """Return the task that a caller names.
 
         Parameters
         ----------
-        wanted : Task, int or None
-            A task or the number of one, if the caller decides.
+        wanted : Task or int
+            A task, or the number of one.
+
+        Returns
+        -------
+        task : Task
+            The task.
+        number : int
+            Its number, or `GENERATED` if it was given itself.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no task of the number, or it is not an integer.
+        """
+        if isinstance(wanted, Task):
+            return wanted, GENERATED
+        number = as_integer("task", wanted)
+        if number not in range(len(self.tasks)):
+            hint = (
+                f"choose 0 to {len(self.tasks) - 1}"
+                if self.tasks
+                else "tasks are generated on the fly"
+            )
+            raise ArgumentError(f"there is no task {number}: {hint}")
+        return self.tasks[number], number
+
+    def draw(self, last: int, rng: np.random.Generator) -> tuple[Task, int]:
+        """Choose the task of the next episode.
+
+        Parameters
+        ----------
         last : int
             The number of the last task.
         rng : np.random.Generator
@@ -119,26 +148,11 @@ class TaskSource:
             The task.
         number : int
             Its number, or `GENERATED`.
-
-        Raises
-        ------
-        ArgumentError
-            If there is no task of the wanted number.
         """
-        if isinstance(wanted, Task):
-            return wanted, GENERATED
-        if wanted is None:
-            if self.maker is not None:
-                return self.maker(rng), GENERATED
-            if self._order == "cycle":
-                wanted = (last + 1) % len(self.tasks)
-            else:
-                wanted = int(rng.integers(len(self.tasks)))
-        if wanted not in range(len(self.tasks)):
-            hint = (
-                f"choose 0 to {len(self.tasks) - 1}"
-                if self.tasks
-                else "tasks are generated on the fly"
-            )
-            raise ArgumentError(f"there is no task {wanted!r}: {hint}")
-        return self.tasks[wanted], int(wanted)
+        if self.maker is not None:
+            return self.maker(rng), GENERATED
+        if self._order == "cycle":
+            number = (last + 1) % len(self.tasks)
+        else:
+            number = int(rng.integers(len(self.tasks)))
+        return self.tasks[number], number

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from packit_sim import placement
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import InfeasibleError, StateError
+from packit_sim.core.checks import as_integer
+from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
@@ -109,6 +110,10 @@ class State:
 
     Attributes
     ----------
+    task : str
+        The digest of the task.
+    rules : Rules
+        The rules that are played.
     box : Any
         The state of the episode's box, as its `snapshot()` returns it.
     outside : tuple of bool
@@ -123,6 +128,8 @@ class State:
         Why the episode is over; None if it is not.
     """
 
+    task: str
+    rules: Rules
     box: Any
     outside: tuple[bool, ...]
     stage: Stage
@@ -213,11 +220,14 @@ class Episode:
         ------
         StateError
             If the episode is over.
+        ArgumentError
+            If the action is not an integer.
         """
         if self.end is not None:
             raise StateError(f"the episode is over: {self.end}")
+        action = as_integer("action", action)
         choose = (self._choose_shape, self._choose_rotation, self._choose_location)[self.stage]
-        if not choose(int(action)):
+        if not choose(action):
             self.end = End.INVALID_ACTION
             return 0.0
         order = stages(self.rules)
@@ -266,10 +276,40 @@ class Episode:
         """Save the state of the episode, for `restore`; costs next to nothing."""
         choices = self.shape, self.rotation, self.location
         outside = tuple(self.outside.tolist())
-        return State(self.box.snapshot(), outside, self.stage, *choices, self.total, self.end)
+        return State(
+            self._task_digest,
+            self.rules,
+            self.box.snapshot(),
+            outside,
+            self.stage,
+            *choices,
+            self.total,
+            self.end,
+        )
 
     def restore(self, state: State) -> None:
-        """Return to a state of an episode of the same task and rules."""
+        """Return to a state of an episode of the same task and rules.
+
+        Parameters
+        ----------
+        state : State
+            As `state` returned it.
+
+        Raises
+        ------
+        ArgumentError
+            If it is a state of another task or of other rules. The episode is unchanged.
+        """
+        if state.task != self._task_digest:
+            raise ArgumentError(
+                f"a state of the task {state.task} can't be restored in the task "
+                f"{self._task_digest}: their items or boxes differ"
+            )
+        if state.rules != self.rules:
+            raise ArgumentError(
+                f"a state of the rules {str(state.rules)!r} can't be restored under the rules "
+                f"{str(self.rules)!r}"
+            )
         self.box.restore(state.box)
         self.outside = np.array(state.outside, dtype=bool)
         self.stage = state.stage
@@ -277,6 +317,10 @@ class Episode:
         self.total, self.end = state.total, state.end
         is_chosen = self.shape is not None and (self.rules.easy or self.rotation is not None)
         self.chosen_item = self._choose_item() if is_chosen else None
+
+    @cached_property
+    def _task_digest(self) -> str:
+        return self.task.digest
 
     def _find_placement(self, item: Item) -> PlacedItem | None:
         ranked = rotations.by_alignment(item.extents)
