@@ -384,6 +384,15 @@ def header(file: Path, **changes: str) -> None:
         (lambda f: header(f, network='{"width": 32}'), "contradicts its own metadata"),
         (lambda f: header(f, network='{"depth": 3}'), "contradicts its own metadata"),
         (lambda f: header(f, placement_features="8"), "contradicts its own metadata"),
+        (lambda f: header(f, placement_features="9" * 30), "contradicts its own metadata"),
+        (
+            lambda f: header(f, network=json.dumps(asdict(SMALL) | {"width": 20000})),
+            "has the shape .*, not .*20000",
+        ),
+        (lambda f: header(f, network='{"width": 1' + "0" * 400 + "}"), "contradicts its own"),
+        (lambda f: header(f, network='{"trunk_blocks": 1e9}'), "blocks have more than .* tensors"),
+        (lambda f: header(f, network='{"trunk_blocks": 5}'), "tensor .* is missing"),
+        (lambda f: header(f, network="[" * 10**5), "contradicts its own metadata"),
     ],
 )
 def test_weights_that_are_wrong_or_damaged_are_named(tmp_path, damage, message) -> None:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
+import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
 import trimesh
 
 from packit_sim.box import Box
+from packit_sim.core import caches
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Item, Shape
@@ -451,3 +456,70 @@ def test_damaged_meshes_are_detected(written: Path) -> None:
     file.unlink()
     with pytest.raises(LibraryError, match=r"block\.npz"):
         ShapeLibrary.open(written)["block"]
+
+
+def _stored_as(file: Path, *headers: tuple[str, bytes, int]) -> None:
+    """Write arrays by name: the header as it stands, and so many zeros."""
+    with ZipFile(file, "w", ZIP_DEFLATED) as archive:
+        for name, header, zeros in headers:
+            archive.writestr(f"{name}.npy", header + bytes(zeros))
+
+
+def _header(kind: str, shape: tuple[int, ...]) -> bytes:
+    content = BytesIO()
+    fields = {"descr": kind, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(content, fields)
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("rows", "zeros", "message"),
+    [
+        (10**13, 60, "'vertices' would take 60,000,000,000,000 bytes"),
+        (10**7, 6 * 10**7, "'vertices' would take 60,000,000 bytes: the file is too small"),
+        (20, 60, "'vertices' has not the 120 bytes of its shape"),
+        (5, 60, "'vertices' has not the 30 bytes of its shape"),
+        (-3, 60, "block.npz: not the mesh of 'block'"),
+    ],
+)
+def test_a_stored_mesh_takes_memory_as_its_file_does(written, rows, zeros, message) -> None:
+    file = written / "meshes" / "block.npz"
+    rest = ("faces", _header("<u2", (2, 3)), 12), ("extents", _header("<f8", (3,)), 24)
+    _stored_as(file, ("vertices", _header("<u2", (rows, 3)), zeros), *rest)
+    library = ShapeLibrary.open(written)
+    tracemalloc.start()
+    try:
+        with pytest.raises(LibraryError, match=re.escape(message)):
+            library["block"]
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_bit_flips_in_a_stored_mesh_are_detected(written) -> None:
+    """A flip that is not, such as one of a time stamp, leaves the same mesh."""
+    file = written / "meshes" / "block.npz"
+    content = file.read_bytes()
+    library = ShapeLibrary.open(written)
+    whole = library["block"].digest
+    detected = 0
+    for bit in np.random.default_rng(0).permutation(8 * len(content))[:1500].tolist():
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(flipped)
+        caches.clear("shapes")
+        try:
+            assert library["block"].digest == whole
+        except LibraryError:
+            detected += 1
+    assert detected > 750
+
+
+@pytest.mark.parametrize("digits", [40, 401, 5000])
+@pytest.mark.parametrize("field", ["volume", "triangles", "error_bound", "format"])
+def test_endless_integers_in_a_catalogue_are_refused(written, field, digits) -> None:
+    file = written / "library.json"
+    text = re.sub(rf'("{field}": )[0-9.e-]+', rf"\g<1>{'1' * digits}", file.read_text(), count=1)
+    file.write_text(text)
+    with pytest.raises(LibraryError, match=f"library.json: .*an integer of {digits} digits is not"):
+        ShapeLibrary.open(written)

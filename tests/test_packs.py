@@ -1,4 +1,6 @@
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +10,15 @@ from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import load_tasks, read_packs, write_packs
+from packit_sim.datasets.pack_files import dataset_file, load_tasks, read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import ZOO
+
+RECORDS = Path(__file__).parent / "references" / "format-1"
 
 
 @pytest.fixture(scope="module")
@@ -190,3 +194,23 @@ def test_the_starter_packs_hold() -> None:
 def test_a_path_named_like_nothing_is_refused(library) -> None:
     with pytest.raises(PackFormatError, match="can't be read from"):
         load_tasks(Path("nowhere.jsonl"), library)
+
+
+@pytest.mark.parametrize("digits", [40, 401, 5000])
+@pytest.mark.parametrize("number", [1, 2])
+def test_endless_integers_are_refused(number, digits, tmp_path) -> None:
+    """Wherever they are, in files of each format."""
+    files = {1: RECORDS / "packs" / "sampled.jsonl", 2: dataset_file("starter")}
+    line = files[number].read_text().splitlines()[0]
+    for found in list(re.finditer(r"(?<=[:\[,])[0-9.]+(?=[,}\]])", line))[::5]:
+        text = line[: found.start()] + "1" * digits + line[found.end() :]
+        (tmp_path / "packs.jsonl").write_text(text)
+        with pytest.raises(PackFormatError, match=rf"line 1: an integer of {digits} digits is not"):
+            read_packs(tmp_path / "packs.jsonl")
+
+
+def test_texts_and_floats_may_have_many_digits(pack) -> None:
+    long = replace(pack, provenance=Other(author="1" * 401, notes="[" + "2" * 401 + "]"))
+    assert Pack.from_json(long.to_json()) == long
+    text = pack.to_json().replace('"density":0.', '"density":0.' + "0" * 401)
+    assert Pack.from_json(text).density == 0

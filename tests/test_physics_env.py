@@ -261,7 +261,7 @@ def test_a_state_of_another_world_is_refused() -> None:
     softer = replace(env.rules.physics, friction=0.9)
     for settings in ({"physics": softer}, {"physics": None}):
         other = env_of(*items, **settings)
-        with pytest.raises(ArgumentError, match="a state of the rules .PackIt, physics"):
+        with pytest.raises(ArgumentError, match=r"a state of the rules .PackIt, physics"):
             other.set_state(state)
         other.reset(seed=0)
         with pytest.raises(ArgumentError, match="can't be restored under the rules"):

@@ -6,6 +6,7 @@ import json
 import re
 import reprlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import msgspec
@@ -18,6 +19,11 @@ T = TypeVar("T")
 _WHERE = re.compile(r"(?s)(?P<problem>.*?)(?: - at `\$(?P<path>.*)`)?")
 _NAMED = re.compile(r"Object (missing required|contains unknown) field `(.+)`")
 _STEPS = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+
+MAX_DIGITS = 39
+"""Most digits of an integer: those of the 128 bits in the state of a random generator."""
+
+_MANY_DIGITS = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 
 
 def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str = "it") -> T:
@@ -43,8 +49,10 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
     ------
     PackItError
         Of the given type, if the text is not JSON, or not of this kind. NaN and Infinity are not
-        JSON, and a bool is not a number. The message names the field, its value and what is valid.
+        JSON, a bool is not a number, and an integer has at most `MAX_DIGITS` digits. The message
+        names the field, its value and what is valid.
     """
+    _refuse_long_integers(data, error)
     try:
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as problem:
@@ -57,6 +65,7 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
 
 def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it") -> T:
     """Read a value of JSON's types as a typed record; the rest is as of `decode`."""
+    _refuse_large_integers(raw, error)
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as problem:
@@ -112,6 +121,38 @@ def builtins(record: Any) -> Any:
 def encode(record: Any) -> str:
     """Write a record as one line of JSON; floats keep every bit, and must be finite."""
     return json.dumps(builtins(record), separators=(",", ":"), allow_nan=False)
+
+
+def _refuse_long_integers(data: bytes | str, error: type[PackItError]) -> None:
+    """Raise an error if JSON text has an integer of more than `MAX_DIGITS` digits.
+
+    Such an integer overflows in arithmetic with floats, and Python can't print the longest ones.
+    """
+    if not _MANY_DIGITS.search(data if isinstance(data, bytes) else data.encode()):
+        return
+    digits = [0]
+
+    def count(text: str) -> int:
+        digits.append(len(text.lstrip("-")))
+        return 0
+
+    with suppress(ValueError, RecursionError):  # what is not JSON is reported by `decode`
+        json.loads(data, parse_int=count)
+    if max(digits) > MAX_DIGITS:
+        raise error(f"an integer of {max(digits)} digits is not possible: at most {MAX_DIGITS}")
+
+
+def _refuse_large_integers(raw: Any, error: type[PackItError]) -> None:
+    """Raise an error if a value of JSON's types has an integer of more than `MAX_DIGITS` digits."""
+    left = [raw]
+    while left:
+        value = left.pop()
+        if isinstance(value, int) and abs(value) >= 10**MAX_DIGITS:
+            raise error(f"an integer of more than {MAX_DIGITS} digits is not possible")
+        if isinstance(value, Mapping):
+            left.extend(value.values())
+        elif isinstance(value, list | tuple):
+            left.extend(value)
 
 
 def _parsed(data: bytes | str) -> Any:

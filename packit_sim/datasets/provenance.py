@@ -13,7 +13,7 @@ from packit_sim.libraries.splits import Split
 from packit_sim.physics.settings import Method
 from packit_sim.rules import PACKIT, Rules
 
-Count = Annotated[int, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Positive = Annotated[float, Meta(gt=0)]
 Seconds = Annotated[float, Meta(ge=0)]
 RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]

@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
+import math
+import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.shapes import Shape
+
+MAX_COMPRESSION = 32
+"""Most bytes of an array per byte of its file; meshes compress to about half."""
+
+_UNREADABLE = (
+    OSError,
+    EOFError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    BadZipFile,
+    struct.error,
+    zlib.error,
+)
+"""What numpy and zipfile raise for damaged files; RuntimeError includes NotImplementedError."""
 
 LATTICE_STEPS = 65535
 """Steps of the bounding box's lattice along each axis: vertices are stored as uint16."""
@@ -71,9 +94,37 @@ class QuantizedMesh:
 
     @classmethod
     def load(cls, file: Path) -> QuantizedMesh:
-        """Read a file that `save` wrote; other files raise exceptions of numpy and zipfile."""
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
-            return cls(arrays["vertices"], arrays["faces"], arrays["extents"])
+        """Read a file that `save` wrote.
+
+        Parameters
+        ----------
+        file : Path
+            The file.
+
+        Returns
+        -------
+        QuantizedMesh
+            Its mesh.
+
+        Raises
+        ------
+        MeshError
+            If the file can't be read, is not of this form, or is damaged. The memory that this
+            takes is bounded by the size of the file, not by what the file says of itself.
+        """
+        try:
+            most = MAX_COMPRESSION * file.stat().st_size
+            with ZipFile(file) as archive:
+                vertices = _array(archive, "vertices", ("<u2",), (None, 3), most)
+                faces = _array(archive, "faces", ("<u2", "<u4"), (None, 3), most)
+                extents = _array(archive, "extents", ("<f8",), (3,), most)
+        except _UNREADABLE as error:
+            raise MeshError(f"not a stored mesh: {error or type(error).__name__}") from error
+        if not len(vertices) or not len(faces) or faces.max() >= len(vertices):
+            raise MeshError("not a stored mesh: a triangle has no vertices")
+        if not (np.isfinite(extents).all() and (extents > 0).all()):
+            raise MeshError(f"not a stored mesh: its extents are {extents.tolist()}")
+        return cls(vertices, faces, extents)
 
     def save(self, file: Path) -> None:
         """Write the shape as npz; missing folders are created."""
@@ -84,3 +135,25 @@ class QuantizedMesh:
         """Return the canonical mesh: exactly centred, bit for bit the same on every machine."""
         vertices = (self.vertices / LATTICE_STEPS - 0.5) * self.extents
         return trimesh.Trimesh(vertices, self.faces.astype(np.int64), process=False)
+
+
+def _array(
+    archive: ZipFile, name: str, kinds: tuple[str, ...], shape: tuple[int | None, ...], most: int
+) -> npt.NDArray[Any]:
+    """Read an array of a type and a shape, None for any length, of at most so many bytes."""
+    with archive.open(f"{name}.npy") as member:
+        if np.lib.format.read_magic(member) != (1, 0):
+            raise ValueError(f"{name!r} has another version of numpy's format")
+        lengths, by_columns, kind = np.lib.format.read_array_header_1_0(member)
+        fits = len(lengths) == len(shape) and all(
+            known in (None, length) for known, length in zip(shape, lengths, strict=True)
+        )
+        if kind.str not in kinds or not fits or by_columns:
+            raise ValueError(f"{name!r} is {kind} of shape {lengths}")
+        size = math.prod(lengths) * kind.itemsize
+        if size > most:
+            raise ValueError(f"{name!r} would take {size:,} bytes: the file is too small for that")
+        data = member.read(size + 1)  # to the end, where the checksum is compared
+    if len(data) != size:
+        raise ValueError(f"{name!r} has not the {size:,} bytes of its shape {lengths}")
+    return np.frombuffer(data, kind).reshape(lengths)

@@ -76,7 +76,7 @@ class ShapeInfo:
     licence: str
     source: str
     size_cm: SizeCm | None
-    triangles: int
+    triangles: Annotated[int, Meta(ge=0, le=2**63 - 1)]
     watertight: bool
     solid: bool
     volume: Annotated[float, Meta(gt=0, le=1)]

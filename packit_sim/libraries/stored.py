@@ -11,19 +11,17 @@ import hashlib
 import json
 import re
 import tempfile
-import zlib
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
-from zipfile import BadZipFile
 
 from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
-from packit_sim.core.errors import LibraryError, located
+from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
@@ -37,7 +35,6 @@ CATALOGUE = "library.json"
 
 _SPLITS = "splits.json"
 _MESHES = "meshes"
-_UNREADABLE = (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile, zlib.error)
 _ID = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
 _UNFIT = re.compile(r"[^\w./-]+")
 
@@ -138,8 +135,8 @@ class StoredLibrary(Source):
         file, info = self._file(id), self._infos[id]
         try:
             shape = Shape(QuantizedMesh.load(file).mesh(), id, info.category, info.volume)
-        except _UNREADABLE as error:
-            raise LibraryError(f"{file}: not the mesh of {id!r}: {error!r}") from error
+        except MeshError as error:
+            raise LibraryError(f"{file}: not the mesh of {id!r}: {error}") from error
         if shape.digest != info.digest:
             raise LibraryError(
                 f"{file}: not the mesh of {id!r}: its digest is {shape.digest}, not {info.digest}"
@@ -272,8 +269,8 @@ def require_replaceable(path: Path) -> None:
 def _raw(file: Path) -> RawMesh:
     try:
         return RawMesh(QuantizedMesh.load(file).mesh())
-    except _UNREADABLE as error:
-        raise LibraryError(f"{file}: not a stored mesh: {error!r}") from error
+    except MeshError as error:
+        raise LibraryError(f"{file}: {error}") from error
 
 
 def _read(file: Path, kind: type[T]) -> T:

@@ -21,6 +21,16 @@ from packit_sim.rules import Rules
 FORMAT = "packit-network"
 VERSION = 2
 
+_CONTRADICTIONS = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""What metadata raise that are not ours."""
+
 
 class WeightsError(PackItError, ValueError):
     """A file that holds no weights that this version can load."""
@@ -101,14 +111,33 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
         provenance = json.loads(metadata["provenance"])
         placement_features = int(metadata["placement_features"])
         settings = NetworkSettings(**json.loads(metadata["network"]))
+        _check_shapes(tensors, settings, placement_features)
         net = network(settings, placement_features)
         net.load_state_dict(tensors)
-    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except _CONTRADICTIONS as error:
         raise WeightsError(f"{path} contradicts its own metadata: {error}") from None
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise WeightsError(f"{path}: tensor {name!r} holds numbers that are not finite")
     return net.eval().requires_grad_(False), placement_features, provenance
+
+
+def _check_shapes(
+    tensors: Mapping[str, torch.Tensor], settings: NetworkSettings, placement_features: int
+) -> None:
+    """Raise ValueError if a network of these settings has other tensors, without building it."""
+    blocks = settings.encoder_blocks + settings.trunk_blocks
+    if blocks > len(tensors):
+        raise ValueError(f"{blocks} blocks have more than {len(tensors)} tensors")
+    with torch.device("meta"):  # shapes without memory
+        expected = network(settings, placement_features).state_dict()
+    if expected.keys() != tensors.keys():
+        name = min(expected.keys() ^ tensors.keys())
+        raise ValueError(f"tensor {name!r} is {'missing' if name in expected else 'unknown'}")
+    for name, tensor in tensors.items():
+        if tensor.shape != expected[name].shape:
+            shapes = tuple(tensor.shape), tuple(expected[name].shape)
+            raise ValueError(f"tensor {name!r} has the shape {shapes[0]}, not {shapes[1]}")
 
 
 def _from_version_1(metadata: Mapping[str, str]) -> dict[str, str]:
