@@ -108,8 +108,7 @@ def verify_packing(file: Path | str) -> Report:
         problems += _wall_problems(body, extents, unit)
     for one, other in combinations(bodies, 2):
         if (np.maximum(one.low, other.low) < np.minimum(one.high, other.high)).all():
-            tolerance = min(one.tolerance, other.tolerance)
-            problems += _pair_problems(one.shrunk(tolerance), other.shrunk(tolerance))
+            problems += _pair_problems(one, other)
     cube = unit * unit * unit
     volume = sum(body.volume for body in bodies) * cube
     found = tuple(Problem(file, None, sentence) for sentence in problems)
@@ -267,7 +266,9 @@ def _wall_problems(body: _MeshInBox, extents: Floats, unit: float) -> Iterator[s
                 yield f"{body.what} reaches {depth * unit:.3g} beyond the box's {wall} wall"
 
 
-def _pair_problems(one: _ShrunkMesh, other: _ShrunkMesh) -> Iterator[str]:
+def _pair_problems(first: _MeshInBox, second: _MeshInBox) -> Iterator[str]:
+    tolerance = min(first.tolerance, second.tolerance)
+    one, other = first.shrunk(tolerance), second.shrunk(tolerance)
     if one.surface.crosses(other.surface):
         yield f"{other.what} crosses {one.what}"
         return

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
@@ -203,13 +203,13 @@ class Episode:
         assert self.chosen_item is not None
         return self.chosen_item.rotations(self.location).copy()
 
-    def step(self, action: int) -> float:
+    def step(self, action: SupportsIndex) -> float:
         """Play an action of this stage.
 
         Parameters
         ----------
-        action : int
-            An index into `action_mask()`. An action that is not valid ends the episode.
+        action : SupportsIndex
+            An index into `action_mask()`: an int, or an integer of NumPy. An action that is not valid ends the episode.
 
         Returns
         -------
@@ -225,9 +225,9 @@ class Episode:
         """
         if self.end is not None:
             raise StateError(f"the episode is over: {self.end}")
-        action = as_integer("action", action)
+        number = as_integer("action", action)
         choose = (self._choose_shape, self._choose_rotation, self._choose_location)[self.stage]
-        if not choose(action):
+        if not choose(number):
             self.end = End.INVALID_ACTION
             return 0.0
         order = stages(self.rules)
