@@ -209,7 +209,8 @@ class Episode:
         Parameters
         ----------
         action : SupportsIndex
-            An index into `action_mask()`: an int, or an integer of NumPy. An action that is not valid ends the episode.
+            An index into `action_mask()`: an int, or an integer of NumPy. An action that is not
+            valid ends the episode.
 
         Returns
         -------
