@@ -751,7 +751,7 @@ def test_a_small_item_on_a_large_one_has_the_small_ones_tolerance(parts, tmp_pat
         ({"items": [{"mesh": "a.stl"}]}, r"field 'items\[0\].pose' is missing"),
         ({"items": [{"mesh": "a.stl", "pose": [[1] * 4] * 3}]}, r"field 'items\[0\].pose'"),
         ({"items": [{"mesh": "a.stl", "pose": at(float("nan"), 0, 0)}]}, "not JSON"),
-        ({"items": [{"mesh": "a.stl", "pose": at(0, 10**400, 0)}]}, "pose.* out of range"),
+        ({"items": [{"mesh": "a.stl", "pose": at(0, 10**400, 0)}]}, "integer of 401 digits"),
     ],
 )
 def test_a_file_that_is_no_packing_is_refused(fields, message, parts, tmp_path) -> None:
