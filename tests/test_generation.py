@@ -18,6 +18,7 @@ from msgspec import structs
 import packit_sim.libraries.library
 from packit_sim.core import typed_json
 from packit_sim.core.errors import BusyError, LibraryError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.parallel import Workers, WorkersError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_checks import verify
@@ -331,7 +332,7 @@ def test_a_killed_worker_is_reported_in_a_line() -> None:
 
 def test_without_ray_it_says_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(WorkersError, match=r"pip install 'packit-sim\[cluster\]'"):
+    with pytest.raises(MissingPackageError, match=r"pip install 'packit-sim\[cluster\]'"):
         Workers(backend="ray")
 
 

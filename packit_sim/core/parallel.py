@@ -65,6 +65,8 @@ class Workers:
     ------
     WorkersError
         If the workers can't be started, or not be replaced.
+    MissingPackageError
+        If the backend is "ray", and Ray is not installed.
     """
 
     def __init__(
