@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 from trimesh import creation
 
 from packit_sim.datasets.pack_files import read_packs
 from packit_sim.evaluation.results import read_results
-from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import PlacedItem
 from packit_sim.scene import Scene
 from tests.runs import run_packit as packit
 
@@ -35,27 +33,6 @@ def shell(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]
 def pixels(path: Path) -> np.ndarray:
     with Image.open(path) as picture:
         return np.asarray(picture)
-
-
-def hides(placed: PlacedItem, other: PlacedItem) -> bool:
-    """Whether a whole part of the other is within a wall of an item too thin for inner fine cells.
-
-    Nothing crosses there, and no cell tells: such an item is feasible (docs/concepts/exactness.md).
-    """
-    parts, others = (
-        trimesh.Trimesh(p.item.mesh.vertices + p.center, p.item.mesh.faces, process=False).split(
-            only_watertight=False, repair=False
-        )
-        for p in (placed, other)
-    )
-    for wall in (part for part in parts if part.is_volume and part.is_convex):
-        if wall.extents.min() > 3 * FINE:
-            continue
-        for part in others:
-            above = (part.vertices[:, None] - wall.triangles_center) * wall.face_normals
-            if (above.sum(axis=2) < 0).all():
-                return True
-    return False
 
 
 @pytest.fixture(scope="module")
@@ -96,9 +73,7 @@ def test_pybullet_sees_no_penetration_in_the_packs_of_the_demo(demo, name) -> No
         box = pack.replay(library)
         with Scene(box) as scene:
             found = scene.penetrations()
-        for (i, j), depth in found.items():
-            if depth > CONTACT_TOLERANCE:
-                assert hides(box.placed[i], box.placed[j]) or hides(box.placed[j], box.placed[i])
+        assert max(found.values(), default=0.0) <= CONTACT_TOLERANCE
 
 
 def test_generated_packs_verify_evaluate_and_render(dataset, tmp_path) -> None:

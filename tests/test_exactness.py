@@ -22,7 +22,7 @@ from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PlacedItem
-from tests.zoo import ZOO, random_item
+from tests.zoo import ZOO, nested_pair, random_item
 
 EVERYDAY = ShapeLibrary.open("everyday")
 
@@ -86,7 +86,20 @@ def extremes(rng: Rng) -> list[Item]:
     return [random_item(shapes, size, rng) for size in sizes]
 
 
-KINDS: tuple[Callable[[Rng], list[Item]], ...] = (library, soups, shells, contacts, extremes)
+def nested(rng: Rng) -> list[Item]:
+    """Thin shapes, and thinner ones that may be inside their walls."""
+    pairs = [nested_pair(rng) for _ in range(7)]
+    return [item for pair in pairs for item in pair]
+
+
+KINDS: tuple[Callable[[Rng], list[Item]], ...] = (
+    library,
+    soups,
+    shells,
+    contacts,
+    extremes,
+    nested,
+)
 
 
 def filled(items: list[Item], rng: Rng) -> Box:

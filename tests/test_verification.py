@@ -3,12 +3,14 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from msgspec import structs
 from trimesh import creation
 
 from packit_sim import EvolutionSettings, evolve, placement
@@ -16,15 +18,16 @@ from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.manifests import manifest_path
+from packit_sim.datasets.pack_checks import verify
 from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.datasets.packings import verify_packing, winding_number
+from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
-from tests.zoo import HOLLOW, ZOO, random_item
+from tests.zoo import HOLLOW, ZOO, item_of, random_item
 
 SPLITS = {
     "train": ("bowl", "cube", "soup"),
@@ -695,6 +698,23 @@ def test_contents_of_an_open_box_are_no_conflict(parts, tmp_path) -> None:
     assert report.holds, _problem_lines(report)
 
 
+def test_a_sheet_in_a_thicker_sheet_does_not_hold(tmp_path) -> None:
+    """Nothing crosses, and no fine cell is inner for one of them."""
+    blocks = (creation.box(size) for size in ((0.3, 0.2, 0.0045), (0.21, 0.11, 0.0015)))
+    sheets = [item_of(block, id) for id, block in zip(("thick", "thin"), blocks, strict=True)]
+    entries = [stored.entry(sheet.shape) for sheet in sheets]
+    stored.write(tmp_path / "sheets", "sheets", "1", entries)
+    library = ShapeLibrary.open(tmp_path / "sheets")
+    box = Box()
+    for sheet, location in zip(sheets, ((1, 1, 1), (3, 10, 1)), strict=True):
+        box.place(Item(library[sheet.shape.id], sheet.scale), location)
+    apart = Pack.of(box, library)
+    assert verify(apart, library) == []
+    inside = structs.replace(apart.items[1], location=(3, 1, 1))
+    (problem,) = verify(replace(apart, items=(apart.items[0], inside)), library)
+    assert problem == "item 1 ('thin') is in conflict with items [0]"
+
+
 def test_surfaces_may_overlap_by_the_tolerance_of_the_box(parts, tmp_path) -> None:
     cube = ("cube.stl", at(50, 50, 50))
     assert _verify(parts, tmp_path, cube, ("cube.stl", at(149.97, 50, 50))).holds
@@ -783,10 +803,3 @@ def test_our_own_packs_hold_as_another_tools_packings(split, packs, library, tmp
     report = verify_packing(tmp_path / "packing.json")
     assert report.holds, _problem_lines(report)
     assert report.density == pytest.approx(pack.density, rel=1e-3)
-
-
-def test_winding_numbers_tell_inside_from_outside() -> None:
-    ring = creation.torus(0.5, 0.15, major_sections=32, minor_sections=16)
-    for point, expected in (((0.5, 0, 0), 1), ((0, 0, 0), 0), ((0, 0.5, 0.1), 1), ((2, 0, 0), 0)):
-        found = winding_number(np.asarray(ring.triangles), np.array(point))
-        assert found == pytest.approx(expected, abs=1e-9)

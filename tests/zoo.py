@@ -67,3 +67,71 @@ def fill(box: Box, items: list[Item], rng: np.random.Generator) -> None:
             location = box.blbf(item) if bottom_left_back else rng.choice(locations)
             assert location is not None
             box.place(item, location)
+
+
+def item_of(mesh: trimesh.Trimesh, id: str = "mesh", rotation: int = 0) -> Item:
+    """The mesh as an item of its own size in box units."""
+    return Item(Shape.from_mesh(mesh, id), float(np.linalg.norm(mesh.extents)) ** 3, rotation)
+
+
+def _tube(radius: float, wall: float, height: float) -> trimesh.Trimesh:
+    return creation.annulus(radius - wall, radius, height, sections=24)
+
+
+def _shell(radius: float, wall: float, height: float) -> trimesh.Trimesh:
+    """A closed can: its cavity is a part of its own that faces inwards."""
+    cavity = creation.cylinder(radius - wall, height - 2 * wall, sections=24)
+    cavity.invert()
+    return trimesh.util.concatenate([creation.cylinder(radius, height, sections=24), cavity])
+
+
+def _frames(radius: float, wall: float, height: float) -> trimesh.Trimesh:
+    """Three separate thin bars and a separate open sheet."""
+    bars = [creation.box((2 * radius, wall, wall)) for _ in range(3)]
+    for n, bar in enumerate(bars):
+        bar.apply_translation((0, n * height / 2, 0))
+    sheet = creation.box((radius, height / 4, wall))
+    sheet.update_faces(np.arange(12) > 1)
+    sheet.apply_translation((0, height / 4, 0))
+    return trimesh.util.concatenate([*bars, sheet])
+
+
+def _plate(radius: float, wall: float, height: float) -> trimesh.Trimesh:
+    return creation.box((2 * radius, height, wall))
+
+
+THIN = (_plate, _tube, _shell, _frames)
+"""Surfaces whose walls may be thinner than a fine cell, so that no cell of them is inner."""
+
+
+def nested_pair(rng: np.random.Generator) -> tuple[Item, Item]:
+    """A thin shape, and a thinner one that may be inside its walls, turned at random."""
+    make = THIN[rng.integers(len(THIN))]
+    radius, height = rng.uniform(0.06, 0.11), rng.uniform(0.06, 0.15)
+    wall = 10 ** rng.uniform(-3, -2)
+    outer = make(radius, wall, height)
+    kind = rng.integers(4)
+    if kind == 0:  # in the middle of the wall, all around
+        inner = make(radius - 0.3 * wall, 0.4 * wall, height - 0.6 * wall)
+    elif kind == 1:  # a scrap
+        inner = creation.box((*rng.uniform(0.1, 0.5, 2) * height, rng.uniform(0.1, 0.9) * wall))
+    elif kind == 2:  # any other thin shape
+        other = THIN[rng.integers(len(THIN))]
+        inner = other(*(rng.uniform(0.3, 1, 3) * (radius, wall, height)))
+    else:  # a scrap and a sheet that are not connected
+        scraps = [creation.box(rng.uniform(0.1, 0.9) * wall * np.ones(3)) for _ in range(2)]
+        scraps[1].apply_translation(rng.uniform(-1, 1, 3) * (radius, height / 2, height / 2))
+        inner = trimesh.util.concatenate(scraps)
+    turn = np.eye(4)
+    if rng.random() < 0.5:
+        angle = rng.choice((0.05, 1.0, np.pi)) * rng.uniform(-1, 1)
+        turn = trimesh.transformations.rotation_matrix(angle, rng.normal(size=3))
+    for mesh in (outer, inner):
+        mesh.apply_transform(turn)
+        if rng.random() < 0.2:  # not closed
+            mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    rotation = int(rng.integers(24))
+    return (
+        item_of(outer, "outer", rotation),
+        item_of(inner, "inner", rotation if rng.random() < 0.8 else 0),
+    )

@@ -20,8 +20,10 @@ from packit_sim.datasets.pack_checks import named
 from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.verification import Problem, Report
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
+from packit_sim.geometry.parts import Parts, part_numbers
 from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import read
@@ -138,19 +140,17 @@ class _Loaded:
         self.extents: Floats = np.asarray(clean.extents) * size
         self.middle: Floats = clean.bounds.mean(axis=0) * size + middle
         self.volume = solid.volume * float(np.linalg.norm(self.extents)) ** 3
-        self.part = _parts(self.faces, len(self.vertices))
+        self.part = part_numbers(self.faces, len(self.vertices))
         self._clean = clean
         self._frame = size, middle
 
     @cached_property
-    def shells(self) -> tuple[Floats, tuple[Ints, ...]]:
+    def shells(self) -> tuple[Floats, list[Ints]]:
         """The vertices (n, 3), and the faces of each closed part."""
         whole, _ = repair_mesh(self._clean)
         size, middle = self._frame
-        faces: Ints = np.asarray(whole.faces, dtype=np.int64)
-        part = _parts(faces, len(whole.vertices))
-        groups = [faces[part == n] for n in range(part.max() + 1)]
-        return np.asarray(whole.vertices) * size + middle, tuple(g for g in groups if _is_closed(g))
+        vertices = np.asarray(whole.vertices)
+        return vertices * size + middle, Parts.of(vertices, np.asarray(whole.faces)).shells
 
 
 def _loaded(path: Path) -> _Loaded:
@@ -231,33 +231,6 @@ class _ShrunkMesh:
         return False
 
 
-def winding_number(triangles: Floats, point: Floats) -> float:
-    """Compute how often a surface winds around a point: the signed share of the solid angle.
-
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (m, 3, 3)
-        The corners of the surface's triangles.
-    point : ndarray of float64, shape (3,)
-        The point.
-
-    Returns
-    -------
-    float
-        About 0 outside a closed surface, 1 or -1 inside.
-    """
-    a, b, c = np.moveaxis(triangles - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    rest = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
-    )
-    return float(np.arctan2(volume, rest).sum() / (2 * np.pi))
-
-
 def _wall_problems(body: _MeshInBox, extents: Floats, unit: float) -> Iterator[str]:
     beyond = np.column_stack([-body.low, body.high - extents / unit])
     for walls, depths in zip(AXIS_WALLS, beyond.tolist(), strict=True):
@@ -275,21 +248,6 @@ def _pair_problems(first: _MeshInBox, second: _MeshInBox) -> Iterator[str]:
     for inside, around in ((other, one), (one, other)):
         if around.holds(inside):
             yield f"{inside.what} lies, in part or whole, inside {around.what}"
-
-
-def _parts(faces: Ints, vertices: int) -> Ints:
-    """Return the number (m,) of each triangle's connected part."""
-    edges = trimesh.geometry.faces_to_edges(faces)
-    labels = trimesh.graph.connected_component_labels(edges, node_count=vertices)
-    return np.unique(labels[faces[:, 0]], return_inverse=True)[1].astype(np.int64)
-
-
-def _is_closed(faces: Ints) -> bool:
-    """Whether the triangles run through each edge equally often in both directions."""
-    edges = trimesh.geometry.faces_to_edges(faces)
-    _, forward = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    signs = np.where(edges[:, 0] < edges[:, 1], 1, -1)
-    return not np.bincount(forward.ravel(), signs).any()
 
 
 class _PackingItem(Struct):

@@ -1,9 +1,11 @@
-"""Collision tests of meshes by FCL: the only module that imports it."""
+"""Conflicts of surfaces: FCL decides whether meshes cross, `containment` whether one is inside.
+
+The only module that imports FCL.
+"""
 
 from __future__ import annotations
 
 import threading
-from functools import cache
 
 import fcl
 import numpy as np
@@ -11,13 +13,15 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_fcl_call
+from packit_sim.engine.containment import PartArrays, nested_oracle
+from packit_sim.engine.containment_kernels import nested
 from packit_sim.engine.items import ItemInBox, PlacedItem
-from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, STEP, Triple
+from packit_sim.engine.pairs import Pair, canonical, matrix
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 
 COLLISION_MESHES_BUDGET = 2_000_000
-"""Triangles in the process's cache of collision meshes, roughly 0.7 kB each."""
+"""Triangles in the process's cache of collision meshes, roughly 0.8 kB each."""
 
 COLLISIONS_BUDGET = 250_000
 """Cached answers about pairs of items on the grid, roughly 0.4 kB each."""
@@ -53,36 +57,55 @@ def collides(placed: PlacedItem, other: ItemInBox) -> bool:
     the box and whichever was placed first. The pose of an item off the grid is taken relative to
     the centre of the one on the grid.
     """
-    if isinstance(other, PlacedItem):
-        return _on_grid(*_canonical(placed, other))
-    return _off_grid(placed, other)
+    pair = Pair.of(placed, other)
+    return _crosses(pair, collision_mesh(pair.item), collision_mesh(pair.other))
 
 
-def collides_memo(placed: PlacedItem, other: ItemInBox) -> bool:
-    """Return the same as `collides`, from the cache if possible; the oracle does without it."""
+def contains(placed: PlacedItem, other: ItemInBox) -> bool:
+    """Decide by a plain loop whether a part of one collision mesh is inside the other.
+
+    Parameters
+    ----------
+    placed : PlacedItem
+        An item on the grid.
+    other : ItemInBox
+        An item on the grid or off it. The meshes don't cross.
+
+    Returns
+    -------
+    bool
+        Whether a connected part of one mesh is inside a closed part of the other.
+    """
+    pair = Pair.of(placed, other)
+    parts = collision_mesh(pair.item).parts, collision_mesh(pair.other).parts
+    return nested_oracle(*parts, pair.turn, pair.other_turn, pair.shift)
+
+
+def surfaces_conflict(placed: PlacedItem, other: ItemInBox) -> bool:
+    """Return whether `collides` or `contains` holds, from the cache if possible."""
     if isinstance(other, PlacedItem):
-        return _on_grid_memo(*_canonical(placed, other))
+        return _on_grid_memo(*canonical(placed, other))
     return _off_grid_memo(placed, other)
 
 
-def _canonical(a: PlacedItem, b: PlacedItem) -> tuple[Item, Item, Triple]:
-    """Put two items in a fixed order; return the second's offset from the first, in grid steps."""
-    if (b.item.key, b.location) < (a.item.key, a.location):
-        a, b = b, a
-    (i, j, k), (u, v, w) = a.location, b.location
-    return a.item, b.item, (u - i, v - j, w - k)
-
-
-def _on_grid(a: Item, b: Item, offset: Triple) -> bool:
-    half_cells = [
-        2 * STEP * steps + own - theirs
-        for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
-    ]
-    fixed = collision_mesh(a).fixed(a.rotation)
-    moving = collision_mesh(b).moving(b.rotation)
+def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
+    fixed = mesh.fixed(pair.item.rotation)
     with _moving:
-        moving.setTranslation(np.array(half_cells) * (CELL / 2))
+        if pair.on_grid:
+            moving = other.moving(pair.other.rotation)
+            moving.setTranslation(pair.shift)
+        else:
+            moving = other.loose
+            moving.setTransform(fcl.Transform(pair.other_turn, pair.shift))
         return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
+
+
+def _conflict(pair: Pair) -> bool:
+    count_fcl_call()
+    mesh, other = collision_mesh(pair.item), collision_mesh(pair.other)
+    return _crosses(pair, mesh, other) or bool(
+        nested(mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift)
+    )
 
 
 @bounded_cache(
@@ -93,18 +116,7 @@ def _on_grid(a: Item, b: Item, offset: Triple) -> bool:
     key=lambda a, b, offset: (a.key, b.key, offset),
 )
 def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
-    count_fcl_call()
-    return _on_grid(a, b, offset)
-
-
-def _off_grid(placed: PlacedItem, other: ItemInBox) -> bool:
-    rotation = other.matrix[:3, :3] / np.cbrt(other.item.scale)
-    transform = fcl.Transform(rotation, other.matrix[:3, 3] - placed.center)
-    fixed = collision_mesh(placed.item).fixed(placed.item.rotation)
-    loose = collision_mesh(other.item).loose
-    with _moving:
-        loose.setTransform(transform)
-        return bool(fcl.collide(fixed, loose, _REQUEST, fcl.CollisionResult()))
+    return _conflict(Pair.at_offset(a, b, offset))
 
 
 @bounded_cache(
@@ -120,8 +132,7 @@ def _off_grid(placed: PlacedItem, other: ItemInBox) -> bool:
     ),
 )
 def _off_grid_memo(placed: PlacedItem, other: ItemInBox) -> bool:
-    count_fcl_call()
-    return _off_grid(placed, other)
+    return _conflict(Pair.of(placed, other))
 
 
 class CollisionMesh:
@@ -146,10 +157,12 @@ class CollisionMesh:
         extents = Item(shape, scale).extents
         shrink = np.maximum(extents - CONTACT_TOLERANCE, 0) / extents
         vertices, faces = np.asarray(shape.mesh.vertices), np.asarray(shape.mesh.faces)
+        self._shape = shape
         self.triangles = len(faces)
         self.model = fcl.BVHModel()
         self.model.beginModel(len(vertices), len(faces))
-        self.model.addSubModel(vertices * (np.cbrt(scale) * shrink), faces)
+        self._vertices = vertices * (np.cbrt(scale) * shrink)
+        self.model.addSubModel(self._vertices, faces)
         self.model.endModel()
         self._fixed: dict[int, fcl.CollisionObject] = {}
         self._moving: dict[int, fcl.CollisionObject] = {}
@@ -167,11 +180,16 @@ class CollisionMesh:
         """Collision object that queries rotate and translate."""
         return fcl.CollisionObject(self.model, fcl.Transform())
 
+    @cached_property
+    def parts(self) -> PartArrays:
+        """Connected parts of the mesh."""
+        return PartArrays.of(self._vertices, self._shape.parts)
+
     def _rotated(
         self, objects: dict[int, fcl.CollisionObject], rotation: int
     ) -> fcl.CollisionObject:
         if rotation not in objects:  # python-fcl never frees one entirely: create none twice
-            transform = fcl.Transform(_matrix(rotation), np.zeros(3))
+            transform = fcl.Transform(matrix(rotation), np.zeros(3))
             objects[rotation] = fcl.CollisionObject(self.model, transform)
         return objects[rotation]
 
@@ -186,11 +204,6 @@ class CollisionMesh:
 def collision_mesh(item: Item) -> CollisionMesh:
     """Look up the collision mesh of an item's shape at its scale."""
     return CollisionMesh(item.shape, item.scale)
-
-
-@cache
-def _matrix(rotation: int) -> npt.NDArray[np.float64]:
-    return rotations.MATRICES[rotation].astype(float)
 
 
 class LooseMesh:

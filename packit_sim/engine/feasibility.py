@@ -20,7 +20,7 @@ import numpy.typing as npt
 from packit_sim.core.counters import count
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import nofit, screening
-from packit_sim.engine.collision import collides_memo
+from packit_sim.engine.collision import surfaces_conflict
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening import (
@@ -129,7 +129,7 @@ def _feasible_at(
 ) -> npt.NDArray[np.bool_]:
     """Decide whether the item is feasible at each of the open locations (n, 3): bool (n,)."""
     if tables is None:
-        return ~crosses(occupancy, item, undecided)
+        return ~excluded(occupancy, item, undecided)
     candidates = [PlacedItem(item, (i, j, k)) for i, j, k in undecided.tolist()]
     return np.array(
         [
@@ -167,7 +167,7 @@ def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Tripl
     for location, partners, looked_at in unblocked(occupancy, item, start):
         undecided += len(partners) > 0
         candidate = PlacedItem(item, location)
-        if not any(collides_memo(candidate, placed[n]) for n in partners.tolist()):
+        if not any(surfaces_conflict(candidate, placed[n]) for n in partners.tolist()):
             count("searches", looked_at, undecided)
             return location
     count("searches", math.prod(screening.locations(occupancy.cells, item)), undecided)
@@ -187,12 +187,12 @@ def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
     state = screen_at(occupancy, candidate)
     count("checks", 1, state == OPEN)
     return state == FREE or (
-        state == OPEN and not crosses(occupancy, candidate.item, np.array([candidate.location]))[0]
+        state == OPEN and not excluded(occupancy, candidate.item, np.array([candidate.location]))[0]
     )
 
 
-def crosses(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
-    """Decide by FCL whether a placed item's mesh crosses the item's at each of some locations.
+def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
+    """Decide by surfaces whether a placed item excludes the item at each of some locations.
 
     Parameters
     ----------
@@ -201,22 +201,22 @@ def crosses(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.
     item : Item
         The item to place, in its rotation.
     locations : Locations
-        (n, 3) int64, free or open ones. FCL only compares pairs that are open.
+        (n, 3) int64, free or open ones. Only pairs that are open are compared.
 
     Returns
     -------
     ndarray
         Bool (n,).
     """
-    crossing = np.zeros(len(locations), dtype=bool)
+    found = np.zeros(len(locations), dtype=bool)
     if len(locations) == 0:
-        return crossing
+        return found
     placed = occupancy.placed
     for n, m in open_pairs(occupancy, item, locations).tolist():
-        if not crossing[n]:
+        if not found[n]:
             i, j, k = locations[n].tolist()
-            crossing[n] = collides_memo(PlacedItem(item, (i, j, k)), placed[m])
-    return crossing
+            found[n] = surfaces_conflict(PlacedItem(item, (i, j, k)), placed[m])
+    return found
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blocker
         n
         for n, placed in enumerate(occupancy.placed)
         if (state := screen_pair(placed, candidate.item, location)[0]) == BLOCKED
-        or (state == OPEN and collides_memo(placed, candidate))
+        or (state == OPEN and surfaces_conflict(placed, candidate))
     )
     return Blockers(walls, items)
 

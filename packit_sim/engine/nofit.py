@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.engine.collision import collides_memo
+from packit_sim.engine.collision import surfaces_conflict
 from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.screening import States, screen_offsets
 from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, merge
@@ -76,7 +76,7 @@ class NoFit:
         if not all(0 <= n < size for n, size in zip((x, y, z), self.states.shape, strict=True)):
             return False
         if self.states[x, y, z] == OPEN:
-            self.states[x, y, z] = BLOCKED if collides_memo(placed, candidate) else FREE
+            self.states[x, y, z] = BLOCKED if surfaces_conflict(placed, candidate) else FREE
         return bool(self.states[x, y, z] == BLOCKED)
 
     def _sign(self, placed: PlacedItem, item: Item) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
-from packit_sim.engine.collision import collides
+from packit_sim.engine.collision import collides, contains
 from packit_sim.engine.feasibility import Mask, is_inside
 from packit_sim.engine.items import Contents, ItemInBox, PlacedItem, triangles
 from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
@@ -70,8 +70,8 @@ def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) 
 def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
     """Decide whether two items exclude each other where they are.
 
-    They do if a fine cell is inner for one item and outer for the other, or if their collision
-    meshes cross.
+    They do if a fine cell is inner for one item and outer for the other, if their collision meshes
+    cross, or if a connected part of one mesh is inside a closed part of the other.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
 
     Notes
     -----
-    A part of an item that lies entirely within the fine cells touched by another item's surface,
-    hence within 1/400 of that surface, and does not cross it, is no conflict, on either side.
+    A closed part of a mesh is watertight with consistent winding. What is in its cavities is inside
+    it, as by cells. An open part encloses only the fine cells that nothing reaches.
     """
     if isinstance(other, PlacedItem) and not _boxes_overlap(candidate, other):
         return False
@@ -102,6 +102,7 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
         (inner[own] & their_outer[their]).any()
         or (outer[own] & their_inner[their]).any()
         or collides(candidate, other)
+        or contains(candidate, other)
     )
 
 

@@ -19,6 +19,7 @@ from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple, cell_box
+from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.repair import Repairs, clean_mesh, repair_mesh
 from packit_sim.geometry.voxelization import solid_volume
 from packit_sim.geometry.voxels import Voxels
@@ -145,6 +146,11 @@ class Shape:
         if self.is_solid:
             return _signed_volume(self.mesh)
         return solid_volume(self.mesh.triangles)
+
+    @cached_property
+    def parts(self) -> Parts:
+        """The connected parts of the surface, and which of them are closed."""
+        return Parts.of(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
 
     @cached_property
     def digest(self) -> str:
