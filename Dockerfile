@@ -1,18 +1,20 @@
-# An image with the command packit and its base install. This file has not been built yet; its RUN lines have been run.
+# syntax=docker/dockerfile:1
+# An image with the command packit and the base installation. It has not been built yet; its steps were
+# tried one by one in a virtual environment.
 #
 #     docker build -t packit-sim .
 #     docker run --rm --user "$(id -u)" -v "$PWD:/work" packit-sim demo
 FROM python:3.11-slim-bookworm
 
-# OpenGL without a screen, which makes pictures faster.
+# libEGL and Mesa make pictures faster. binutils makes PyBullet smaller, and goes again.
 # hadolint ignore=DL3008
-RUN apt-get update \
-    && apt-get install -y --no-install-recommends libegl1 libgl1-mesa-dri \
+RUN --mount=type=bind,target=/src,rw \
+    apt-get update \
+    && apt-get install -y --no-install-recommends libegl1 libgl1-mesa-dri binutils \
+    && pip install --no-cache-dir --constraint /src/constraints.txt /src \
+    && bash /src/scripts/slim-pybullet.sh /usr/local \
+    && apt-get purge -y --auto-remove binutils \
     && rm -rf /var/lib/apt/lists/*
-
-COPY . /src
-RUN pip install --no-cache-dir --constraint /src/constraints.txt /src \
-    && bash /src/scripts/slim-pybullet.sh /usr/local
 
 # Any user may run the image, and finds the compiled kernels.
 ENV NUMBA_CACHE_DIR=/var/cache/packit/kernels \

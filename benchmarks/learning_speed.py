@@ -33,6 +33,7 @@ from benchmarks.common import argument_parser, machine, write_json
 from benchmarks.env import play_random
 from packit_agents.learning.actor_critic import ActorCritic
 from packit_agents.learning.features_extractor import ShapeSetExtractor
+from packit_agents.learning.networks import NetworkSettings
 from packit_sim import PackItVectorEnv, ShapeLibrary, evaluate_batched, load_tasks
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.envs.env import PackItEnv
@@ -43,6 +44,8 @@ SETTINGS: dict[str, Any] = {"rotation": "aligned", "location": "blbf", "observat
 
 AIM = 150
 """Steps per second with the extractor."""
+
+SMALL = NetworkSettings(width=64, encoder_blocks=1, trunk_blocks=1)
 
 SHARED = {"features_extractor_class": ShapeSetExtractor}
 
@@ -56,6 +59,7 @@ CASES: dict[str, tuple[Any, dict[str, Any], int, bool]] = {
     "MultiInputPolicy, ShapeSetExtractor": ("MultiInputPolicy", SHARED, 1, False),
     "MultiInputPolicy, ShapeSetExtractor, example": ("MultiInputPolicy", SHARED, 8, False),
     "ActorCritic, example": (ActorCritic, {}, 8, False),
+    "ActorCritic, small, example": (ActorCritic, {"settings": SMALL}, 8, False),
 }
 """Policy, its keyword arguments, number of environments, and whether observations are flattened."""
 
