@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import math
 import os
 import socket
 import subprocess
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from msgspec.msgpack import encode
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError, RenderError
@@ -23,7 +25,17 @@ from packit_sim.viewer.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of
 
 viser = pytest.importorskip("viser")
+from websockets.datastructures import Headers  # noqa: E402
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
+
+from packit_sim.viewer.connections import is_own_page  # noqa: E402
+
+CAMERA = (
+    *("wxyz", "position", "fov", "near", "far"),
+    *("image_height", "image_width", "look_at", "up_direction"),
+)
+"""Fields of the message in which a browser reports its camera."""
 
 BYTES = 4
 """Of a coordinate on its way to a browser."""
@@ -62,6 +74,23 @@ def browser(viewer: Viewer) -> ClientConnection:
     """What a browser keeps open while it shows the page."""
     address = viewer.address.replace("http", "ws")
     return connect(address, subprotocols=[f"viser-v{viser.__version__}"], compression=None)
+
+
+def opened_by(viewer: Viewer, origin: str | None, host: str | None = None) -> bool:
+    """Whether the page of an origin can open a connection and read from it."""
+    port = port_of(viewer)
+    headers = {} if host is None else {"Host": host.format(port=port)}
+    try:
+        with connect(
+            viewer.address.replace("http", "ws"),
+            origin=None if origin is None else origin.format(port=port),
+            additional_headers=headers,
+            subprotocols=[f"viser-v{viser.__version__}"],
+            compression=None,
+        ) as page:
+            return len(page.recv(timeout=5)) > 0
+    except InvalidStatus:
+        return False
 
 
 def receive(page: ClientConnection, size: int) -> None:
@@ -251,3 +280,81 @@ def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     spec.loader.exec_module(module)
     with pytest.raises(PackItError, match=r"packit-sim\[view\]"):
         module.Viewer(Box())
+
+
+@pytest.mark.parametrize(
+    ("origin", "own"),
+    [
+        (None, True),
+        ("http://127.0.0.1:{port}", True),
+        ("http://evil.example", False),
+        ("http://evil.example:{port}", False),
+        ("http://127.0.0.1:1", False),
+        ("http://localhost:{port}", False),
+        ("null", False),
+        ("file://", False),
+        ("http://[", False),
+    ],
+)
+def test_only_the_servers_own_page_can_open_a_connection(viewer, origin, own) -> None:
+    assert opened_by(viewer, origin) == own
+    assert opened_by(viewer, viewer.address)
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "own"),
+    [
+        ("http://localhost:9000", "localhost:9000", True),  # through ssh
+        ("http://LOCALHOST:9000", "localhost:9000", True),
+        ("http://[::1]:80", "[::1]:80", True),
+        ("http://192.168.1.5:8080", "192.168.1.5:8080", True),
+        ("https://box.example", "box.example", True),
+        ("http://evil.example:8080", "evil.example:8080", False),  # a name that points here
+        ("http://localhost.evil.example", "localhost.evil.example", False),
+        ("http://127.0.0.1:8080", "evil.example:8080", False),
+        ("ftp://127.0.0.1", "127.0.0.1", False),
+        ("", "", False),
+    ],
+)
+def test_an_origin_is_the_host_and_a_name_of_this_machine(origin, host, own) -> None:
+    headers = Headers([("Origin", origin), ("Host", host)])
+    assert is_own_page(headers, "box.example") == own
+    assert not is_own_page(Headers([("Origin", origin), *headers.raw_items()]), "box.example")
+
+
+MALFORMED = {
+    "nothing": b"",
+    "text": "text",
+    "another encoding": b"\xff\xff",
+    "a number": encode(5),
+    "no type": encode({}),
+    "an unknown type": encode({"type": "Nope"}),
+    "a type without fields": encode({"type": "ViewerCameraMessage"}),
+    "deep": b"\x91" * 100_000,
+    "a camera of texts": encode({"type": "ViewerCameraMessage", **dict.fromkeys(CAMERA, "x")}),
+    "a camera of nothing": encode(
+        {"type": "ViewerCameraMessage"}
+        | {name: [math.nan] * 4 if name == "wxyz" else [math.nan] * 3 for name in CAMERA}
+        | dict.fromkeys(("fov", "near", "far", "image_height", "image_width"), 0)
+    ),
+    "an unknown control": encode({"type": "GuiUpdateMessage", "uuid": "x", "updates": {"a": 5}}),
+    "updates of no control": encode({"type": "GuiUpdateMessage", "uuid": "x", "updates": 5}),
+}
+
+
+def test_malformed_messages_print_no_traceback(viewer, capfd, caplog) -> None:
+    for name, message in MALFORMED.items():
+        with browser(viewer) as page:
+            page.send(message)
+            try:
+                for _ in range(3):
+                    page.recv(timeout=0.3)
+            except (ConnectionClosed, TimeoutError):
+                pass
+        assert status(viewer.address) == 200, name
+    with pytest.raises(ConnectionClosed), connect(viewer.address.replace("http", "ws")) as page:
+        page.recv(timeout=5)
+    assert opened_by(viewer, viewer.address)
+    output = "".join(capfd.readouterr())
+    assert "Traceback" not in output + caplog.text and "mismatch" not in output
+    assert "closed a connection after a malformed message: KeyError('Nope')" in caplog.text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import platform
 import socket
@@ -21,6 +22,7 @@ from joblib.parallel import ParallelBackendBase
 from packit_sim.core import compilation
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.orphans import end_with
 from packit_sim.core.version import __version__
 
 _T = TypeVar("_T")
@@ -86,6 +88,8 @@ class Workers:
             self.count = count or joblib.effective_n_jobs(-1)
         processes = max(2, self.count) if is_ray else self.count  # one would be this process
         self._settings = {"n_jobs": processes, "backend": backend, "batch_size": 1}
+        if not is_ray:  # Ray ends its processes itself
+            self._settings |= {"initializer": end_with, "initargs": (os.getpid(),)}
         self._ahead = self.count * (2 if is_ray and count == 0 else 1)
         self._parallel: joblib.Parallel | None = None
 

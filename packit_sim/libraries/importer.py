@@ -21,6 +21,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError, MeshError, PackItError
+from packit_sim.core.orphans import end_with
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import UP_AXES, Shape
@@ -220,8 +221,8 @@ def _prepared(
     """Yield the outcome of each candidate, in order, and its mesh if it was kept."""
     with ProcessPool(
         max_workers=settings.workers,
-        initializer=_limit_memory,
-        initargs=(settings.memory,),
+        initializer=_begin,
+        initargs=(settings.memory, os.getpid()),
         context=multiprocessing.get_context("spawn"),
     ) as pool:
         futures = [
@@ -311,6 +312,12 @@ def _grouped(
         (mesh, replace(info, group=first[number]))
         for (mesh, info), number in zip(kept, numbers, strict=True)
     ]
+
+
+def _begin(memory: int, parent: int) -> None:
+    """Begin a worker: with a limit of its memory, and no longer than the process that needs it."""
+    end_with(parent)
+    _limit_memory(memory)
 
 
 def _limit_memory(memory: int) -> None:

@@ -110,6 +110,8 @@ class WebPage:
         """Keep the points in view of a browser when its window changes shape."""
 
         def changed(camera: viser.CameraHandle) -> None:
+            if not camera.image_width * camera.image_height > 0:
+                return  # of no window
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
@@ -165,8 +167,14 @@ def _serve(host: str, port: int) -> viser.ViserServer:
             address = probe.getsockname()[0]
     except OSError as error:
         raise _refused(host, port, str(error)) from error
+    from packit_sim.viewer.connections import guarded
+
     with _silence():
-        server = viser.ViserServer(address, port, label="PackIt-Sim", verbose=False)
+        with guarded(host, f"viser-v{viser.__version__}") as started:
+            server = viser.ViserServer(address, port, label="PackIt-Sim", verbose=False)
+        if not started:
+            server.stop()
+            raise RenderError(f"viser {viser.__version__} serves pages in an unknown way: get 1.1")
         if port and server.get_port() != port:
             server.stop()
             raise _refused(host, port, "another program has just taken it")

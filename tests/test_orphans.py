@@ -1,0 +1,92 @@
+"""Worker processes end when the process that started them is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+GENERATE = """
+from pathlib import Path
+from packit_sim.core.parallel import Workers
+from packit_sim.datasets.evolution_settings import EvolutionSettings
+from packit_sim.generation.jobs import GenerationJob, generate
+from packit_sim.libraries.library import ShapeLibrary
+
+settings = EvolutionSettings(pool=8, population=100, generations=1000)
+job = GenerationJob(ShapeLibrary.open("everyday"), 9, 0, settings=settings)
+with Workers(2) as workers:
+    generate(job, Path("packs.jsonl"), workers)
+"""
+
+WORK = """
+import time
+from packit_sim.core.parallel import Workers
+
+with Workers(2) as workers:
+    {call}
+"""
+
+PROGRAMS = {
+    "generate": GENERATE,
+    "map": WORK.format(call="workers.map(time.sleep, [(60,)] * 2)"),
+    "as done": WORK.format(call="list(workers.as_done(time.sleep, [(60,)] * 3))"),
+    "idle": WORK.format(call="workers.map(time.sleep, [(0.1,)] * 2); time.sleep(60)"),
+}
+
+
+def children(process: int) -> set[int]:
+    """The processes that a process started, and those that they started."""
+    found: set[int] = set()
+    for file in Path(f"/proc/{process}/task").glob("*/children"):
+        for child in map(int, file.read_text().split()):
+            found |= {child, *children(child)}
+    return found
+
+
+def is_worker(process: int) -> bool:
+    return b"resource_tracker" not in Path(f"/proc/{process}/cmdline").read_bytes()
+
+
+def is_alive(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def wait(holds, seconds: float) -> bool:
+    deadline = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads /proc")
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
+    parent = subprocess.Popen([sys.executable, "-c", PROGRAMS[name]], cwd=tmp_path)
+    begun: set[int] = set()
+
+    def has_workers() -> bool:
+        begun.update(filter(is_worker, children(parent.pid)))
+        return len(begun) >= 2
+
+    try:
+        assert wait(has_workers, 60) and parent.poll() is None
+        time.sleep(3)  # they are at work
+        begun |= children(parent.pid)
+    finally:
+        os.kill(parent.pid, signal.SIGKILL)
+        parent.wait()
+    try:
+        assert wait(lambda: not any(map(is_alive, begun)), 15)
+    finally:
+        for process in filter(is_alive, begun):
+            os.kill(process, signal.SIGKILL)
