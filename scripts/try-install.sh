@@ -13,7 +13,7 @@ mkdir "$work/home" "$work/empty"
 cd "$work/empty"
 
 clean=(env -i HOME="$work/home" PATH="$work/venv/bin:/usr/bin:/bin" CC=/bin/false CXX=/bin/false)
-for name in PIP_CERT SSL_CERT_FILE; do # where a machine's certificates are elsewhere
+for name in PIP_CERT PIP_CONSTRAINT PIP_EXTRA_INDEX_URL PIP_FIND_LINKS SSL_CERT_FILE; do # if set
     if [ -n "${!name:-}" ]; then clean+=("$name=${!name}"); fi
 done
 
