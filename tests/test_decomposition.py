@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from trimesh import creation, sample
 
 from packit_sim.core import caches
-from packit_sim.core.errors import PhysicsError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import decomposition, disk_cache
@@ -242,7 +242,9 @@ def test_without_coacd_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) 
         raise decomposition.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(decomposition.metadata, "version", missing)
-    with pytest.raises(PhysicsError, match=r"pip install 'packit-sim\[physics\]'.*bisection"):
+    with pytest.raises(
+        MissingPackageError, match=r"pip install 'packit-sim\[physics\]'.*bisection"
+    ):
         decompose(BOWL)
     assert decompose(BOWL, HALVES).method == "bisection"
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from packit_sim.box import Box
-from packit_sim.core.errors import BusyError, PackFormatError, PhysicsError
+from packit_sim.core.errors import BusyError, PackFormatError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.files import claimed
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import write_packs
@@ -166,10 +167,10 @@ def test_without_coacd_nothing_is_played(tmp_path, monkeypatch) -> None:
         raise decomposition.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(decomposition.metadata, "version", missing)
-    with pytest.raises(PhysicsError, match=r"pip install 'packit-sim\[physics\]'"):
+    with pytest.raises(MissingPackageError, match=r"pip install 'packit-sim\[physics\]'"):
         packit("evaluate", "absent", "--scores", "--out", tmp_path / "sub" / "results.jsonl")
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(PhysicsError, match="method 'bisection'"):
+    with pytest.raises(MissingPackageError, match="method='bisection'"):
         judge([], everyday())
 
 

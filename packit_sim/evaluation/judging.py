@@ -63,7 +63,7 @@ def judge(
 
     Raises
     ------
-    PhysicsError
+    MissingPackageError
         If the method is not installed.
     ResultsError
         If the file contains other rollouts.

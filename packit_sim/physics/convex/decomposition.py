@@ -99,7 +99,7 @@ def decompose(shape: Shape, settings: DecompositionSettings | None = None) -> De
 
     Raises
     ------
-    PhysicsError
+    MissingPackageError
         If CoACD is chosen and not installed.
     """
     return _kept(shape, settings or DecompositionSettings())
@@ -115,7 +115,7 @@ def require(settings: DecompositionSettings) -> None:
 
     Raises
     ------
-    PhysicsError
+    MissingPackageError
         If CoACD is chosen and not installed.
     """
     _version(settings)
