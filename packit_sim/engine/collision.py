@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_fcl_call
-from packit_sim.engine.containment import PartArrays, nested_oracle
-from packit_sim.engine.containment_kernels import nested
+from packit_sim.engine.containment import PartArrays, nested, nested_oracle
 from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.pairs import Pair, canonical, matrix
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
@@ -103,8 +102,8 @@ def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
 def _conflict(pair: Pair) -> bool:
     count_fcl_call()
     mesh, other = collision_mesh(pair.item), collision_mesh(pair.other)
-    return _crosses(pair, mesh, other) or bool(
-        nested(mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift)
+    return _crosses(pair, mesh, other) or nested(
+        mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift
     )
 
 

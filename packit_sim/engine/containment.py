@@ -11,9 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packit_sim.engine.containment_kernels import any_inside
+from packit_sim.engine.containment_kernels import any_inside, holds
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.deviation import tree_of
 from packit_sim.geometry.parts import Parts
+
+SLACK = 1e-12
+"""Box units by which boxes are enlarged: more than rounding, so that they change no answer."""
+
+_NO_TREE = (
+    np.empty(0, dtype=np.int64),
+    np.array([[[np.inf] * 3, [-np.inf] * 3]] * 2),
+    np.zeros(2, dtype=np.int64),
+)
+"""Part, boxes and starts of no triangles: no ray meets the root's box."""
 
 
 class PartArrays(NamedTuple):
@@ -23,17 +34,20 @@ class PartArrays(NamedTuple):
     ----------
     points : Floats
         (p, 3) a vertex of each part.
-    boxes : Floats
-        (q + 1, 2, 3) lowest and highest corner of all closed parts together, then of each.
     triangles : Floats
-        (m, 3, 3) corners of the closed parts' triangles, those of a part next to each other.
+        (m, 3, 3) corners of the closed parts' triangles, in a tree (see `deviation.Surface`).
+    part : Ints
+        (m,) the number of each of these triangles' part, from 0.
+    boxes : Floats
+        (2 leaves, 2, 3) boxes of the tree's nodes, enlarged by `SLACK`.
     starts : Ints
-        (q + 1,) where the triangles of each closed part start.
+        (leaves + 1,) where each leaf's triangles start.
     """
 
     points: Floats
-    boxes: Floats
     triangles: Floats
+    part: Ints
+    boxes: Floats
     starts: Ints
 
     @classmethod
@@ -52,21 +66,49 @@ class PartArrays(NamedTuple):
         PartArrays
             Their coordinates.
         """
-        triangles = vertices[parts.closed]
-        shells = [vertices[shell] for shell in parts.shells]
-        boxes = [
-            (corners.min(axis=(0, 1)), corners.max(axis=(0, 1)))
-            for corners in ([triangles, *shells] if shells else [])
-        ]
-        return cls(
-            vertices[parts.vertices], np.array(boxes).reshape(-1, 2, 3), triangles, parts.starts
-        )
+        points, triangles = vertices[parts.vertices], vertices[parts.closed]
+        if len(triangles) == 0:
+            return cls(points, triangles, *_NO_TREE)
+        part = np.arange(len(parts.starts) - 1).repeat(np.diff(parts.starts))
+        order, boxes, starts = tree_of(triangles)
+        boxes[1:, 0] -= SLACK
+        boxes[1:, 1] += SLACK
+        return cls(points, triangles[order], part[order], boxes, starts)
+
+
+def nested(
+    one: PartArrays, other: PartArrays, turn: Floats, other_turn: Floats, shift: Floats
+) -> bool:
+    """Decide whether a part of one of two surfaces is inside a closed part of the other.
+
+    Parameters
+    ----------
+    one : PartArrays
+        A surface.
+    other : PartArrays
+        Another surface; they don't cross.
+    turn : ndarray of float64, shape (3, 3)
+        The rotation of the first.
+    other_turn : ndarray of float64, shape (3, 3)
+        The rotation of the other.
+    shift : ndarray of float64, shape (3,)
+        From the centre of the first to that of the other.
+
+    Returns
+    -------
+    bool
+        Whether there is such a part.
+    """
+    return bool(
+        holds(other.points, *one[1:], turn, other_turn, shift)
+        or holds(one.points, *other[1:], other_turn, turn, -shift)
+    )
 
 
 def nested_oracle(
     one: PartArrays, other: PartArrays, turn: Floats, other_turn: Floats, shift: Floats
 ) -> bool:
-    """Compute `containment_kernels.nested` by a loop over all parts and all closed parts.
+    """Compute `nested` by a loop over all parts and all closed parts.
 
     Parameters
     ----------
@@ -90,6 +132,8 @@ def nested_oracle(
         (one, other, turn.T @ other_turn, turn.T @ shift),
         (other, one, other_turn.T @ turn, other_turn.T @ -shift),
     ):
-        if any_inside(inside.points @ to_frame.T + moved, around.triangles, around.starts):
-            return True
+        points = inside.points @ to_frame.T + moved
+        for number in range(around.part.max(initial=-1) + 1):
+            if any_inside(points, around.triangles[around.part == number]):
+                return True
     return False

@@ -6,35 +6,30 @@ import numpy as np
 
 from packit_sim.core.compilation import kernel
 
+_STACK = 64
+"""Nodes that can wait."""
+
 
 @kernel
-def nested(one, other, turn, other_turn, shift):
-    """Return whether a part of one of two surfaces is inside a closed part of the other.
+def holds(points, triangles, part, boxes, starts, turn, points_turn, shift):
+    """Return whether one of some points is inside a closed part of a surface.
 
     Parameters
     ----------
-    one, other : PartArrays
-        The surfaces, which don't cross.
-    turn, other_turn : ndarray
-        (3, 3) float64, their rotations.
+    points : ndarray
+        (p, 3) float64, the points.
+    triangles, part, boxes, starts : ndarray
+        See `containment.PartArrays`.
+    turn, points_turn : ndarray
+        (3, 3) float64, the rotations of the surface and of the points.
     shift : ndarray
-        (3,) float64, from the centre of the first to that of the other.
+        (3,) float64, from the origin of the surface to that of the points.
 
     Returns
     -------
     bool
-        Whether there is such a part.
+        Whether there is such a point.
     """
-    return _holds(one, other.points, turn, other_turn, shift) or _holds(
-        other, one.points, other_turn, turn, -shift
-    )
-
-
-@kernel
-def _holds(around, points, turn, points_turn, shift):
-    """Return whether one of the points (p, 3), turned and moved, is inside a closed part."""
-    if len(around.starts) == 1:
-        return False
     to_frame = np.empty((3, 3))
     moved = np.zeros(3)
     for d in range(3):
@@ -46,6 +41,7 @@ def _holds(around, points, turn, points_turn, shift):
                 + turn[2, d] * points_turn[2, e]
             )
     point = np.empty(3)
+    windings = np.empty(0, np.int64)
     for n in range(len(points)):
         for d in range(3):
             point[d] = moved[d] + (
@@ -53,33 +49,54 @@ def _holds(around, points, turn, points_turn, shift):
                 + to_frame[d, 1] * points[n, 1]
                 + to_frame[d, 2] * points[n, 2]
             )
-        if not _in_box(around.boxes[0], point):
+        if point[2] < boxes[1, 0, 2] or not _meets_ray(boxes[1], point):
             continue
-        for m in range(len(around.starts) - 1):
-            if _in_box(around.boxes[m + 1], point):
-                triangles = around.triangles[around.starts[m] : around.starts[m + 1]]
-                if winding_number(triangles, point) != 0:
-                    return True
+        if len(windings) == 0:
+            windings = np.empty(part.max() + 1, np.int64)
+        windings[:] = 0
+        _count_windings(triangles, part, boxes, starts, point, windings)
+        if windings.any():
+            return True
     return False
 
 
 @kernel
-def _in_box(box, point):
+def _count_windings(triangles, part, boxes, starts, point, windings):
+    """Add to `windings` (q,) how often each closed part winds around the point."""
+    waiting = np.empty(_STACK, np.int64)
+    waiting[0] = 1
+    top = 1
+    leaves = len(starts) - 1
+    while top:
+        top -= 1
+        node = waiting[top]
+        if not _meets_ray(boxes[node], point):
+            continue
+        if node < leaves:
+            waiting[top], waiting[top + 1] = 2 * node, 2 * node + 1
+            top += 2
+        else:
+            for n in range(starts[node - leaves], starts[node - leaves + 1]):
+                windings[part[n]] += _crossing(triangles[n], point)
+
+
+@kernel
+def _meets_ray(box, point):
+    """Return whether the ray from a point straight up meets a box."""
     return (
         box[0, 0] <= point[0] <= box[1, 0]
         and box[0, 1] <= point[1] <= box[1, 1]
-        and box[0, 2] <= point[2] <= box[1, 2]
+        and point[2] <= box[1, 2]
     )
 
 
 @kernel
-def any_inside(points, triangles, starts):
-    """Return whether one of the points (p, 3) is inside a closed part, by a loop over all."""
+def any_inside(points, triangles):
+    """Return whether one of the points (p, 3) is inside a closed surface, by a loop over all."""
+    inside = False
     for n in range(len(points)):
-        for m in range(len(starts) - 1):
-            if winding_number(triangles[starts[m] : starts[m + 1]], points[n]) != 0:
-                return True
-    return False
+        inside |= winding_number(triangles, points[n]) != 0
+    return inside
 
 
 @kernel
@@ -106,21 +123,27 @@ def winding_number(triangles, point):
     edge agree: no point is between two of them or on both.
     """
     winding = 0
-    x, y, z = point
     for n in range(len(triangles)):
-        triangle = triangles[n]
-        covers = 0
-        for c in range(3):
-            start, end = triangle[c - 1], triangle[c]
-            if (start[1] <= y) == (end[1] <= y):
-                continue
-            rises = start[1] <= y
-            low, high = (start, end) if rises else (end, start)
-            if (high[0] - low[0]) * (y - low[1]) > (x - low[0]) * (high[1] - low[1]):
-                covers += 1 if rises else -1
-        if covers != 0 and _is_above(triangle, x, y, z, covers):
-            winding += covers
+        winding += _crossing(triangles[n], point)
     return winding
+
+
+@kernel
+def _crossing(triangle, point):
+    """Return 1 if a triangle above a point faces up, -1 if it faces down, 0 if none is above."""
+    x, y, z = point
+    covers = 0
+    for c in range(3):
+        start, end = triangle[c - 1], triangle[c]
+        if (start[1] <= y) == (end[1] <= y):
+            continue
+        rises = start[1] <= y
+        low, high = (start, end) if rises else (end, start)
+        if (high[0] - low[0]) * (y - low[1]) > (x - low[0]) * (high[1] - low[1]):
+            covers += 1 if rises else -1
+    if covers != 0 and _is_above(triangle, x, y, z, covers):
+        return covers
+    return 0
 
 
 @kernel
