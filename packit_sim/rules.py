@@ -1,7 +1,8 @@
-"""The rules of the game: which variant of PackIt is played."""
+"""The rules of the game: which variant of PackIt is played, and how an episode can end."""
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -11,6 +12,14 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.physics.settings import PhysicsSettings
+
+
+class End(enum.StrEnum):
+    """Why an episode ended."""
+
+    COMPLETE = "all placed"
+    NO_LOCATION = "no room"
+    INVALID_ACTION = "invalid action"
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ def test_results_of_something_else_are_refused_and_stay(agents, tasks, rollouts,
         ({"rules": {"easy": 1}}, "'provenance.rules.easy' is 1: expected bool"),
         ({"return": None}, "'provenance.return' is None: expected float"),
         ({"return": True}, "'provenance.return' is True: expected float"),
-        ({"end": "tired"}, "pack 1: field 'provenance.end' is 'tired': choose from all placed"),
+        ({"end": "tired"}, "line 1: field 'provenance.end' is 'tired': choose from all placed"),
         ({"taks": 0}, "field 'provenance.taks' is unknown"),
     ],
 )

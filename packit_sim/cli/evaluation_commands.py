@@ -26,7 +26,7 @@ from packit_sim.cli.console import (
     prepare_folder,
     progress_bars,
 )
-from packit_sim.cli.output import RESUMABLE, print_written, simple_table, stoppable
+from packit_sim.cli.output import RESUMABLE, check_shown, print_written, simple_table, stoppable
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.parallel import Workers
@@ -168,9 +168,10 @@ def compare_command(
     """
     if len(results) > 2:
         raise ArgumentError(f"{len(results)} files can't be compared: give one or two")
-    played = [
-        [(name, _of(each, name)) for name in _agents(each)] for each in map(read_results, results)
-    ]
+    found = [read_results(file) for file in results]
+    for file, rollouts in zip(results, found, strict=True):
+        check_shown(file, rollouts)
+    played = [[(name, _of(each, name)) for name in _agents(each)] for each in found]
     numbered = list(enumerate(itertools.chain(*played), start=1))
     if len(played) == 1:
         pairs = list(itertools.combinations(numbered, 2))

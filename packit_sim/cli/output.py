@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from packit_sim.cli.console import console
+from packit_sim.core.errors import LibraryError
 from packit_sim.core.files import replace_text
+from packit_sim.datasets.pack_files import recorded_library
+from packit_sim.evaluation.results import Rollout, check_results
+from packit_sim.libraries.library import ShapeLibrary
 
 RESUMABLE = "repeat the command to resume"
 
@@ -28,6 +32,31 @@ def simple_table(*columns: str, **options: Any) -> Table:
 def print_written(path: Path | str, note: str = "") -> None:
     """Print the path of a file that was written."""
     console.print(f"wrote {path}{note}", soft_wrap=True)
+
+
+def check_shown(
+    file: Path, rollouts: Sequence[Rollout], library: ShapeLibrary | None = None
+) -> None:
+    """Check results as `check_results` does, and print how many returns could not be checked.
+
+    Parameters
+    ----------
+    file : Path
+        The file of the results.
+    rollouts : Sequence[Rollout]
+        The results.
+    library : ShapeLibrary | None
+        Their library; by default the recorded one, if it can be opened.
+    """
+    why = "the items of their tasks are not recorded"
+    if library is None:
+        try:
+            library = recorded_library((rollout.pack.library for rollout in rollouts), file)
+        except LibraryError as error:
+            why = str(error)
+    if unchecked := check_results(file, rollouts, library):
+        note = f"{file}: {unchecked} of {len(rollouts)} returns are not checked: {why}"
+        console.print(note, style="yellow", markup=False, soft_wrap=True)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from packit_sim.cli.console import DatasetLibraryOption, SplitOption, prepare_folder
-from packit_sim.cli.output import print_written
+from packit_sim.cli.output import check_shown, print_written
 from packit_sim.core.files import replace_text
 from packit_sim.datasets.pack_files import load_tasks, recorded_library
 from packit_sim.libraries.library import ShapeLibrary
@@ -56,10 +56,14 @@ def report_command(
     found = Runs.read(runs)
     prepare_folder(out)
     shown = None
-    if found.played and each:
+    if found.played:
         chosen(found, agent)
-        refs = [one.pack.library for each in found.played for one in each.rollouts]
-        opened = ShapeLibrary.open(library) if library else recorded_library(refs, runs[0])
+        opened = ShapeLibrary.open(library) if library else None
+        for run in found.played:
+            check_shown(run.file, run.rollouts, opened)
+    if found.played and each:
+        refs = [one.pack.library for run in found.played for one in run.rollouts]
+        opened = opened or recorded_library(refs, runs[0])
         played = load_tasks(dataset, opened, split) if dataset else ()
         tasks = {task.digest: task for task in played}
         if tasks and not any(r.task_digest in tasks for one in found.played for r in one.rollouts):

@@ -76,6 +76,8 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     density = volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if not abs(density - pack.density) <= DENSITY_SLACK:
         problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")
+    if density > 1 + DENSITY_SLACK:
+        problems.append(f"density is {density!r}: items can't be larger than their box")
     return problems
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -159,8 +160,8 @@ class Pack:
     provenance : Provenance
         How the pack came to be.
     outside : tuple of ItemRecord
-        Further items of its task. They are all of its items if no solution on the grid is known, as
-        for the original PackIt's packs.
+        Further items of its task: those that an agent left outside, or all of its items if no
+        solution on the grid is known, as for the original PackIt's packs.
     """
 
     library: LibraryRef
@@ -388,5 +389,25 @@ class Task:
     def digest(self) -> str:
         """A digest of the library, the box's cells and the items, which identifies the task."""
         items = [(item.shape.id, item.scale) for item in self.items]
-        facts = (self.pack.library.digest, self.cells, items)
-        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+        return task_digest(self.pack.library.digest, self.cells, items)
+
+
+def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]]) -> str:
+    """Compute the digest of a task.
+
+    Parameters
+    ----------
+    library : str
+        The digest of its library.
+    cells : tuple of int
+        The box's cells along x, y and z.
+    items : sequence of tuple
+        The shape and scale of each item, sorted.
+
+    Returns
+    -------
+    str
+        16 hex digits.
+    """
+    facts = (library, cells, items)
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]

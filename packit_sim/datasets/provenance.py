@@ -11,10 +11,14 @@ from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.geometry import rotations
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.settings import Method
-from packit_sim.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, End, Rules
+
+RETURN_SLACK = 1e-9
+"""Tolerance of returns for the rounding of sums."""
 
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Positive = Annotated[float, Meta(gt=0)]
+Return = Annotated[float, Meta(ge=-RETURN_SLACK, le=1 + RETURN_SLACK)]
 Seconds = Annotated[float, Meta(ge=0)]
 RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]
 
@@ -96,8 +100,8 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
         The rules that were played.
     total : float
         The return of the episode, "return" in files.
-    end : str
-        Why the episode ended, one of `End`.
+    end : End
+        Why the episode ended.
     seconds : float
         The duration of the episode; other work on the machine may have lengthened it.
     weights : str, optional
@@ -109,12 +113,12 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     """
 
     agent: str
-    task: int
+    task: Count
     task_digest: str
-    seed: int
+    seed: Count
     rules: Rules = PACKIT
-    total: float = field(name="return")
-    end: str
+    total: Return = field(name="return")
+    end: End
     seconds: Seconds = 0.0
     weights: str | None = None
     scores: Mapping[str, int | float] = {}

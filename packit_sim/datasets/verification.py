@@ -16,7 +16,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.errors import LibraryError, PackFormatError, PackItError, UnknownShapeError
+from packit_sim.core.errors import (
+    LibraryError,
+    MeshError,
+    PackFormatError,
+    PackItError,
+    UnknownShapeError,
+)
 from packit_sim.datasets.manifests import (
     SUFFIX,
     Manifest,
@@ -27,11 +33,16 @@ from packit_sim.datasets.manifests import (
 from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
 from packit_sim.datasets.pack_files import WHOLE, folder_files, numbered_lines, read_bytes
 from packit_sim.datasets.packs import FORMATS, Pack
+from packit_sim.datasets.play_checks import insertion_problems, play_problems, task_of
 from packit_sim.datasets.provenance import Evolved, Played, Provenance
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
+from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
 from packit_sim.placement import PlacedItem
+
+VOLUME_SLACK = 1e-6
+"""Largest relative difference between a recorded volume and that of the mesh: rounding of sums."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +90,9 @@ class Report:
         The volume of their boxes, in the same unit.
     settled : int
         The number of items off the grid. Whether these overlap or rest is not judged.
+    unjudged_returns : int
+        The number of results whose task is neither recorded nor built in: their return can't be
+        computed. Former versions did not record the items that an agent left outside.
     """
 
     problems: tuple[Problem, ...]
@@ -88,6 +102,7 @@ class Report:
     volume: float
     space: float
     settled: int = 0
+    unjudged_returns: int = 0
 
     @property
     def holds(self) -> bool:
@@ -97,12 +112,18 @@ class Report:
     @property
     def not_judged(self) -> str:
         """What the check leaves open, as a sentence; empty if it leaves nothing open."""
-        if not self.settled:
-            return ""
-        return (
-            f"not judged, of {self.settled} items that settled off the grid: whether they overlap, "
-            "and whether they rest where they are"
-        )
+        sentences = []
+        if self.settled:
+            sentences.append(
+                f"not judged, of {self.settled} items that settled off the grid: whether they "
+                "overlap, and whether they rest where they are"
+            )
+        if self.unjudged_returns:
+            sentences.append(
+                f"not judged, of {self.unjudged_returns} results of former versions: their "
+                "returns, because the items of their tasks are not recorded"
+            )
+        return "; ".join(sentences)
 
     @property
     def broken(self) -> int:
@@ -150,6 +171,9 @@ def verify_dataset(
     - Each pack passes `verify`: library, items inside and without conflict, density.
     - It has at most as many items as its recorded pool, each at one of its recorded scales, in the
       box of its recorded settings.
+    - The volumes that a stored library records are those of its meshes.
+    - Results: the return and the end follow from the items and the task, and with the kinematic
+      rule each item can come straight down from the open top. Agents do not play again.
     - Evolved packs: each item is at its bottom-left-back-fill location, the first feasible one
       given the items placed before it. Cells that prove a conflict rule locations out, and the
       oracle decides about the others.
@@ -187,6 +211,7 @@ def verify_dataset(
         check.volume,
         check.space,
         sum(item.pose is not None for item in items),
+        check.unjudged_returns,
     )
 
 
@@ -197,6 +222,8 @@ class _DatasetCheck:
         self.library = library
         self.problems: list[Problem] = []
         self.volume = self.space = 0.0
+        self.unjudged_returns = 0
+        self._volume = cache(lambda shape: Shape(shape.mesh, shape.id, shape.category).volume)
         self._same: dict[tuple[Any, ...], list[tuple[Path, int, Provenance]]] = {}
         self._seeds: dict[tuple[Any, ...], int] = {}
         self._split = cache(library.split)
@@ -207,6 +234,7 @@ class _DatasetCheck:
     def pack_problems(self, pack: Pack, recorded: Iterable[str | None]) -> Iterator[str]:
         """Yield the problems of one pack, given its split as the file's name and manifest say."""
         evolved = pack.provenance if isinstance(pack.provenance, Evolved) else None
+        played = pack.provenance if isinstance(pack.provenance, Played) else None
         if not pack.items:
             yield "it holds no items"
         if evolved is not None:
@@ -226,9 +254,31 @@ class _DatasetCheck:
             return
         self.volume += sum(p.item.volume for p in placed)
         self.space += math.prod(pack.cells) / CELLS_PER_UNIT**3
+        for shape in dict.fromkeys(p.item.shape for p in placed):
+            yield from self._volume_problems(shape)
+        on_grid = [one for one in placed if isinstance(one, PlacedItem)]
         if evolved is not None and pack.is_on_grid:
-            on_grid = [one for one in placed if isinstance(one, PlacedItem)]
             yield from order_problems(pack.cells, on_grid)
+        if played is not None:
+            yield from self._play_problems(pack, played)
+            if played.rules.kinematic:
+                yield from insertion_problems(on_grid)
+
+    def _play_problems(self, pack: Pack, played: Played) -> Iterator[str]:
+        self.unjudged_returns += task_of(pack, played) is None
+        try:
+            yield from play_problems(pack, played, lambda id: self.library[id].volume)
+        except (UnknownShapeError, MeshError) as error:
+            yield str(error)
+
+    def _volume_problems(self, shape: Shape) -> Iterator[str]:
+        """Yield whether the library records another volume than that of the mesh."""
+        measured = self._volume(shape)
+        if not math.isclose(shape.volume, measured, rel_tol=VOLUME_SLACK):
+            yield (
+                f"the library records volume {shape.volume!r} for shape {shape.id!r}, "
+                f"its mesh has {measured!r}"
+            )
 
     def duplicate_problems(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
         """Yield which earlier pack has the same items, or the same seed."""

@@ -18,6 +18,7 @@ from packit_sim.core.checks import check_range
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.packs import Task
+from packit_sim.datasets.provenance import RETURN_SLACK
 from packit_sim.envs.observations import Observation
 from packit_sim.evaluation.results import ResultsError, Rollout, check_same, opened
 from packit_sim.game.agents import Agent
@@ -33,9 +34,6 @@ _log = logging.getLogger(__name__)
 
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""
-
-RETURN_SLACK = 1e-9
-"""Tolerance of returns for the rounding of sums: in comparisons with x, and with each other."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,11 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, lock_path
 from packit_sim.datasets import manifests
 from packit_sim.datasets.pack_files import read_packs, write_packs
-from packit_sim.datasets.packs import Pack, Task
+from packit_sim.datasets.packs import ItemRecord, Pack, Task
+from packit_sim.datasets.play_checks import play_problems, task_of
 from packit_sim.datasets.provenance import Played
 from packit_sim.game.episode import End, Episode
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 
 CHECKPOINT_SECONDS = 5.0
@@ -53,11 +55,6 @@ class Rollout:
             raise ResultsError(
                 f"this is not a result, its provenance is {self.pack.provenance.producer!r}: "
                 "results are written by `packit evaluate --out`"
-            )
-        if self.played.end not in list(End):
-            choices = ", ".join(End)
-            raise ResultsError(
-                f"field 'provenance.end' is {self.played.end!r}: choose from {choices}"
             )
 
     @classmethod
@@ -100,11 +97,15 @@ class Rollout:
             seed=seed,
             rules=episode.rules,
             total=float(episode.total),
-            end=str(episode.end),
+            end=episode.end,
             seconds=round(seconds, 6),
             weights=weights,
         )
-        return cls(Pack.of(episode.box, episode.task.pack.library, played))
+        task = episode.task
+        pack = Pack.of(episode.box, task.pack.library, played)
+        left = [item for item, is_left in zip(task.items, episode.outside, strict=True) if is_left]
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item in left)
+        return cls(replace(pack, outside=outside))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Rollout):
@@ -156,7 +157,7 @@ class Rollout:
     @property
     def end(self) -> End:
         """Why the episode ended."""
-        return End(self.played.end)
+        return self.played.end
 
     @property
     def seconds(self) -> float:
@@ -196,6 +197,49 @@ def read_results(path: Path | str) -> list[Rollout]:
         except ResultsError as error:
             raise ResultsError(f"{path}, pack {number}: {error}") from None
     return rollouts
+
+
+def check_results(
+    path: Path | str, rollouts: Iterable[Rollout], library: ShapeLibrary | None = None
+) -> int:
+    """Check that returns and ends follow from the recorded items and tasks.
+
+    Parameters
+    ----------
+    path : Path | str
+        The file of the results.
+    rollouts : Iterable[Rollout]
+        The results, in the order of the file.
+    library : ShapeLibrary | None
+        Their library. Without it returns and densities are not computed.
+
+    Returns
+    -------
+    int
+        How many returns can't be checked: former versions did not record the items outside the box,
+        and the task is not built in; or there is no library.
+
+    Raises
+    ------
+    ResultsError
+        If one does not hold, or an agent has two results on a task.
+    """
+    found: set[tuple[str, int]] = set()
+    volume = None if library is None else (lambda id: library.info(id).volume)
+    unchecked = 0
+    for number, rollout in enumerate(rollouts, start=1):
+        if (rollout.agent, rollout.task) in found:
+            raise ResultsError(
+                f"{path} holds two results of {rollout.agent!r} on task {rollout.task}: "
+                "write each evaluation to a separate file"
+            )
+        found.add((rollout.agent, rollout.task))
+        for problem in play_problems(rollout.pack, rollout.played, volume):
+            raise ResultsError(
+                f"{path}, pack {number}: {problem}; `packit verify` reports all problems"
+            )
+        unchecked += volume is None or task_of(rollout.pack, rollout.played) is None
+    return unchecked
 
 
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:

@@ -23,7 +23,7 @@ from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import ItemInBox, Mask, PlacedItem
-from packit_sim.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, End, Rules
 
 
 class Stage(enum.IntEnum):
@@ -41,14 +41,6 @@ _EASY_ORDER = (Stage.SHAPE, Stage.LOCATION, Stage.ROTATION)
 def stages(rules: Rules) -> tuple[Stage, ...]:
     """Return the sub-tasks in the order in which they are played by some rules."""
     return _EASY_ORDER if rules.easy else _ORDER
-
-
-class End(enum.StrEnum):
-    """Why an episode ended."""
-
-    COMPLETE = "all placed"
-    NO_LOCATION = "no room"
-    INVALID_ACTION = "invalid action"
 
 
 class ChosenItem:
