@@ -15,6 +15,9 @@ import pytest
 pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
 
 import torch
+from msgspec import structs
+from safetensors import safe_open
+from safetensors.torch import save
 from sb3_contrib.common.maskable.distributions import MaskableCategoricalDistribution
 from trimesh import creation
 
@@ -28,7 +31,7 @@ from packit_agents.learning.networks import NETWORKS, AllPolicies, NetworkSettin
 from packit_agents.learning.run_folder import TrainingError
 from packit_agents.learning.training import Training
 from packit_agents.learning.training_settings import TrainingSettings, read_settings
-from packit_agents.learning.weights import WeightsError, read_weights, write_weights
+from packit_agents.learning.weights import WeightsError, read_weights, weights_digest, write_weights
 from packit_sim import placement
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
@@ -39,7 +42,7 @@ from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PLACEMENT_FEATURES
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.learning_curves import TrainingRecord
-from packit_sim.evaluation.results import ResultsError, read_results
+from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.game.agents import Agent, UnknownPolicyError, load_policy
 from packit_sim.game.episode import End, Episode, Stage
 from packit_sim.geometry import rotations
@@ -322,17 +325,36 @@ def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(library,
     name = f"learned@{file}/aligned/blbf"
     tasks = load_tasks("starter", library)[:2]
     found = evaluate([Agent.from_name(name)], tasks[:1], seed=0, file=results)
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    assert found[0].weights == read_results(results)[0].weights == digest[:16]
+    digest = weights_digest(read_weights(file)[0])
+    assert found[0].weights == read_results(results)[0].weights == digest
     assert Agent.from_name("random/aligned/blbf").weights is None
     before = results.read_bytes()
     older = Agent.from_name(name)
     write_weights(file, network(SMALL, 0), SMALL, 0, {"seed": 2})
-    with pytest.raises(ResultsError, match=f"with weights of {re.escape(name)} {digest[:16]}, not"):
+    with pytest.raises(ResultsError, match=f"with weights of {re.escape(name)} {digest}, not"):
         evaluate([Agent.from_name(name)], tasks, seed=0, file=results)
     with pytest.raises(ResultsError, match="changed during the evaluation"):
         evaluate([older], tasks, seed=0, workers=Workers(2), file=results)
     assert results.read_bytes() == before
+
+
+def test_the_same_tensors_are_the_same_weights(library, tmp_path) -> None:
+    """Whatever the order of a file's metadata; former versions recorded the digest of the file."""
+    file, results = weights(tmp_path / "w.safetensors"), tmp_path / "results.jsonl"
+    name = f"learned@{file}/aligned/blbf"
+    tasks = load_tasks("starter", library)[:2]
+    found = evaluate([Agent.from_name(name)], tasks[:1], seed=0, file=results)
+    of_file = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    former = replace(found[0].pack, provenance=structs.replace(found[0].played, weights=of_file))
+    write_results(results, [Rollout(former)])
+    both = evaluate([Agent.from_name(name)], tasks, seed=0, file=results)
+    assert [rollout.weights for rollout in both] == [of_file, found[0].weights]
+    with safe_open(file, framework="pt") as opened:
+        metadata = opened.metadata()
+        tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
+    file.write_bytes(save(tensors, {**metadata, "provenance": '{"seed": 2}'}))
+    results.unlink()
+    assert evaluate([Agent.from_name(name)], tasks[:1], seed=0, file=results) == found
 
 
 def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, tmp_path) -> None:

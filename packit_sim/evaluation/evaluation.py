@@ -207,7 +207,8 @@ def evaluate(
     weights = {agent.name: agent.weights for agent in players}
     with opened(file, list(weights)) as store:
         if file is not None:
-            check_same(file, store.rollouts, weights, numbered, seed, rules)
+            known = {agent.name: agent.known_weights for agent in players}
+            check_same(file, store.rollouts, known, numbered, seed, rules)
         jobs = []
         for number, task in numbered.items():
             missing = [agent for agent in players if (agent.name, number) not in store]

@@ -331,7 +331,7 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsSto
 def check_same(
     path: Path,
     rollouts: Iterable[Rollout],
-    weights: Mapping[str, str | None],
+    weights: Mapping[str, tuple[str | None, ...]],
     tasks: Mapping[int, Task],
     seed: int,
     rules: Rules,
@@ -344,8 +344,8 @@ def check_same(
         The file of the results.
     rollouts : Iterable[Rollout]
         The results.
-    weights : Mapping[str, str | None]
-        The digest of the weights of each agent.
+    weights : Mapping[str, tuple[str | None, ...]]
+        The digest of the weights of each agent, and others that are known for the same weights.
     tasks : Mapping[int, Task]
         The tasks by number.
     seed : int
@@ -360,11 +360,13 @@ def check_same(
     """
     for rollout in rollouts:
         agent, number, digest = rollout.agent, rollout.task, rollout.task_digest
+        known = weights.get(agent, (rollout.weights,))
+        own = rollout.weights if rollout.weights in known else known[0]
         facts = {
             "seed": (rollout.seed, seed),
             "rules": (rollout.rules, rules),
             f"task {number}": (digest, tasks[number].digest if number in tasks else digest),
-            f"weights of {agent}": (rollout.weights, weights.get(agent, rollout.weights)),
+            f"weights of {agent}": (rollout.weights, own),
         }
         for name, (theirs, ours) in facts.items():
             if theirs != ours:

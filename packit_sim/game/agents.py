@@ -32,7 +32,8 @@ class Policy(Protocol):
     Notes
     -----
     A policy that loads weights from a file may have an attribute `weights_digest`, a str: it is
-    recorded with results, so that they are not mistaken for those of other weights.
+    recorded with results, so that they are not mistaken for those of other weights. Results that
+    record an attribute `former_weights_digest` instead are taken for those of the same weights.
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
@@ -158,8 +159,16 @@ class Agent:
     @property
     def weights(self) -> str | None:
         """The digests of its policies' weights; None if no policy has such."""
+        return self._digests("weights_digest")
+
+    @property
+    def known_weights(self) -> tuple[str | None, ...]:
+        """`weights`, and what former versions recorded for the same weights."""
+        return self.weights, self._digests("former_weights_digest")
+
+    def _digests(self, attribute: str) -> str | None:
         policies = (self.shape, self.rotation, self.location)
-        digests = dict.fromkeys(getattr(policy, "weights_digest", None) for policy in policies)
+        digests = dict.fromkeys(getattr(policy, attribute, None) for policy in policies)
         return " ".join(digest for digest in digests if digest is not None) or None
 
     def policy(self, stage: Stage) -> Policy:

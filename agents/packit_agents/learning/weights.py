@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -68,6 +69,26 @@ def write_weights(
     tensors = {name: tensor.cpu().contiguous() for name, tensor in net.state_dict().items()}
     with replacing(path) as file:
         file.write(save(tensors, metadata))
+
+
+def weights_digest(net: nn.Module) -> str:
+    """Compute the digest of a network's tensors: their names, types, shapes and values.
+
+    Parameters
+    ----------
+    net : torch.nn.Module
+        The network.
+
+    Returns
+    -------
+    str
+        16 hex digits, the same for every file with these tensors.
+    """
+    sha = hashlib.sha256()
+    for name, tensor in sorted(net.state_dict().items()):
+        sha.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}\n".encode())
+        sha.update(tensor.cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
+    return sha.hexdigest()[:16]
 
 
 def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
