@@ -30,7 +30,7 @@ from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.evaluation.evaluation import RETURN_SLACK
+from packit_sim.datasets.provenance import RETURN_SLACK
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.paper.reproduction import HEURISTIC
 from packit_sim.render import plots

@@ -29,12 +29,12 @@ from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.controls import NOTHING
 from packit_sim.explorer.fit_query import FitQuery
 from packit_sim.explorer.redraw_thread import RedrawThread
-from packit_sim.game.episode import End
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
+from packit_sim.rules import End
 from packit_sim.viewer.box_view import corners, reach
 from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
 from packit_sim.viewer.web_page import _look, _view

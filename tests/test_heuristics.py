@@ -18,11 +18,11 @@ from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, space_b
 from packit_sim.box import Box
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.game.agents import load_policy
-from packit_sim.game.episode import End, Episode, Stage
+from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.rules import Rules
+from packit_sim.rules import End, Rules
 from tests.examples import examples
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 

@@ -44,14 +44,14 @@ from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.game.agents import Agent, UnknownPolicyError, load_policy
-from packit_sim.game.episode import End, Episode, Stage
+from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import PhysicsSettings
-from packit_sim.rules import Rules
+from packit_sim.rules import End, Rules
 from tests.zoo import cube_of
 
 

@@ -25,7 +25,7 @@ from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.game.episode import End, Episode
+from packit_sim.game.episode import Episode
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
@@ -37,7 +37,7 @@ from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle
 from packit_sim.reports.examples import gallery
 from packit_sim.reports.runs import Runs
-from packit_sim.rules import Rules
+from packit_sim.rules import End, Rules
 from packit_sim.viewer.viewer import Viewer
 from tests.runs import packit
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of

@@ -17,12 +17,12 @@ from packit_sim.datasets import packings, packs, provenance
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
-from packit_sim.game.episode import End
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.physics.quality import QualityScores
+from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
 
 FILES = DOCS / "reference" / "files.md"

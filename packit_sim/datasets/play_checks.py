@@ -64,9 +64,9 @@ def play_problems(
     str
         A sentence for each problem.
     """
-    if played.rules.cells not in (None, pack.cells):
-        wanted = list(played.rules.cells or ())
-        yield f"its box has {list(pack.cells)} cells, its rules say {wanted}"
+    wanted = played.rules.cells
+    if wanted is not None and wanted != pack.cells:
+        yield f"its box has {list(pack.cells)} cells, its rules say {list(wanted)}"
     if played.rules.physics is None and not pack.is_on_grid:
         yield "it has items off the grid, but its rules have no physics"
     task = task_of(pack, played)

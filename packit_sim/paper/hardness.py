@@ -18,8 +18,7 @@ import numpy as np
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import PackItError
 from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Evolved
-from packit_sim.evaluation.evaluation import RETURN_SLACK
+from packit_sim.datasets.provenance import RETURN_SLACK, Evolved
 from packit_sim.render import plots
 
 LEVELS = (1.0, 0.7)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from packit_sim.datasets.packs import Pack, Task
-from packit_sim.evaluation.evaluation import RETURN_SLACK
+from packit_sim.datasets.provenance import RETURN_SLACK
 from packit_sim.evaluation.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.reports.models import Models

@@ -7,7 +7,8 @@ from collections.abc import Collection
 import numpy as np
 
 from packit_sim.game.agents import Agent, OnProgress, Scored, UnknownPolicyError
-from packit_sim.game.episode import End, Episode, Stage, State
+from packit_sim.game.episode import Episode, Stage, State
+from packit_sim.rules import End
 
 
 def proposals(
