@@ -90,12 +90,12 @@ def surfaces_conflict(placed: PlacedItem, other: ItemInBox) -> bool:
 def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
     fixed = mesh.fixed(pair.item.rotation)
     with _moving:
-        if pair.on_grid:
+        if pair.loose_turn is None:
             moving = other.moving(pair.other.rotation)
             moving.setTranslation(pair.shift)
         else:
             moving = other.loose
-            moving.setTransform(fcl.Transform(pair.other_turn, pair.shift))
+            moving.setTransform(fcl.Transform(pair.loose_turn, pair.shift))
         return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
 
 

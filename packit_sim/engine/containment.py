@@ -21,10 +21,10 @@ SLACK = 1e-12
 
 _NO_TREE = (
     np.empty(0, dtype=np.int64),
-    np.array([[[np.inf] * 3, [-np.inf] * 3]] * 2),
-    np.zeros(2, dtype=np.int64),
+    np.empty((0, 2, 3)),
+    np.empty(0, dtype=np.int64),
 )
-"""Part, boxes and starts of no triangles: no ray meets the root's box."""
+"""Part, boxes and starts of no triangles."""
 
 
 class PartArrays(NamedTuple):
@@ -100,8 +100,8 @@ def nested(
         Whether there is such a part.
     """
     return bool(
-        holds(other.points, *one[1:], turn, other_turn, shift)
-        or holds(one.points, *other[1:], other_turn, turn, -shift)
+        (len(one.part) and holds(other.points, *one[1:], turn, other_turn, shift))
+        or (len(other.part) and holds(one.points, *other[1:], other_turn, turn, -shift))
     )
 
 

@@ -23,22 +23,16 @@ class Pair(NamedTuple):
         The first item, on the grid.
     other : Item
         The second item.
-    turn : Floats
-        (3, 3) the rotation of the first.
-    other_turn : Floats
-        (3, 3) the rotation of the second.
     shift : Floats
         (3,) from the centre of the first to that of the second, in box units.
-    on_grid : bool
-        Whether the second is on the grid as well.
+    loose_turn : Floats or None
+        (3, 3) the rotation of the second if it is off the grid.
     """
 
     item: Item
     other: Item
-    turn: Floats
-    other_turn: Floats
     shift: Floats
-    on_grid: bool
+    loose_turn: Floats | None
 
     @classmethod
     def of(cls, placed: PlacedItem, other: ItemInBox) -> Pair:
@@ -46,9 +40,7 @@ class Pair(NamedTuple):
         if isinstance(other, PlacedItem):
             return cls.at_offset(*canonical(placed, other))
         turn = other.matrix[:3, :3] / np.cbrt(other.item.scale)
-        shift = other.matrix[:3, 3] - placed.center
-        own = matrix(placed.item.rotation)
-        return cls(placed.item, other.item, own, turn, shift, on_grid=False)
+        return cls(placed.item, other.item, other.matrix[:3, 3] - placed.center, turn)
 
     @classmethod
     def at_offset(cls, a: Item, b: Item, offset: Triple) -> Pair:
@@ -57,8 +49,17 @@ class Pair(NamedTuple):
             2 * STEP * steps + own - theirs
             for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
         ]
-        shift = np.array(half_cells) * (CELL / 2)
-        return cls(a, b, matrix(a.rotation), matrix(b.rotation), shift, on_grid=True)
+        return cls(a, b, np.array(half_cells) * (CELL / 2), None)
+
+    @property
+    def turn(self) -> Floats:
+        """The rotation of the first, (3, 3)."""
+        return matrix(self.item.rotation)
+
+    @property
+    def other_turn(self) -> Floats:
+        """The rotation of the second, (3, 3)."""
+        return matrix(self.other.rotation) if self.loose_turn is None else self.loose_turn
 
 
 def canonical(a: PlacedItem, b: PlacedItem) -> tuple[Item, Item, Triple]:
