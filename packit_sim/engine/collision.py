@@ -19,10 +19,10 @@ from packit_sim.engine.pairs import Pair, canonical, matrix
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 
-COLLISION_MESHES_BUDGET = 2_000_000
+COLLISION_MESHES_BUDGET = 400_000
 """Triangles in the process's cache of collision meshes, roughly 0.8 kB each."""
 
-COLLISIONS_BUDGET = 250_000
+COLLISIONS_BUDGET = 100_000
 """Cached answers about pairs of items on the grid, roughly 0.4 kB each."""
 
 OFF_GRID_COLLISIONS_BUDGET = 100_000

@@ -30,7 +30,7 @@ from packit_sim.engine.sweeping_kernels import rises
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 
-COLUMNS_BUDGET = 256 * 2**20
+COLUMNS_BUDGET = 64 * 2**20
 """Bytes in the process's cache of items' columns."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL

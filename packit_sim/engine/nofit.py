@@ -16,7 +16,7 @@ from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, merge
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 
-TABLES_BUDGET = 256 * 2**20
+TABLES_BUDGET = 128 * 2**20
 """Bytes in the process's cache of tables, about 10 kB each."""
 
 PAIRS_BUDGET = 250_000

@@ -20,7 +20,7 @@ from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 
-SURFACES_BUDGET = 512 * 2**20
+SURFACES_BUDGET = 128 * 2**20
 """Bytes in the process's cache of items' collision meshes as trees of boxes."""
 
 Axis = Literal[0, 1, 2]

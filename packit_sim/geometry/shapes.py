@@ -24,8 +24,11 @@ from packit_sim.geometry.repair import Repairs, clean_mesh, repair_mesh
 from packit_sim.geometry.voxelization import solid_volume
 from packit_sim.geometry.voxels import Voxels
 
-VOXELS_BUDGET = 512 * 2**20
-"""Bytes in each of the process's two caches of voxels: canonical ones, and turned ones."""
+VOXELS_BUDGET = 128 * 2**20
+"""Maximum size of all cached voxels of shapes in their canonical rotation, in bytes."""
+
+TURNED_VOXELS_BUDGET = 256 * 2**20
+"""The same for items in any rotation; evolution turns each shape of its pool many times."""
 
 Axis = Literal["x", "y", "z"]
 
@@ -327,7 +330,7 @@ def _upright_voxels(shape: Shape, scale: float) -> Voxels:
 
 @bounded_cache(
     "turned voxels",
-    VOXELS_BUDGET,
+    TURNED_VOXELS_BUDGET,
     "bytes",
     size=lambda voxels: voxels.nbytes,
     key=operator.attrgetter("key"),

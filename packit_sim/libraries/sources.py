@@ -27,7 +27,7 @@ __all__ = ["Candidate", "RawMesh", "ShapeInfo", "Source"]
 
 _log = logging.getLogger(__name__)
 
-SHAPES_BUDGET = 2 * 2**30
+SHAPES_BUDGET = 256 * 2**20
 """Maximum size of all cached shapes of the process: bytes of their vertices and faces."""
 
 SizeCm = tuple[float, float, float]
