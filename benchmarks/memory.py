@@ -105,7 +105,8 @@ def main() -> None:
     parser.add_argument("--one", nargs=2, help=SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(play(*arguments.one, arguments.steps, arguments.seed)))
+        case, budgets = arguments.one
+        print(json.dumps(play(case, budgets, arguments.steps, arguments.seed)))
         return
     table = Table("environments", "budgets", "GB at first", "GB", "steps per core-second")
     result: dict[str, Any] = {
