@@ -190,7 +190,11 @@ class ShapeLibrary:
 
     @property
     def digest(self) -> str:
-        """The SHA-256, in hex, of the ids and the digests of their geometry or mesh files."""
+        """The SHA-256, in hex, of whatever changes a result.
+
+        It covers the ids, geometry, volumes, categories, groups and splits of a stored library, and
+        the ids and mesh files of others.
+        """
         return self.source.digest
 
     def info(self, id: str) -> ShapeInfo:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import tempfile
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,6 @@ from typing import TypeVar
 from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
-from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
@@ -30,6 +29,14 @@ from packit_sim.libraries.sources import Candidate, ShapeInfo, SizeCm, Source
 
 FORMAT = 2
 """The version of the stored format, the only one that this module reads."""
+
+FORMER_DIGESTS = {
+    "f6967b831781d63b62a9c6c01185d18b792fcbedb13159eb36715bea2c11d681": (
+        "b520704631d3fd27a346d763acc9566aab1a4e36c6b593a5df0e700b902265cc"
+    ),
+}
+"""Digests by which packs and results know the same content since before digests covered volumes,
+categories, groups and splits: of the built-in library."""
 
 CATALOGUE = "library.json"
 
@@ -84,13 +91,14 @@ class StoredLibrary(Source):
         catalogue = folder / CATALOGUE
         content = _read(catalogue, _Catalogue)
         infos = content.shapes
-        digests = {info.id: info.digest for info in infos}
         name, version, self._digest = content.name, content.version, content.digest
-        if not digests or len(digests) < len(infos) or _digest(digests) != self._digest:
+        self._infos = {info.id: info for info in infos}
+        self._splits = _read_splits(folder / _SPLITS, self._infos)
+        unique = len(self._infos) == len(infos) > 0
+        if not unique or not _is_digest(self._digest, self._infos, self._splits):
             raise LibraryError(
                 f"{catalogue}: damaged: its shapes don't match its digest {self._digest!r:.70}"
             )
-        self._infos = {info.id: info for info in infos}
         super().__init__(folder, name, version, {info.id: info.category for info in infos})
 
     @property
@@ -101,17 +109,9 @@ class StoredLibrary(Source):
     def digest(self) -> str:
         return self._digest
 
-    @cached_property
+    @property
     def splits(self) -> Mapping[str, tuple[str, ...]]:
-        file = self.path / _SPLITS
-        found = structs.asdict(_read(file, _Splits))
-        strange = [id for ids in found.values() for id in ids if id not in self._infos]
-        if strange:
-            raise LibraryError(f"{file}: damaged: the library has no shape {strange[0]!r}")
-        groups = [{self._infos[id].group for id in ids} for ids in found.values()]
-        if sum(map(len, groups)) > len(set().union(*groups)):
-            raise LibraryError(f"{file}: damaged: it has an object in two splits")
-        return found
+        return self._splits
 
     def candidate(self, id: str) -> Candidate:
         info = self._infos[id]
@@ -191,7 +191,7 @@ def write(
         if not infos:
             raise LibraryError(f"{path}: a library needs at least one shape")
         divided = (split or divide)(infos)
-        (new / CATALOGUE).write_text(_catalogue(name, version, infos), encoding="utf-8")
+        (new / CATALOGUE).write_text(_catalogue(name, version, infos, divided), encoding="utf-8")
         text = json.dumps({"format": FORMAT, **divided}, ensure_ascii=False, indent=1)
         (new / _SPLITS).write_text(text + "\n", encoding="utf-8")
         if path.exists():
@@ -288,14 +288,48 @@ def _read(file: Path, kind: type[T]) -> T:
     )
 
 
-def _digest(digests: Mapping[str, str]) -> str:
-    lines = "".join(f"{id} {digests[id]}\n" for id in sorted(digests))
-    return hashlib.sha256(lines.encode()).hexdigest()
+def _read_splits(file: Path, infos: Mapping[str, ShapeInfo]) -> dict[str, tuple[str, ...]]:
+    """Read `splits.json`, or raise LibraryError if it is not of the library's shapes."""
+    found = structs.asdict(_read(file, _Splits))
+    strange = [id for ids in found.values() for id in ids if id not in infos]
+    if strange:
+        raise LibraryError(f"{file}: damaged: the library has no shape {strange[0]!r}")
+    groups = [{infos[id].group for id in ids} for ids in found.values()]
+    if sum(map(len, groups)) > len(set().union(*groups)):
+        raise LibraryError(f"{file}: damaged: it has an object in two splits")
+    return found
 
 
-def _catalogue(name: str, version: str, infos: Mapping[str, ShapeInfo]) -> str:
+def _digest(infos: Mapping[str, ShapeInfo], divided: Mapping[str, Sequence[str]]) -> str:
+    """Compute the digest of everything that changes a result."""
+    shapes = [
+        (info.id, info.category, info.group, info.volume, info.digest)
+        for _, info in sorted(infos.items())
+    ]
+    facts = [shapes, {name: list(divided[name]) for name in splits.SPLITS}]
+    digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+    return FORMER_DIGESTS.get(digest, digest)
+
+
+def _is_digest(
+    digest: str, infos: Mapping[str, ShapeInfo], divided: Mapping[str, Sequence[str]]
+) -> bool:
+    """Whether a digest is that of a library, as this version or a former one computes it."""
+    if digest == _digest(infos, divided):
+        return True
+    lines = "".join(f"{id} {infos[id].digest}\n" for id in sorted(infos))
+    geometry = hashlib.sha256(lines.encode()).hexdigest()
+    return digest == geometry and geometry not in FORMER_DIGESTS.values()
+
+
+def _catalogue(
+    name: str,
+    version: str,
+    infos: Mapping[str, ShapeInfo],
+    divided: Mapping[str, Sequence[str]],
+) -> str:
     """Return the content of `library.json`, with a line for each shape."""
-    digest = _digest({id: info.digest for id, info in infos.items()})
+    digest = _digest(infos, divided)
     head = json.dumps(
         {"format": FORMAT, "name": name, "version": version, "digest": digest}, indent=1
     )
