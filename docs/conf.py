@@ -41,7 +41,8 @@ nitpick_ignore_regex = [
     ("py:obj", r"packit_sim\.(\w+_policies|searches|commands|shape_sources)"),
     (
         "py:.*",
-        r"packit_sim\.(box\.BaseBox|engine\..*|geometry\.voxels\.Voxels|libraries\.sources\.Source)",
+        r"packit_sim\.(box\.BaseBox|engine\..*|geometry\.(parts\.Parts|voxels\.Voxels)"
+        r"|libraries\.sources\.Source)",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
