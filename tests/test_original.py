@@ -328,7 +328,6 @@ SCALE = {"x": 0.5, "y": 0.5, "z": 0.5}
         (("scales", 1, "x"), -0.5, r"field 'scales\[1\]\.x' is -0\.5: expected float >= 0\.01"),
         (("scales", 1, "y"), float("nan"), r"field 'scales\[1\]\.y' is nan"),
         (("scales", 1, "z"), 2, r"field 'scales\[1\]\.z' is 2: expected float <= 1\.75"),
-        (("scales", 1, "z"), 10**400, r"field 'scales\[1\]\.z' is 10+\.\.\.0+: .*out of range"),
         (("scales", 1, "z"), True, r"field 'scales\[1\]\.z' is True: expected float"),
         (("scales", 1, "z"), 0.6, r"field 'scales\[1\]' is \(0.5, 0.5, 0.6\): the three must be"),
         (("rotations", 0), "up", r"field 'rotations\[0\]' is 'up': expected object"),
@@ -340,6 +339,11 @@ SCALE = {"x": 0.5, "y": 0.5, "z": 0.5}
 def test_a_field_that_is_wrong_is_named(read, path, value, problem) -> None:
     with pytest.raises(PackFormatError, match=f"0_te, pack 1: {problem}"):
         read(GOOD, changed(path, value))
+
+
+def test_an_integer_without_end_is_refused(read) -> None:
+    with pytest.raises(PackFormatError, match="0_te: an integer of more than 39 digits is not"):
+        read(GOOD, changed(("scales", 1, "z"), 10**400))
 
 
 def changed(path: tuple[str | int, ...], value: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import hashlib
 import math
 import operator
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +64,10 @@ class Shape:
         self.category = category
         if volume is not None:
             self.volume = volume
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: parts are found again, which is cheaper than to send them."""
+        return {name: value for name, value in self.__dict__.items() if name != "parts"}
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z") -> Shape:
