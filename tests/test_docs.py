@@ -46,7 +46,7 @@ from command_pages import MARKER, reference
 
 REPRODUCED = DOCS / "reproduced"
 
-SLOW = frozenset[str]()
+SLOW = frozenset({"docs/start/train.md"})
 """Pages whose code takes more than half a minute: it runs in `make test-all`."""
 
 QUICK = (
