@@ -33,7 +33,7 @@ def archive(resources: str, build: str) -> Callable[[Path], None]:
 
 def zip_bomb(file: Path) -> None:
     with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open("3D/3dmodel.model", "w") as model,
     ):
         for _ in range(1200):

@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from packit_sim.evaluation.results import read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics import world
 from packit_sim.physics.convex import decomposition, disk_cache
-from tests.runs import Ran, rollout
+from tests.runs import Ran, rollout, tasks
 from tests.runs import run_packit as packit
 
 SMALL = ("--pool", "4", "--generations", "0", "--workers", "1")
@@ -218,11 +219,9 @@ def test_the_demos_own_folder_is_a_dataset(tmp_path: Path) -> None:
 
 
 def test_a_dataset_with_strange_files_is_still_refused(tmp_path: Path) -> None:
+    pack = replace(tasks()[0].pack, items=tasks()[0].pack.items[:4])
     for name in ("train", "tests"):
-        shutil.copy(
-            Path(ShapeLibrary.open("everyday").path.parent, "packs/starter/packs.jsonl"),
-            tmp_path / f"{name}.jsonl",
-        )
+        (tmp_path / f"{name}.jsonl").write_text(pack.to_json() + "\n")
     verified = packit("verify", tmp_path)
     assert verified.returncode == 1 and "can't have this name: train, test" in verified.stdout
 

@@ -15,12 +15,14 @@ from typer.testing import CliRunner
 from packit_sim.box import Box
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError
+from packit_sim.datasets.pack_files import write_packs
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.engine.compaction import GAP, Compacted, compact, drops
 from packit_sim.engine.sweeping import surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 from tests.examples import examples
+from tests.runs import rollout
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
 
 NEAR = 2 * CONTACT_TOLERANCE
@@ -96,12 +98,14 @@ def test_nothing_crosses_and_nothing_rises(seed: int) -> None:
 
 def test_the_command_prints_the_regained_volume(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "settled.json"
-    done = CliRunner().invoke(app, ["compact", "starter", "--limit", "1", "--out", str(out)])
+    write_packs(tmp_path / "packs.jsonl", [rollout("a/b/c", 0, 10).pack])
+    packs = str(tmp_path / "packs.jsonl")
+    done = CliRunner().invoke(app, ["compact", packs, "--limit", "1", "--out", str(out)])
     assert done.exit_code == 0, done.output
     (row,) = json.loads(out.read_text())["each"]
     assert row["filled, pushed"] > row["filled"] and row["regained"] > 0
     assert row["mean drop"] > 0 and row["height, pushed"] <= row["height"]
-    assert "regained" in done.output and "evolution" in done.output
+    assert "regained" in done.output and "a/b/c" in done.output
 
 
 def test_the_command_refuses_what_is_no_dataset() -> None:

@@ -33,6 +33,7 @@ from packit_sim.physics.convex.pieces import (
 )
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settings import DecompositionSettings
+from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED
 
 HALVES = DecompositionSettings(method="bisection")
@@ -374,6 +375,7 @@ def least_overlap(one: Piece, other: Piece, directions: Floats) -> float:
     return float(ends.min())
 
 
+@examples(40)
 @given(SEEDS)
 def test_fitted_pieces_overlap_nowhere(seed) -> None:
     rng = np.random.default_rng(seed)

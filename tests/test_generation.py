@@ -7,7 +7,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -173,42 +172,6 @@ def test_a_kill_loses_the_work_since_the_last_checkpoint_alone(
     steps[:] = [None] * 5
     generate(order(library, 1), file)
     assert steps[5:] == [40] * 3
-
-
-def test_a_worker_whose_generator_is_gone_stops(tmp_path) -> None:
-    """The command line's processes: the driver is killed, its workers end by themselves."""
-    command = [
-        *(sys.executable, "-m", "packit_sim", "generate", "--out", str(tmp_path), "--packs", "2"),
-        *("--pool", "30", "--generations", "400", "--workers", "2"),
-    ]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        folder = work_folder(tmp_path / "packs.jsonl")
-        wait_for(lambda: len(list(folder.glob("0*.json"))) == 2)
-        workers = children(process.pid)
-        assert len(workers) >= 2
-        process.kill()
-    wait_for(lambda: not any(is_alive(pid) for pid in workers))
-
-
-def wait_for(holds, seconds: float = 90.0) -> None:
-    until = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < until
-        time.sleep(0.2)
-
-
-def children(pid: int) -> list[int]:
-    tasks = Path(f"/proc/{pid}/task")
-    return [
-        int(child) for task in tasks.iterdir() for child in (task / "children").read_text().split()
-    ]
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        return "\tZ" not in Path(f"/proc/{pid}/status").read_text().replace("State:\tZ", "\tZ")
-    except OSError:
-        return False
 
 
 def test_two_generators_refuse_each_other(library, tmp_path) -> None:

@@ -147,7 +147,8 @@ def test_one_beam_and_no_backtrack_are_the_agent(tasks, shape) -> None:
 
 def test_a_search_with_policies_of_chance_is_repeatable(tasks) -> None:
     agents = [Agent.from_name(f"random/random/random+{search}") for search in SEARCHES]
-    once, again = (evaluate(agents, tasks[:2], seed=3) for _ in range(2))
+    few = [Task(task.items[:7], task.pack, ()) for task in tasks[:2]]
+    once, again = (evaluate(agents, few, seed=3) for _ in range(2))
     assert [r.total for r in once] == [r.total for r in again]
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.media.export import names
@@ -26,7 +29,9 @@ FACE_TYPE = np.dtype("<u4")
 """The type of vertex indices: a shape that cannot be simplified may have more than 65,536."""
 
 _REDUCED = Simplification(max_triangles=TRIANGLES, max_error=1.0)
-_AS_IT_IS = Simplification(max_triangles=None, max_error=1.0)
+
+MODELS_BUDGET = 64 * 2**20
+"""Bytes of the process's cache of models of shapes; one takes about 25 kB."""
 
 
 class Models:
@@ -93,15 +98,22 @@ class Models:
     def _number(self, shape: Shape) -> int:
         if shape.digest not in self._numbers:
             self._numbers[shape.digest] = len(self._shapes)
-            self._shapes.append(_compact(shape))
+            self._shapes.append(_model(shape))
         return self._numbers[shape.digest]
 
 
-def _compact(shape: Shape) -> dict[str, Any]:
-    try:
-        mesh, _ = _REDUCED(shape)
-    except MeshError:  # too many loose parts to be reduced that far
-        mesh, _ = _AS_IT_IS(shape)
+@bounded_cache(
+    "models",
+    MODELS_BUDGET,
+    "bytes",
+    size=lambda model: len(model["vertices"]) + len(model["faces"]),
+    key=lambda shape: shape.digest,
+)
+def _model(shape: Shape) -> dict[str, Any]:
+    mesh = QuantizedMesh.of(shape)
+    if len(shape.mesh.faces) > TRIANGLES:
+        with suppress(MeshError):  # too many loose parts to be reduced that far
+            mesh, _ = _REDUCED(shape)
     return {
         "extents": np.round(mesh.extents, 6).tolist(),
         "vertices": b64encode(mesh.vertices.astype(VERTEX_TYPE).tobytes()).decode(),
