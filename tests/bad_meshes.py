@@ -140,7 +140,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "elsewhere.gltf": (
         gltf([POSITIONS | {"count": 3, "bufferView": 0}], "../../../../etc/passwd"),
-        "escapes",
+        "which is not in its folder",
     ),
     "bomb.3mf": (zip_bomb, "unpacks to 1,258,2"),
     "laughs.3mf": (laughs(9), "triangles are too many"),

@@ -1,9 +1,11 @@
 """Mesh files of every format, and a corpus of bad ones."""
 
+import json
 import subprocess
 import sys
 import time
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -157,6 +159,40 @@ def test_material_libraries_and_textures_are_never_opened(
     read(file)
     assert str(file) in map(str, opened)
     assert not [name for name in opened if "mtl" in str(name) or "png" in str(name)]
+
+
+@pytest.mark.parametrize("uri", ["../{}", "{folder}/{}", "link.bin", " ../{}"])
+def test_a_gltf_reads_no_file_outside_its_folder(tmp_path: Path, uri: str) -> None:
+    """Neither by its path nor by a symbolic link, whatever the version of trimesh allows."""
+    (tmp_path / "in").mkdir()
+    files = BLOCK.scene().export(file_type="gltf")
+    model = json.loads(files.pop("model.gltf"))
+    (tmp_path / "secret.bin").write_bytes(b"".join(files.values()))
+    (tmp_path / "in" / "link.bin").symlink_to(tmp_path / "secret.bin")
+    for buffer in model["buffers"]:
+        buffer["uri"] = uri.format("secret.bin", folder=tmp_path)
+    file = tmp_path / "in" / "block.gltf"
+    file.write_text(json.dumps(model))
+    with pytest.raises(MeshError, match=r"it refers to '.*', which is not in its folder"):
+        read(file)
+
+
+@pytest.mark.parametrize("suffix", [".dae", ".3mf"])
+def test_no_external_entity_is_read(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "secret.txt").write_text("0 0 0")
+    entity = f'<!DOCTYPE x [<!ENTITY secret SYSTEM "file://{tmp_path}/secret.txt">]>'
+    file = tmp_path / f"block{suffix}"
+    if suffix == ".dae":
+        text = DAE.format(
+            up="Z", count=24, positions="&secret;", vertices=8, triangles=12, faces="0 1 2"
+        )
+        file.write_text(text.replace("<COLLADA", f"{entity}<COLLADA", 1))
+    else:
+        text = bad_meshes.MODEL.format("&secret;", '<item objectid="0"/>')
+        with ZipFile(file, "w") as archive:
+            archive.writestr("3D/3dmodel.model", text.replace("<model", f"{entity}<model", 1))
+    with pytest.raises(MeshError, match="Entity 'secret' not defined"):
+        read(file)
 
 
 def test_files_that_are_too_large_are_refused(

@@ -134,7 +134,7 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         scene = trimesh.load_scene(
             io.BytesIO(content),
             file_type=suffix[1:],
-            resolver=FilePathResolver(str(folder)) if suffix == ".gltf" else None,
+            resolver=_FolderResolver(str(folder)) if suffix == ".gltf" else None,
             process=False,
             skip_materials=True,
             **options,
@@ -149,6 +149,18 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
     if triangles < expected:
         raise MeshError(f"only {triangles:,} of its {expected:,} triangles could be read")
     return RawMesh(scene.to_mesh(), up, unit_cm, sum(name in meshes for name in placed))
+
+
+class _FolderResolver(FilePathResolver):
+    """Reads the files that a glTF refers to, if they are in its folder; trimesh 4 reads any."""
+
+    def get(self, name: str) -> bytes:
+        folder = Path(self.parent).resolve()
+        for path in (folder / name.strip(), folder / Path(name).name):
+            if not path.resolve().is_relative_to(folder):
+                raise MeshError(f"it refers to {name!r}, which is not in its folder")
+        content: bytes = super().get(name)
+        return content
 
 
 def _check_ply(content: bytes) -> int:
