@@ -53,7 +53,7 @@ lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: 
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/pydoclint --version > /dev/null  # types in docstrings give shapes (DOC105); kernels have no hints (DOC106, DOC107)
-	@! $(BIN)/pydoclint packit_sim agents benchmarks scripts 2>&1 | grep -E 'DOC|Error' | grep -vE 'DOC10[567]'
+	@! $(BIN)/pydoclint packit_sim agents benchmarks campaigns scripts 2>&1 | grep -E 'DOC|Error' | grep -vE 'DOC10[567]'
 	@$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
 types: $(STAMP) ## mypy

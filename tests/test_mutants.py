@@ -1,0 +1,102 @@
+"""Mutation testing finds what tests miss."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from campaigns import common, mutants
+from campaigns.mutations import mutations
+
+PLANTED = '''
+def clamp(x: int, low: int = 0) -> int:
+    """Return at least `low`, and at most 9."""
+    while x > 9:
+        x -= 1
+    if x < low:
+        raise ValueError(f"{x + 1} is too small")
+    return x
+'''
+
+TEST = """
+import pytest
+from small.planted import clamp
+
+def test_clamp():
+    assert clamp(20) == 9
+    with pytest.raises(ValueError):
+        clamp(-5)
+"""
+
+RUN = """
+import json, sys
+from pathlib import Path
+from campaigns import mutant_runs
+from campaigns.mutations import mutations
+mutant_runs.SLACK = mutant_runs.COMPILATION = 0.3
+copy, module = Path(sys.argv[1]), "small/planted.py"
+baseline = mutant_runs.measure(copy, [module], ["tests/test_planted.py"])
+mutant_runs.import_libraries(baseline.libraries)
+found = {}
+drawn = mutations((copy / module).read_text())
+for mutation in (one for one in drawn if one.code in ("1", "pass", "(x <= low)")):
+    text = (copy / module).read_text()
+    with mutant_runs.mutated(copy, module, mutation.apply(text)):
+        outcome = mutant_runs.run(copy, baseline.lines[module][0], baseline.seconds)
+    found[f"{mutation.original(text)} -> {mutation.code}"] = outcome.outcome
+print(json.dumps(found))
+"""
+
+
+def test_mutations_change_code_and_no_text() -> None:
+    found = [(mutation.original(PLANTED), mutation.code) for mutation in mutations(PLANTED)]
+    assert found == [
+        ("0", "1"),
+        ("x > 9", "(x >= 9)"),
+        ("x > 9", "(not x > 9)"),
+        ("9", "10"),
+        ("x -= 1", "x += 1"),
+        ("x -= 1", "pass"),
+        ("1", "2"),
+        ("x < low", "(x <= low)"),
+        ("x < low", "(not x < low)"),
+        ('raise ValueError(f"{x + 1} is too small")', "pass"),
+        ("return x", "return None"),
+    ]
+
+
+@pytest.mark.parametrize("module", mutants.MODULES)
+def test_every_mutant_is_another_program(module: str) -> None:
+    text = (mutants.ROOT / module).read_text()
+    original = ast.dump(ast.parse(text))
+    for mutation in mutations(text)[:: 1 + len(text) // 500]:
+        assert ast.dump(ast.parse(mutation.apply(text))) != original
+
+
+def test_a_hole_in_the_tests_is_found(tmp_path: Path) -> None:
+    """The tests of `clamp` check neither its default nor the value at the limit."""
+    for name, text in (("small/planted.py", PLANTED), ("tests/test_planted.py", TEST)):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, "-c", RUN, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=mutants.ROOT, check=True)
+    found = json.loads(run.stdout)
+    assert found == {
+        "0 -> 1": "survived",
+        "x -= 1 -> pass": "timeout",
+        "x < low -> (x <= low)": "survived",
+        'raise ValueError(f"{x + 1} is too small") -> pass': "killed",
+    }
+    assert (tmp_path / "small/planted.py").read_text() == PLANTED
+
+
+def test_a_draw_is_repeated_by_its_seed_and_extended_by_its_count() -> None:
+    assert mutants.draw(1, 30)[:20] == mutants.draw(1, 20) != mutants.draw(2, 20)
+
+
+def test_the_page_has_the_results() -> None:
+    found = json.loads(mutants.RESULTS.read_text())
+    assert common.table_in_page("mutants") == mutants.table(found)
