@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "trust" / "dependencies.md"
 
 REASONS = {
+    "atheris": "fuzzes the readers of files",
     "build": "builds the sdist and the wheel",
     "cachetools": "caches with a budget of bytes",
     "check-jsonschema": "checks the CI workflows and the citation file",
@@ -127,7 +128,7 @@ def table(known: dict[str, tuple[str, str, str]]) -> str:
 
 
 def _licence(name: str) -> str | None:
-    """Return what a package's metadata says of its licence; None if it is not installed."""
+    """Return what a package's metadata says of its licence; None if nothing or not installed."""
     try:
         found = metadata.metadata(name)
     except metadata.PackageNotFoundError:
@@ -136,8 +137,7 @@ def _licence(name: str) -> str | None:
     classifiers = found.get_all("Classifier", [])
     said += [line.split(" :: ")[-1] for line in classifiers if line.startswith("License :: OSI A")]
     said += [text.splitlines()[0] for text in found.get_all("License", [])]
-    licence = said[0]
-    return _SHORT.get(licence, licence)
+    return _SHORT.get(said[0], said[0]) if said else None
 
 
 def main() -> None:

@@ -49,6 +49,21 @@ def laughs(depth: int) -> Callable[[Path], None]:
     return archive("".join(objects), f'<item objectid="{depth}"/>')
 
 
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>
+<library_nodes>{}</library_nodes><library_visual_scenes><visual_scene id="s"><node id="root">
+<instance_node url="#n{}"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def laughing_nodes(depth: int) -> Callable[[Path], None]:
+    """Nodes of ten of the node before, so many deep."""
+    nodes = "".join(
+        f'<node id="n{n}">{f"""<instance_node url="#n{n - 1}"/>""" * 10}</node>'
+        for n in range(1, depth + 1)
+    )
+    return text(DAE.format(f'<node id="n0"/>{nodes}', depth))
+
+
 def stl(vertices: object) -> Callable[[Path], None]:
     """A binary STL with these corners of triangles, three of them each."""
     corners = np.asarray(vertices, dtype="<f4").reshape(-1, 3, 3)
@@ -152,6 +167,31 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
         ),
         "a part of itself",
     ),
+    "crowd.3mf": (
+        archive(f'<object id="0">{TETRAHEDRON}</object>', '<item objectid="0"/>' * 20_000),
+        "20,000 instances of objects are too many",
+    ),
+    "laughs-of-nothing.3mf": (
+        archive(
+            "".join(
+                f'<object id="{n}"><components>{f"""<component objectid="{n - 1}"/>""" * 10}'
+                "</components></object>"
+                for n in range(1, 10)
+            ),
+            '<item objectid="9"/>',
+        ),
+        "instances of objects are too many",
+    ),
+    "laughs.dae": (laughing_nodes(9), "1,111,111,112 instances of objects are too many"),
+    "circle.dae": (
+        text(DAE.format('<node id="n0"><instance_node url="#n0"/></node>', 0)),
+        "a part of itself",
+    ),
+    "materials.obj": (
+        text(OBJ + "".join(f"usemtl m{n}\nf 1 2 3\n" for n in range(20_000))),
+        "20,000 materials of one object are too many",
+    ),
+    "solids.stl": (text(f"solid s\n{FACET}endsolid s\n" * 5000), "5,000 solids are too many"),
     "hollow.3mf": (archive("", ""), "can't be read as 3MF|no triangles"),
     "entities.dae": (
         text(

@@ -22,6 +22,7 @@ from rich.segment import Segment
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.parallel import BackendName
+from packit_sim.core.plain_text import plain
 from packit_sim.datasets.pack_files import dataset_library
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
@@ -29,12 +30,6 @@ from packit_sim.libraries.splits import Split
 from packit_sim.physics.convex.decomposition import Decomposition, decompose_all, is_cached
 from packit_sim.physics.settings import DecompositionSettings, Method
 from packit_sim.physics.world import require_engine
-
-_VISIBLE: dict[int, int | str] = {
-    **{code: 0x2400 + code for code in range(0x20) if chr(code) != "\n"},
-    **dict.fromkeys([*range(0x7F, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)], "\ufffd"),
-}
-"""What is printed for control characters and for those that change the direction of writing."""
 
 
 class PlainConsole(Console):
@@ -47,7 +42,7 @@ class PlainConsole(Console):
             if segment.control:
                 yield segment
             else:
-                yield Segment(segment.text.translate(_VISIBLE), segment.style)
+                yield Segment(plain(segment.text), segment.style)
 
 
 console = PlainConsole()

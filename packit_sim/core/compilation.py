@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import sys
 import time
@@ -16,9 +15,10 @@ import numba
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
 
-_log = logging.getLogger("packit_sim")
+_log = plain_logger("packit_sim")
 
 LOCK_SECONDS = 60.0
 """Maximum time to wait for another process that compiles; after it this process compiles too."""
@@ -44,11 +44,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     -----
     The machine code is cached next to the module, or else in the user's cache folder (or
     `NUMBA_CACHE_DIR`). Processes that need the same kernel wait for the first one to compile it. If
-    no folder is writable, each process compiles again. With `NUMBA_DISABLE_JIT=1` the function is
-    not compiled, so that a debugger can stop in it.
+    no folder is writable, each process compiles again.
     """
-    if numba.config.DISABLE_JIT:
-        return function
     try:
         compiled = numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba found no folder that is writable

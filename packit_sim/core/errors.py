@@ -1,12 +1,14 @@
 """The errors that a user can cause.
 
-Each message contains the value, the file if there is one, and what is valid. An operation that
-raises has changed nothing. Errors that only one module raises are defined there, as subclasses of
-`PackItError`.
+Each message is one line, and contains the value, the file if there is one, and what is valid. An
+operation that raises has changed nothing. Errors that only one module raises are defined there, as
+subclasses of `PackItError`.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from packit_sim.core.plain_text import plain_line
 
 __all__ = [
     "ArgumentError",
@@ -25,7 +27,10 @@ __all__ = [
 
 
 class PackItError(Exception):
-    """Base of all errors that PackIt-Sim raises for a user."""
+    """Base of all errors that PackIt-Sim raises for a user; the message is one plain line."""
+
+    def __str__(self) -> str:  # of a KeyError too, which would show the message's repr
+        return plain_line(str(self.args[0]) if len(self.args) == 1 else super().__str__())
 
 
 class MeshError(PackItError, ValueError):
@@ -38,9 +43,6 @@ class LibraryError(PackItError, ValueError):
 
 class UnknownShapeError(PackItError, KeyError):
     """A shape id or a category that the library does not contain."""
-
-    def __str__(self) -> str:  # KeyError would show the message's repr
-        return str(self.args[0])
 
 
 class InfeasibleError(PackItError, ValueError):

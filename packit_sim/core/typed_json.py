@@ -52,7 +52,7 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
         JSON, a bool is not a number, and an integer has at most `MAX_DIGITS` digits. The message
         names the field, its value and what is valid.
     """
-    _refuse_long_integers(data, error)
+    refuse_long_integers(data, error)
     try:
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as problem:
@@ -70,6 +70,9 @@ def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it")
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as problem:
         raise error(_sentence(str(problem), raw, kind, what)) from None
+    except UnicodeEncodeError as problem:
+        half = problem.object[problem.start]
+        raise error(f"a text holds {half!r}, which is half a character") from None
 
 
 def check_names(
@@ -104,6 +107,37 @@ def check_names(
                 check_names(value, one.cls, error, f"{table}{name}.")
 
 
+def refuse_long_integers(data: bytes | str, error: type[PackItError]) -> None:
+    """Raise an error if JSON text has an integer of more than `MAX_DIGITS` digits.
+
+    Such an integer overflows in arithmetic with floats, and Python can't print the longest ones.
+
+    Parameters
+    ----------
+    data : bytes | str
+        The text; if it is not JSON, nothing is raised.
+    error : type[PackItError]
+        What to raise.
+
+    Raises
+    ------
+    PackItError
+        Of the given type.
+    """
+    if not _MANY_DIGITS.search(data if isinstance(data, bytes) else data.encode()):
+        return
+    digits = [0]
+
+    def count(text: str) -> int:
+        digits.append(len(text.lstrip("-")))
+        return 0
+
+    with suppress(ValueError, RecursionError):  # what is not JSON is reported by `decode`
+        json.loads(data, parse_int=count)
+    if max(digits) > MAX_DIGITS:
+        raise error(f"an integer of {max(digits)} digits is not possible: at most {MAX_DIGITS}")
+
+
 class _Header(msgspec.Struct):
     format: Any = None
 
@@ -121,25 +155,6 @@ def builtins(record: Any) -> Any:
 def encode(record: Any) -> str:
     """Write a record as one line of JSON; floats keep every bit, and must be finite."""
     return json.dumps(builtins(record), separators=(",", ":"), allow_nan=False)
-
-
-def _refuse_long_integers(data: bytes | str, error: type[PackItError]) -> None:
-    """Raise an error if JSON text has an integer of more than `MAX_DIGITS` digits.
-
-    Such an integer overflows in arithmetic with floats, and Python can't print the longest ones.
-    """
-    if not _MANY_DIGITS.search(data if isinstance(data, bytes) else data.encode()):
-        return
-    digits = [0]
-
-    def count(text: str) -> int:
-        digits.append(len(text.lstrip("-")))
-        return 0
-
-    with suppress(ValueError, RecursionError):  # what is not JSON is reported by `decode`
-        json.loads(data, parse_int=count)
-    if max(digits) > MAX_DIGITS:
-        raise error(f"an integer of {max(digits)} digits is not possible: at most {MAX_DIGITS}")
 
 
 def _refuse_large_integers(raw: Any, error: type[PackItError]) -> None:

@@ -179,6 +179,8 @@ def read_pack_file(file: Path) -> Iterator[tuple[RecordedPack, list[RecordedItem
     data = read_bytes(file)
     if not data.strip():
         raise PackFormatError(f"{file} is empty")
+    with located(file, PackFormatError):
+        typed_json.refuse_long_integers(data, PackFormatError)
     try:  # not by msgspec: unknown fields of another tool's file may be NaN
         raw = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:

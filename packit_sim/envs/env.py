@@ -6,7 +6,6 @@ the C-order index of a location. `action_mask` in the observation marks the vali
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from gymnasium import spaces
 
 from packit_sim.core.counters import CallCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.pack_files import STARTER_PACKS
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import OBSERVERS, Observation
@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
 MAX_SHAPES = 50
 """The most shapes of a task by default: the paper's pool."""
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 
 @dataclass(frozen=True)

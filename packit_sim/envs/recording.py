@@ -20,10 +20,10 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from packit_sim.core.errors import PackItError, StateError
-from packit_sim.core.extras import needed_for
+from packit_sim.core.errors import StateError
 from packit_sim.core.files import claimed, lock_path
 from packit_sim.datasets.packs import Task
+from packit_sim.envs.minari_format import Minari, RecordingError, readable
 from packit_sim.envs.observations import Observation
 from packit_sim.game.agents import GROUND_TRUTH, Agent
 from packit_sim.game.episode import Stage
@@ -40,16 +40,6 @@ CUT_SHORT = "cut short"
 
 BLOCK_BYTES = 64_000_000
 """Observations are written in blocks of about so many bytes, which limits the memory for voxels."""
-
-CHUNK_BYTES = 1_000_000
-"""Approximate bytes of an array that are compressed at a time; at least one step."""
-
-GZIP_LEVEL = 4
-"""For features, level 1 takes 40% more space and 20% less time, level 9 12% less and 2.5 times."""
-
-
-class RecordingError(PackItError, ValueError):
-    """A recording that can't be written or read, or does not replay."""
 
 
 @dataclass
@@ -121,7 +111,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         algorithm: str = "",
     ) -> None:
         super().__init__(env)
-        self._minari = _Minari()
+        self._minari = Minari()
         self.path = Path(path).absolute()
         if self.path.exists():
             raise RecordingError(f"{self.path} exists: choose another path for the recording")
@@ -316,7 +306,7 @@ def record(
                 action = agent.act(env.get_wrapper_attr("episode"), rng)
                 _, _, terminated, truncated, _ = recorder.step(action)
                 over = terminated or truncated
-    return _Minari().dataset(recorder.path)
+    return Minari().opened(recorder.path)
 
 
 def stage_steps(
@@ -345,26 +335,45 @@ def stage_steps(
         If the observations do not contain "stage" and "action_mask", or the replay gives another
         reward.
     """
-    dataset = _Minari().dataset(recording) if isinstance(recording, str | Path) else recording
+    is_path = isinstance(recording, str | Path)
+    dataset = Minari().opened(Path(recording)) if is_path else recording
     space = dataset.observation_space if env is None else env.observation_space
     if not (isinstance(space, spaces.Dict) and {"stage", "action_mask"} <= space.keys()):
         raise RecordingError("the observations do not contain both 'stage' and 'action_mask'")
-    for episode in dataset.iterate_episodes():
+    for episode in _episodes(dataset):
         steps = _rows(episode) if env is None else _replayed(dataset, episode, env)
         for observation, action in zip(steps, episode.actions.tolist(), strict=True):
-            if observation["stage"] == stage and observation["action_mask"][action]:
+            mask = observation["action_mask"]
+            if observation["stage"] == stage and 0 <= action < len(mask) and mask[action]:
                 yield observation, action
 
 
+def _episodes(dataset: Any) -> Iterator[Any]:
+    """Yield the episodes, each with as many integer actions and rewards as steps."""
+    with readable("the recording"):
+        for episode in dataset.iterate_episodes():
+            count = len(episode)
+            if episode.actions.shape != (count,) or episode.actions.dtype.kind not in "iu":
+                raise RecordingError(f"episode {episode.id} has not one integer action per step")
+            if episode.rewards.shape != (count,):
+                raise RecordingError(f"episode {episode.id} has not one reward per step")
+            yield episode
+
+
 def _rows(episode: Any) -> Iterator[Observation]:
-    for step in range(len(episode)):
-        yield {key: column[step] for key, column in episode.observations.items()}
+    with readable(f"episode {episode.id}"):
+        stages, masks = episode.observations["stage"], episode.observations["action_mask"]
+        if stages.shape != masks.shape[:1] or masks.ndim != 2:
+            raise RecordingError(f"episode {episode.id} has not one stage and one mask per step")
+        for step in range(len(episode)):
+            yield {key: column[step] for key, column in episode.observations.items()}
 
 
 def _replayed(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterator[Observation]:
     """Yield the observation at each step of an episode, replayed in an environment."""
-    (metadata,) = dataset.storage.get_episode_metadata([episode.id])
-    seed, task = metadata["seed"], int(metadata["task"])
+    with readable(f"episode {episode.id}"):
+        (metadata,) = dataset.storage.get_episode_metadata([episode.id])
+        seed, task = metadata["seed"], int(metadata["task"])
     observation, info = env.reset(seed=seed, options=metadata.get("options"))
     if info["task"] != task:  # tasks that are played in turn do not depend on the seed
         observation, info = env.reset(seed=seed, options={"task": task})
@@ -378,48 +387,6 @@ def _replayed(dataset: Any, episode: Any, env: gym.Env[Any, Any]) -> Iterator[Ob
                 f"episode {episode.id} does not replay: step {step} gives reward {reward}, not the "
                 f"recorded {recorded}: use an environment with the same tasks and settings"
             )
-
-
-class _Minari:
-    """The parts of Minari and h5py that are used; MissingPackageError if one is not installed."""
-
-    def __init__(self) -> None:
-        with needed_for("recordings"):
-            import h5py
-            import minari
-            from minari.data_collector.episode_buffer import EpisodeBuffer
-            from minari.dataset.minari_storage import MinariStorage
-        self.version: str = minari.__version__
-        self.dataset = minari.MinariDataset
-        self.buffer = EpisodeBuffer
-        self.storage = MinariStorage
-        self._h5py = h5py
-
-    def allocate(self, folder: Path, episode: int, observation: Any, count: int) -> None:
-        """Create compressed arrays for so many observations, to which Minari appends."""
-        (path,) = folder.glob("*.hdf5")
-        with self._h5py.File(path, "a", track_order=True) as file:
-            self._create(
-                file.create_group(f"episode_{episode}"), "observations", observation, count
-            )
-
-    def _create(self, group: Any, name: str, part: Any, count: int) -> None:
-        if isinstance(part, dict):
-            inside = group.create_group(name)
-            for key, value in part.items():
-                self._create(inside, key, value, count)
-            return
-        array = np.asarray(part)
-        group.create_dataset(
-            name,
-            shape=(0, *array.shape),
-            maxshape=(None, *array.shape),
-            dtype=array.dtype,
-            chunks=(min(max(1, CHUNK_BYTES // max(1, array.nbytes)), count), *array.shape),
-            compression="gzip",
-            compression_opts=GZIP_LEVEL,
-            shuffle=True,
-        )
 
 
 def _stored(space: spaces.Space[Any]) -> spaces.Space[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 import zlib
 from collections.abc import Callable, Iterable, Sequence
@@ -17,6 +16,7 @@ import numpy.typing as npt
 from packit_sim.core.checks import check_range
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import RETURN_SLACK
 from packit_sim.envs.observations import Observation
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from packit_sim.envs.env import PackItEnv
     from packit_sim.envs.vector import PackItVectorEnv
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """The x of Success@x."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -12,6 +11,7 @@ from pathlib import Path
 from msgspec import structs
 
 from packit_sim.core.parallel import Workers
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.evaluation.results import ResultsError, Rollout, opened
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
@@ -19,7 +19,7 @@ from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
 from packit_sim.placement import BoxState, PlacedItem
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 SCORES: Mapping[str, str] = {
     "stable": "share of the placed volume that does not move under gravity",

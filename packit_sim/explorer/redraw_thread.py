@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 
-_log = logging.getLogger(__name__)
+from packit_sim.core.plain_text import plain_logger
+
+_log = plain_logger(__name__)
 
 
 class RedrawThread:

@@ -7,7 +7,6 @@ same job resumes from there, and ends in the same packs as without a stop.
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 import time
@@ -24,6 +23,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, followed, replace_text
 from packit_sim.core.parallel import Workers
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets import manifests
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import read_packs, write_packs
@@ -32,7 +32,7 @@ from packit_sim.datasets.provenance import Evolved
 from packit_sim.generation.evolution import Evolution, EvolutionState
 from packit_sim.libraries.library import ShapeLibrary
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 CHECKPOINT_SECONDS = 5.0
 """Time between checkpoints: a kill loses this much work, and one generation."""

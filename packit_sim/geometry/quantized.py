@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -20,20 +18,8 @@ from packit_sim.geometry.shapes import Shape
 MAX_COMPRESSION = 32
 """Most bytes of an array per byte of its file; meshes compress to about half."""
 
-_UNREADABLE = (
-    OSError,
-    EOFError,
-    IndexError,
-    KeyError,
-    OverflowError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    BadZipFile,
-    struct.error,
-    zlib.error,
-)
-"""What numpy and zipfile raise for damaged files; RuntimeError includes NotImplementedError."""
+DIAGONAL_SLACK = 1e-6
+"""Largest difference of a stored mesh's diagonal from 1: rounding."""
 
 LATTICE_STEPS = 65535
 """Steps of the bounding box's lattice along each axis: vertices are stored as uint16."""
@@ -118,12 +104,15 @@ class QuantizedMesh:
                 vertices = _array(archive, "vertices", ("<u2",), (None, 3), most)
                 faces = _array(archive, "faces", ("<u2", "<u4"), (None, 3), most)
                 extents = _array(archive, "extents", ("<f8",), (3,), most)
-        except _UNREADABLE as error:
+        except Exception as error:  # numpy and zipfile raise any error for a damaged file
             raise MeshError(f"not a stored mesh: {error or type(error).__name__}") from error
         if not len(vertices) or not len(faces) or faces.max() >= len(vertices):
             raise MeshError("not a stored mesh: a triangle has no vertices")
-        if not (np.isfinite(extents).all() and (extents > 0).all()):
-            raise MeshError(f"not a stored mesh: its extents are {extents.tolist()}")
+        diagonal = math.hypot(*extents.tolist())
+        if not (abs(diagonal - 1) < DIAGONAL_SLACK and (extents > 0).all()):
+            raise MeshError(
+                f"not a stored mesh: its extents are {extents.tolist()}, their diagonal must be 1"
+            )
         return cls(vertices, faces, extents)
 
     def save(self, file: Path) -> None:

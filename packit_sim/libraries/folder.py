@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import Counter
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +16,10 @@ from packit_sim.libraries.sources import Candidate, Source
 
 UNCATEGORISED = "uncategorised"
 """Category of mesh files that are not in a subfolder."""
+
+MAX_ENTRIES = 100_000
+"""Most files and folders in a folder: a manifest may refer to any folder, also to that of a whole
+disk."""
 
 
 class MeshFolder(Source):
@@ -30,17 +36,11 @@ class MeshFolder(Source):
     Raises
     ------
     LibraryError
-        If there is no mesh file.
+        If there is no mesh file, or there are more than `MAX_ENTRIES` files and folders.
     """
 
     def __init__(self, folder: Path) -> None:
-        files = [
-            file
-            for file in sorted(folder.rglob("*"))
-            if file.suffix.lower() in mesh_files.SUFFIXES
-            and not any(part.startswith(".") for part in file.relative_to(folder).parts)
-            and file.is_file()
-        ]
+        files = sorted(_mesh_files(folder))
         if not files:
             raise LibraryError(
                 f"{folder}: neither library.json nor a mesh file ({', '.join(mesh_files.SUFFIXES)})"
@@ -71,3 +71,23 @@ class MeshFolder(Source):
         file = self._files[id]
         read = partial(mesh_files.read, file)
         return Candidate(id, self.categories[id], read, title=file.stem, source=str(file))
+
+
+def _mesh_files(folder: Path) -> Iterator[Path]:
+    """Yield the mesh files of a folder that are not hidden."""
+    entries = 0
+    for path, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        entries += len(folders) + len(files)
+        if entries > MAX_ENTRIES:
+            raise LibraryError(
+                f"{folder}: has more than {MAX_ENTRIES:,} files: open a folder in it"
+            )
+        for name in files:
+            file = Path(path, name)
+            if (
+                not name.startswith(".")
+                and file.suffix.lower() in mesh_files.SUFFIXES
+                and file.is_file()
+            ):
+                yield file

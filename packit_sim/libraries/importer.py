@@ -6,7 +6,6 @@ the import.
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import resource
@@ -22,6 +21,7 @@ from pebble import ProcessExpired, ProcessPool
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError, MeshError, PackItError
 from packit_sim.core.orphans import end_with
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import UP_AXES, Shape
@@ -30,7 +30,7 @@ from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import stored
 from packit_sim.libraries.sources import Candidate, ShapeInfo
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 

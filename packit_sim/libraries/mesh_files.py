@@ -11,11 +11,10 @@ import json
 import re
 import struct
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 from zipfile import BadZipFile, ZipFile
 
 import trimesh
@@ -26,6 +25,8 @@ from packit_sim.core.errors import MeshError
 
 SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Suffixes of the files that can be read, in lower case."""
+
+_T = TypeVar("_T")
 
 Unit = Literal["micron", "mm", "cm", "in", "ft", "m"]
 
@@ -44,6 +45,9 @@ MAX_BYTES = 2**30
 
 MAX_TRIANGLES = 20_000_000
 """Maximum number of triangles in a file's scene, counting every instance of a mesh."""
+
+MAX_INSTANCES = 2000
+"""Maximum number of instances of objects in a file's scene: the time grows with its square."""
 
 _MIN_BYTES = {"vertex": 3, "face": 4}
 """Minimum bytes of an element of a PLY file: three coordinates, or a count and three indices."""
@@ -109,7 +113,10 @@ def read(file: Path) -> RawMesh:
         size = file.stat().st_size
         if size > MAX_BYTES:
             raise MeshError(f"{size:,} bytes are too many: at most {MAX_BYTES:,}")
-        return _read(file.read_bytes(), suffix, file.parent)
+        content = file.read_bytes()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked
+            return _read(content, suffix, file.parent)
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from error
     except Exception as error:  # trimesh's readers raise any error for a broken file
@@ -129,16 +136,14 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
     elif suffix == ".3mf":
         unit_cm = _3mf_unit(content)
     options: dict[str, Any] = {"ignore_broken": False} if suffix == ".dae" else {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked below
-        scene = trimesh.load_scene(
-            io.BytesIO(content),
-            file_type=suffix[1:],
-            resolver=_FolderResolver(str(folder)) if suffix == ".gltf" else None,
-            process=False,
-            skip_materials=True,
-            **options,
-        )
+    scene = trimesh.load_scene(
+        io.BytesIO(content),
+        file_type=suffix[1:],
+        resolver=_FolderResolver(str(folder)) if suffix == ".gltf" else None,
+        process=False,
+        skip_materials=True,
+        **options,
+    )
     meshes = {n: m for n, m in scene.geometry.items() if isinstance(m, trimesh.Trimesh)}
     placed = [scene.graph[node][1] for node in scene.graph.nodes_geometry]
     triangles = sum(len(meshes[name].faces) for name in placed if name in meshes)
@@ -148,7 +153,11 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         raise MeshError(f"{triangles:,} triangles are too many: at most {MAX_TRIANGLES:,}")
     if triangles < expected:
         raise MeshError(f"only {triangles:,} of its {expected:,} triangles could be read")
-    return RawMesh(scene.to_mesh(), up, unit_cm, sum(name in meshes for name in placed))
+    mesh = scene.to_mesh()
+    for name, array in (("vertices", mesh.vertices), ("triangles", mesh.faces)):
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise MeshError(f"its {name} have not three numbers each, but the shape {array.shape}")
+    return RawMesh(mesh, up, unit_cm, sum(name in meshes for name in placed))
 
 
 class _FolderResolver(FilePathResolver):
@@ -199,6 +208,8 @@ def _check_stl(content: bytes) -> int:
         if len(content) == _STL_HEADER + count * _STL_TRIANGLE:
             return int(count)
     if content.lstrip()[:5].lower() == b"solid":
+        solids = len(re.findall(rb"^\s*solid\b", content, re.MULTILINE | re.IGNORECASE))
+        _check_instances(solids, "solids")
         return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
     raise MeshError(
         f"it is not ASCII, and {len(content):,} bytes are not the length of a binary STL"
@@ -217,10 +228,18 @@ def _check_off(content: bytes) -> int:
 
 
 def _check_obj(content: bytes) -> int:
-    """Return the number of faces, or refuse a file without any."""
+    """Refuse too many materials, each of which becomes a mesh; return the number of faces."""
     faces = len(re.findall(rb"^[ \t]*f[ \t]", content, re.MULTILINE))
     if faces == 0:
         raise MeshError("the file holds no faces")
+    materials: dict[bytes, set[bytes]] = {b"": set()}
+    current = materials[b""]
+    for kind, name in re.findall(rb"^[ \t]*(o|usemtl)[ \t]+(.*)$", content, re.MULTILINE):
+        if kind == b"o":
+            current = materials.setdefault(name, set())
+        else:
+            current.add(name)
+    _check_instances(max(map(len, materials.values())), "materials of one object")
     return faces
 
 
@@ -271,17 +290,51 @@ def _check_3mf(content: bytes) -> int:
                 components[target] = [str(part.get("objectid")) for part in parts]
             element.clear()
 
-    @cache
-    def total(object_id: str, depth: int = 0) -> int:
-        if depth > len(components):
-            raise MeshError(f"its object {object_id!r} is a part of itself")
-        parts = components.get(object_id, ())
-        return triangles.get(object_id, 0) + sum(total(part, depth + 1) for part in parts)
-
-    count = sum(map(total, items))
+    count = _total(triangles, components, items)
     if count > MAX_TRIANGLES:
         raise MeshError(f"{count:,} triangles are too many: at most {MAX_TRIANGLES:,}")
+    _check_instances(_total(dict.fromkeys(components, 1), components, items))
     return count
+
+
+def _check_dae(content: bytes) -> int:
+    """Refuse scenes of too many nodes, counting every instance of a node."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    root = etree.fromstring(content, parser)
+    nodes = {node: number for number, node in enumerate(root.iter("{*}node"))}
+    numbers = {node.get("id"): number for node, number in nodes.items()}
+    inside: dict[int, list[int]] = {}
+    own: dict[int, int] = {}
+    for node, number in nodes.items():
+        own[number] = 1 + sum(1 for _ in node.iterchildren("{*}instance_geometry"))
+        instances = (
+            one.get("url", "").lstrip("#") for one in node.iterchildren("{*}instance_node")
+        )
+        inside[number] = [nodes[child] for child in node.iterchildren("{*}node")]
+        inside[number] += [numbers[target] for target in instances if target in numbers]
+    scenes = [nodes[node] for node in root.iterfind(".//{*}visual_scene/{*}node")]
+    _check_instances(_total(own, inside, scenes))
+    return 0
+
+
+def _total(own: Mapping[_T, int], parts: Mapping[_T, Sequence[_T]], roots: Sequence[_T]) -> int:
+    """Sum a number over all instances in a scene, given each object's own number and its parts."""
+    known: dict[_T, int] = {}
+
+    def total(one: _T, above: frozenset[_T]) -> int:
+        if one in above:
+            raise MeshError(f"its object {one!r} is a part of itself")
+        if one not in known:
+            below = (total(part, above | {one}) for part in parts.get(one, ()))
+            known[one] = own.get(one, 0) + sum(below)
+        return known[one]
+
+    return sum(total(root, frozenset()) for root in roots)
+
+
+def _check_instances(count: int, what: str = "instances of objects") -> None:
+    if count > MAX_INSTANCES:
+        raise MeshError(f"{count:,} {what} are too many: at most {MAX_INSTANCES:,}")
 
 
 def _3mf_model(archive: ZipFile) -> str:
@@ -311,6 +364,7 @@ def _dae_asset(content: bytes) -> tuple[str, float]:
 
 _CHECKS: Mapping[str, Callable[[bytes], int]] = {
     ".3mf": _check_3mf,
+    ".dae": _check_dae,
     ".glb": _check_glb,
     ".gltf": _check_gltf,
     ".obj": _check_obj,

@@ -6,7 +6,6 @@ A package adds a source by a subclass of `Source`, announced as an entry point o
 
 from __future__ import annotations
 
-import logging
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
@@ -20,12 +19,13 @@ from msgspec import Meta
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import LibraryError, MeshError, located
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.mesh_files import RawMesh
 
 __all__ = ["Candidate", "RawMesh", "ShapeInfo", "Source"]
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 SHAPES_BUDGET = 256 * 2**20
 """Maximum size of all cached shapes of the process: bytes of their vertices and faces."""

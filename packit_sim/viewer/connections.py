@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ipaddress
-import logging
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
@@ -20,10 +19,12 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from packit_sim.core.plain_text import plain_logger
+
 _INVALID = 1007
 """The code with which a WebSocket closes after a malformed message (RFC 6455)."""
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 Handler = Callable[[server.ServerConnection], Awaitable[None]]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -38,6 +37,7 @@ from packit_agents.learning.remote_envs import RemoteEnvs
 from packit_agents.learning.run_folder import RunFolder
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_sim.core.confidence import Estimate
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.envs.env import PackItEnv
@@ -48,7 +48,7 @@ from packit_sim.evaluation.evaluation import evaluate_batched
 from packit_sim.evaluation.learning_curves import CurvePoint
 from packit_sim.libraries.library import ShapeLibrary
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 RECENT = 200
 """Number of episodes whose mean return is reported."""

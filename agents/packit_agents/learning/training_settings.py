@@ -206,7 +206,7 @@ def read_settings(config: Path | None, changes: Sequence[str]) -> TrainingSettin
     if config is not None:
         try:
             values = tomllib.loads(config.read_text())
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ArgumentError(f"settings can't be read from {config}: {error}") from None
     for change in changes:
         name, equals, text = change.partition("=")
@@ -231,5 +231,5 @@ def _value(text: str) -> Any:
         return None
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return {"true": True, "false": False}.get(text.lower(), text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy.typing as npt
 from platformdirs import user_cache_path
 
 from packit_sim.core.files import replacing
+from packit_sim.core.plain_text import plain_logger
 
 _T = TypeVar("_T")
 
@@ -22,7 +22,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 CACHE_VARIABLE = "PACKIT_CACHE"
 """Environment variable: the cache's folder."""
 
-_log = logging.getLogger(__name__)
+_log = plain_logger(__name__)
 
 
 def cache_folder() -> Path:

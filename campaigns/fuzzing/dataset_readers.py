@@ -1,0 +1,132 @@
+"""Readers of datasets: packs, results, manifests, and the packs and packings of other tools."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from trimesh import creation
+
+from campaigns.fuzzing import world
+from campaigns.fuzzing.json_changes import json_tree
+from campaigns.fuzzing.reader import Reader
+from packit_sim.core.errors import PackItError
+from packit_sim.datasets.manifests import Manifest, manifest_path
+from packit_sim.datasets.original import read_original
+from packit_sim.datasets.pack_files import dataset_library, read_packs, write_packs
+from packit_sim.datasets.packings import verify_packing
+from packit_sim.datasets.verification import verify_dataset
+from packit_sim.evaluation.results import check_results, read_results
+from tests import bad_meshes
+
+
+def _lines(packs: Any) -> list[bytes]:
+    lines = [pack.to_json().encode() + b"\n" for pack in packs]
+    return [*lines, b"".join(lines)]
+
+
+def _former(folder: str) -> list[bytes]:
+    """Return lines of format 1, which the test of the former format keeps."""
+    records = Path(bad_meshes.__file__).parent / "references" / "format-1" / folder
+    lines = [
+        line + b"\n"
+        for file in sorted(records.glob("*.jsonl"))
+        for line in file.read_bytes().splitlines()[:1]
+    ]
+    return [line for line in lines if len(line) < world.MAX_SEED]
+
+
+def _read_packs(data: bytes) -> None:
+    for pack in read_packs(world.written("packs/packs.jsonl", data)):
+        with suppress(PackItError):
+            pack.task(world.library())
+            pack.contents(world.library())
+        pack.to_json()
+
+
+def _read_results(data: bytes) -> None:
+    file = world.written("results/results.jsonl", data)
+    rollouts = read_results(file)
+    check_results(file, rollouts)
+    check_results(file, rollouts, world.library())
+
+
+def _verify(data: bytes) -> None:
+    for problem in verify_dataset(
+        world.written("verify/packs.jsonl", data), world.library()
+    ).problems:
+        world.require_clean(str(problem))
+
+
+def _read_manifest(data: bytes) -> None:
+    file = world.written("manifests/packs.jsonl", _lines([world.pack()])[0])
+    data = data.replace(b"@SHA256@", hashlib.sha256(file.read_bytes()).hexdigest().encode())
+    data = data.replace(world.COMPUTED, world.library().digest.encode())
+    manifest = manifest_path(file)
+    manifest.write_bytes(data.replace(b"@LIBRARY@", str(world.library().path).encode()))
+    read_packs(file)
+    dataset_library(file)
+    Manifest.read(manifest).to_json()
+
+
+def _manifests() -> list[bytes]:
+    file = world.folder() / "seeds" / "packs.jsonl"
+    write_packs(file, [world.pack()])
+    data = manifest_path(file).read_bytes()
+    data = data.replace(hashlib.sha256(file.read_bytes()).hexdigest().encode(), b"@SHA256@")
+    data = data.replace(world.library().digest.encode(), world.COMPUTED)
+    return [data.replace(str(world.library().path).encode(), b"@LIBRARY@")]
+
+
+def _originals() -> list[bytes]:
+    sources = [f"Shapes_te/{id}/model.obj" for id in world.SHAPES]
+    pack = {
+        "efficiency": 0.4,
+        "sources": sources,
+        "positions": [{"x": 0.0, "y": -0.1, "z": 0.1} for _ in sources],
+        "scales": [dict.fromkeys("xyz", 0.5) for _ in sources],
+        "rotations": [dict(zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)) for _ in sources],
+        "shapeScale": 0.8,
+    }
+    return [json.dumps({"data": packs}).encode() for packs in ([pack], [pack, pack])]
+
+
+def _read_original(data: bytes) -> None:
+    file = world.written("original/2_tr", data)
+    for partial in (False, True):
+        found = read_original(file, world.library(), partial=partial)
+        world.require_clean(found.report(), lines=True)
+
+
+def _packings() -> list[bytes]:
+    pose = np.eye(4)
+    pose[:3, 3] = 2.0
+    other = pose.copy()
+    other[0, 3] = 5.0
+    items = [{"mesh": "parts/box.stl", "pose": one.tolist()} for one in (pose, other)]
+    return [json.dumps({"box": [9, 8, 7], "unit": "mm", "items": items}).encode()]
+
+
+def _read_packing(data: bytes) -> None:
+    world.written("packing/parts/box.stl", world.exported(creation.box((1, 2, 3)), "stl"))
+    for problem in verify_packing(world.written("packing/packing.json", data)).problems:
+        world.require_clean(str(problem))
+
+
+READERS = (
+    Reader("packs", "packs of format 2", lambda: _lines(world.packs()), _read_packs, json_tree),
+    Reader("packs-1", "packs of format 1", lambda: _former("packs"), _read_packs, json_tree),
+    Reader("results", "results", lambda: _lines([world.played()]), _read_results, json_tree),
+    Reader(
+        "results-1", "results of format 1", lambda: _former("results"), _read_results, json_tree
+    ),
+    Reader("verify", "packs, verified", lambda: _lines(world.packs()), _verify, json_tree, 20.0),
+    Reader("manifests", "manifests", _manifests, _read_manifest, json_tree),
+    Reader("original", "packs of the original PackIt", _originals, _read_original, json_tree),
+    Reader("packings", "packings of other tools", _packings, _read_packing, json_tree),
+)
+"""The readers of this module."""

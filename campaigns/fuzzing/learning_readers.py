@@ -1,0 +1,135 @@
+"""Readers of what belongs to learning: weights, settings, learning curves and recordings."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import torch
+
+from campaigns.fuzzing import file_changes, world
+from campaigns.fuzzing.json_changes import json_tree
+from campaigns.fuzzing.reader import Reader
+from packit_agents.learning.networks import NetworkSettings, network
+from packit_agents.learning.training_settings import read_settings
+from packit_agents.learning.weights import read_weights, write_weights
+from packit_sim.envs.recording import record, stage_steps
+from packit_sim.evaluation.learning_curves import TrainingRecord
+from packit_sim.game.episode import Stage
+from tests import bad_meshes
+
+
+def _weights() -> list[bytes]:
+    torch.manual_seed(0)
+    file = world.folder() / "seed.safetensors"
+    files = []
+    for blocks in (0, 1):
+        settings = NetworkSettings(width=1, encoder_blocks=blocks, trunk_blocks=blocks)
+        provenance = {"version": "0.1.0", "settings": {"steps": 5, "rules": {"easy": False}}}
+        write_weights(file, network(settings, 0), settings, 0, provenance)
+        files.append(file.read_bytes())
+    former = files[0].replace(b'"version":"2"', b'"version":"1"')
+    return [*files, former.replace(b'"provenance"', b'"made"      ')]
+
+
+def _read_weights(data: bytes) -> None:
+    read_weights(world.written("weights.safetensors", data))
+
+
+def _settings() -> list[bytes]:
+    folder = Path(bad_meshes.__file__).parents[1] / "benchmarks" / "trainings"
+    return [file.read_bytes() for file in sorted(folder.glob("*.toml"))]
+
+
+def _read_toml(data: bytes) -> None:
+    read_settings(world.written("settings.toml", data), [])
+
+
+_TRAINING = {
+    "settings": {"steps": 5000, "rules": {"easy": False}, "network": {"width": 64}, "teacher": None}
+}
+_CURVE = [
+    {"steps": 0, "reward": None, "validation": {"mean": 0.5, "low": None, "high": None}},
+    {"steps": 1000, "reward": 0.25, "validation": {"mean": 0.5, "low": 0.4, "high": 0.75}},
+]
+
+
+def _read_training(name: str) -> Callable[[bytes], None]:
+    def read(data: bytes) -> None:
+        world.written("training/settings.json", json.dumps(_TRAINING).encode())
+        world.written("training/curve.json", json.dumps(_CURVE).encode())
+        folder = world.written(f"training/{name}", data).parent
+        TrainingRecord.read(folder).best  # noqa: B018
+
+    return read
+
+
+def _recording() -> Path:
+    folder = world.folder() / "recording-seed"
+    if not folder.exists():
+        tasks = [world.pack().task(world.library())]
+        env = gymnasium.make(
+            "PackIt-v0", tasks=tasks, observation="none", rotation="aligned", location="blbf"
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the task is an object
+            record(env, folder, episodes=1)
+    return folder
+
+
+def _recorded(name: str) -> Callable[[], list[bytes]]:
+    return lambda: [(_recording() / name).read_bytes()]
+
+
+def _read_recording(name: str) -> Callable[[bytes], None]:
+    def read(data: bytes) -> None:
+        for file in _recording().iterdir():
+            world.written(f"recording/{file.name}", file.read_bytes())
+        folder = world.written(f"recording/{name}", data).parent
+        for _ in stage_steps(folder, Stage.SHAPE):
+            pass
+
+    return read
+
+
+READERS = (
+    Reader(
+        "weights",
+        "weights",
+        _weights,
+        _read_weights,
+        file_changes.safetensors,
+    ),
+    Reader("settings", "settings (TOML)", _settings, _read_toml, file_changes.toml),
+    Reader(
+        "training-settings",
+        "settings of a training (JSON)",
+        lambda: [json.dumps(_TRAINING).encode()],
+        _read_training("settings.json"),
+        json_tree,
+    ),
+    Reader(
+        "curves",
+        "learning curves",
+        lambda: [json.dumps(_CURVE).encode()],
+        _read_training("curve.json"),
+        json_tree,
+    ),
+    Reader(
+        "recording-metadata",
+        "recordings: metadata",
+        _recorded("metadata.json"),
+        _read_recording("metadata.json"),
+        json_tree,
+    ),
+    Reader(
+        "recording-data",
+        "recordings: HDF5",
+        _recorded("main_data.hdf5"),
+        _read_recording("main_data.hdf5"),
+    ),
+)
+"""The readers of this module."""

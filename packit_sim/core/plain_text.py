@@ -1,0 +1,44 @@
+"""Plain texts for people: messages contain names from files, which strangers may have written."""
+
+from __future__ import annotations
+
+import logging
+
+MAX_CHARACTERS = 2000
+"""Most characters of a message; of a longer one the middle is left out."""
+
+_CONTROL = {code: 0x2400 + code for code in range(0x20) if chr(code) != "\n"}
+_OTHERS = (0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
+
+_VISIBLE: dict[int, int | str] = {
+    **_CONTROL,
+    **dict.fromkeys([*range(0x7F, 0xA0), *_OTHERS], "\ufffd"),
+}
+"""What stands for characters that command a terminal, end a line, change the direction of writing,
+or can't be encoded: pictures of the first 32, and a replacement character."""
+
+
+def plain(text: str) -> str:
+    """Return a text without characters that do more than show; newlines stay."""
+    return text.translate(_VISIBLE)
+
+
+def plain_line(text: str) -> str:
+    """Return a text as one plain line of at most `MAX_CHARACTERS`."""
+    line = plain(text.replace("\n", " ").strip())
+    if len(line) <= MAX_CHARACTERS:
+        return line
+    kept = MAX_CHARACTERS // 2 - 20
+    return f"{line[:kept]} [{len(line) - 2 * kept:,} more] {line[-kept:]}"
+
+
+def plain_logger(name: str) -> logging.Logger:
+    """Return the logger of a module; its records are plain lines, whoever handles them."""
+    logger = logging.getLogger(name)
+    logger.addFilter(_make_plain)
+    return logger
+
+
+def _make_plain(record: logging.LogRecord) -> bool:
+    record.msg, record.args = plain_line(record.getMessage()), None
+    return True
