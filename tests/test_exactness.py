@@ -1,141 +1,19 @@
-"""Masks compared with the oracle at all 15,625 locations of the box; any number of masks.
+"""Random cases compared with the oracle at all locations of the box; any number of cases.
 
     make test-all MASKS=2000 SEED=1
 
-Each mask is asked for cold and, once its pairs have tables, warm; the BLBF location and what
-stands in the way at a few locations must agree with the oracle too.
+`packit selftest` makes the same checks for as long as it may.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
 import pytest
-import trimesh
-from trimesh import creation
 
-from packit_sim import placement
-from packit_sim.box import Box
-from packit_sim.engine import nofit
-from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import PlacedItem
-from tests.zoo import ZOO, nested_pair, random_item
-
-EVERYDAY = ShapeLibrary.open("everyday")
-
-Rng = np.random.Generator
-
-
-def library(rng: Rng) -> list[Item]:
-    """Library meshes of all sizes."""
-    shapes = tuple(EVERYDAY[i] for i in rng.choice(EVERYDAY.ids, 10, replace=False))
-    size = rng.uniform(0.3, 0.8)
-    return [random_item(shapes, size, rng) for _ in range(14)]
-
-
-def soups(rng: Rng) -> list[Item]:
-    """Triangles that share nothing, of random sizes, and shapes made by hand."""
-    shapes = []
-    for n in range(4):
-        count, spread = int(rng.integers(3, 120)), rng.uniform(0.05, 1)
-        corners = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, spread, (count, 3, 3))
-        faces = np.arange(3 * count).reshape(-1, 3)
-        soup = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
-        shapes.append(Shape.from_mesh(soup, f"soup {n}"))
-    return [random_item((*shapes, *ZOO), rng.uniform(0.3, 0.7), rng) for _ in range(14)]
-
-
-def shells(rng: Rng) -> list[Item]:
-    """Open surfaces without a thickness, and plates thinner than a fine cell, tilted at random."""
-    meshes = []
-    for _ in range(2):
-        ball = creation.icosphere(subdivisions=2)
-        above = np.flatnonzero(ball.triangles_center[:, 2] > rng.uniform(-0.8, 0.5))
-        meshes.append(ball.submesh([above], append=True))
-        meshes.append(creation.box((1, rng.uniform(0.2, 1), 10 ** rng.uniform(-5, -2))))
-        pipe = creation.cylinder(rng.uniform(0.1, 0.6), 1)
-        side = np.flatnonzero(np.abs(pipe.face_normals[:, 2]) < 0.5)
-        meshes.append(pipe.submesh([side], append=True))
-    for mesh in meshes:
-        mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
-    shapes = tuple(Shape.from_mesh(mesh, f"shell {n}") for n, mesh in enumerate(meshes))
-    return [random_item(shapes, rng.uniform(0.3, 0.7), rng) for _ in range(12)]
-
-
-def contacts(rng: Rng) -> list[Item]:
-    """Blocks larger or smaller than whole cells by about the contact tolerance."""
-    items = []
-    for n in range(16):
-        cells = rng.integers(1, 9, size=3) * rng.choice((1, 4, 4, 4), size=3)
-        extents = cells / 100 + rng.choice((0, 0.3, 0.9, 1.1, 2), size=3) * (
-            CONTACT_TOLERANCE * rng.choice((-1, 1), size=3)
-        )
-        block = Shape.from_mesh(creation.box(extents), f"block {n}")
-        scale = float(np.linalg.norm(extents)) ** 3
-        items.append(Item(block, scale, int(rng.integers(24))))
-    return items
-
-
-def extremes(rng: Rng) -> list[Item]:
-    """From a fraction of a cell to about the box, side by side."""
-    shapes = (*ZOO, *(EVERYDAY[i] for i in rng.choice(EVERYDAY.ids, 4, replace=False)))
-    sizes = 10 ** rng.uniform(-2.5, 0.1, size=14)
-    return [random_item(shapes, size, rng) for size in sizes]
-
-
-def nested(rng: Rng) -> list[Item]:
-    """Thin shapes, and thinner ones that may be inside their walls."""
-    pairs = [nested_pair(rng) for _ in range(7)]
-    return [item for pair in pairs for item in pair]
-
-
-KINDS: tuple[Callable[[Rng], list[Item]], ...] = (
-    library,
-    soups,
-    shells,
-    contacts,
-    extremes,
-    nested,
-)
-
-
-def filled(items: list[Item], rng: Rng) -> Box:
-    """A box with what fits of the items, each at its BLBF location or at one by chance."""
-    box = Box()
-    reach = int(rng.integers(3, 26))
-    for item in items:
-        location = box.blbf(item)
-        if location is None:
-            continue
-        if rng.random() < 0.6:
-            locations = np.argwhere(box.feasible(item)[:reach, :reach, :reach])
-            location = rng.choice(locations) if len(locations) else location
-        box.place(item, location)
-    return box
+from packit_sim.selftest.runs import run_case
 
 
 @pytest.mark.slow
-def test_mask_equals_the_oracle(mask_seed: tuple[int, int]) -> None:
-    number = mask_seed[1]
-    rng = np.random.default_rng(mask_seed)
-    *items, item = KINDS[number % len(KINDS)](rng)
-    box = filled(items, rng)
-    truth = placement.oracle(box, item)
-    for _ in range(nofit.MEETINGS + 2):
-        mask = box.feasible(item)
-        assert mask.shape == truth.shape == (25, 25, 25)
-        differ = int((mask != truth).sum())
-        assert differ == 0, f"{differ} locations differ for {item} in {box}"
-    ranked = np.argwhere(truth.transpose(2, 0, 1))
-    assert box.blbf(item) == (tuple(ranked[0][[1, 2, 0]]) if len(ranked) else None)
-    for location in rng.integers(25, size=(5, 3)):
-        candidate = PlacedItem(item, tuple(location.tolist()))
-        reason = box.why_not(item, location)
-        assert bool(reason) is not bool(truth[candidate.location])
-        assert bool(reason.walls) is not placement.is_inside(box.cells, candidate)
-        assert reason.items == tuple(
-            n for n, other in enumerate(box.placed) if placement.conflicts(other, candidate)
-        )
+def test_the_engine_agrees_with_the_oracle(mask_seed: tuple[int, int]) -> None:
+    outcome = run_case(*mask_seed)
+    assert outcome.counts["locations"] > 0
+    assert outcome.differences == [], outcome.replay

@@ -23,6 +23,7 @@ from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
 from packit_sim.cli.reproduction_commands import reproduce_command
+from packit_sim.cli.selftest_command import selftest_command
 from packit_sim.cli.verify_command import verify_command
 from packit_sim.cli.viewer_commands import view_command
 from packit_sim.core.errors import PackItError
@@ -34,7 +35,16 @@ PLAY, BENCHMARK, LEARN, LOOK = "Play", "Benchmark", "Learn", "Look"
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
-    BENCHMARK: ("shapes", "generate", "verify", "compact", "score", "reproduce", "report"),
+    BENCHMARK: (
+        "shapes",
+        "generate",
+        "verify",
+        "selftest",
+        "compact",
+        "score",
+        "reproduce",
+        "report",
+    ),
     LEARN: ("train",),
     LOOK: ("view", "render", "film", "export", "figures"),
 }
@@ -66,6 +76,7 @@ for _name, _group in (
 for _function in (
     demo_command,
     verify_command,
+    selftest_command,
     generate_command,
     evaluate_command,
     compare_command,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_fcl_call
-from packit_sim.engine.containment import PartArrays, nested, nested_oracle
+from packit_sim.engine.containment import ClosedPart, PartArrays, nested, nested_oracle
 from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.pairs import Pair, canonical, matrix
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
@@ -76,8 +76,11 @@ def contains(placed: PlacedItem, other: ItemInBox) -> bool:
         Whether a connected part of one mesh is inside a closed part of the other.
     """
     pair = Pair.of(placed, other)
-    parts = collision_mesh(pair.item).parts, collision_mesh(pair.other).parts
-    return nested_oracle(*parts, pair.turn, pair.other_turn, pair.shift)
+    one, other_mesh = collision_mesh(pair.item), collision_mesh(pair.other)
+    turn, other_turn = pair.turn, pair.other_turn
+    return nested_oracle(
+        other_mesh.parts.points, one.closed_parts, turn, other_turn, pair.shift
+    ) or nested_oracle(one.parts.points, other_mesh.closed_parts, other_turn, turn, -pair.shift)
 
 
 def surfaces_conflict(placed: PlacedItem, other: ItemInBox) -> bool:
@@ -183,6 +186,11 @@ class CollisionMesh:
     def parts(self) -> PartArrays:
         """Connected parts of the mesh."""
         return PartArrays.of(self._vertices, self._shape.parts)
+
+    @cached_property
+    def closed_parts(self) -> list[ClosedPart]:
+        """Closed parts of the mesh, which only the oracle uses."""
+        return ClosedPart.all_of(self.parts)
 
     def _rotated(
         self, objects: dict[int, fcl.CollisionObject], rotation: int

@@ -7,6 +7,7 @@ this test. Nothing crosses, so one vertex decides for its whole part.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -105,35 +106,54 @@ def nested(
     )
 
 
+class ClosedPart(NamedTuple):
+    """A closed part of a surface around the origin.
+
+    Attributes
+    ----------
+    triangles : Floats
+        (m, 3, 3) corners of its triangles.
+    low, high : Floats
+        (3,) the corners of its bounding box.
+    """
+
+    triangles: Floats
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def all_of(cls, parts: PartArrays) -> list[ClosedPart]:
+        """Look up the closed parts among parts."""
+        numbers = range(parts.part.max(initial=-1) + 1)
+        each = (parts.triangles[parts.part == number] for number in numbers)
+        return [cls(part, part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in each]
+
+
 def nested_oracle(
-    one: PartArrays, other: PartArrays, turn: Floats, other_turn: Floats, shift: Floats
+    points: Floats, closed: Sequence[ClosedPart], turn: Floats, points_turn: Floats, shift: Floats
 ) -> bool:
-    """Compute `nested` by a loop over all parts and all closed parts.
+    """Decide whether a point is inside a closed part, by a loop over all points and parts.
 
     Parameters
     ----------
-    one : PartArrays
-        A surface.
-    other : PartArrays
-        Another surface; they don't cross.
+    points : ndarray of float64, shape (p, 3)
+        A vertex of each part of a surface.
+    closed : Sequence[ClosedPart]
+        The closed parts of another surface; they don't cross.
     turn : ndarray of float64, shape (3, 3)
-        The rotation of the first.
-    other_turn : ndarray of float64, shape (3, 3)
-        The rotation of the other.
+        The rotation of the closed parts.
+    points_turn : ndarray of float64, shape (3, 3)
+        The rotation of the points.
     shift : ndarray of float64, shape (3,)
-        From the centre of the first to that of the other.
+        From the centre of the closed parts to that of the points.
 
     Returns
     -------
     bool
-        Whether a part of one is inside a closed part of the other.
+        Whether there is such a point. One outside a part's bounding box is not inside the part.
     """
-    for around, inside, to_frame, moved in (
-        (one, other, turn.T @ other_turn, turn.T @ shift),
-        (other, one, other_turn.T @ turn, other_turn.T @ -shift),
-    ):
-        points = inside.points @ to_frame.T + moved
-        for number in range(around.part.max(initial=-1) + 1):
-            if any_inside(points, around.triangles[around.part == number]):
-                return True
-    return False
+    moved = points @ (turn.T @ points_turn).T + turn.T @ shift
+    return any(
+        any_inside(moved[((low <= moved) & (moved <= high)).all(axis=1)], part)
+        for part, low, high in closed
+    )

@@ -12,7 +12,7 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.collision import collides, contains
 from packit_sim.engine.feasibility import Mask, is_inside
 from packit_sim.engine.items import Contents, ItemInBox, PlacedItem, triangles
-from packit_sim.geometry.lattice import FINE_PER_CELL, Triple, grid_nodes
+from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells
 from packit_sim.geometry.voxels import unpack
@@ -20,8 +20,16 @@ from packit_sim.geometry.voxels import unpack
 FINE_CELLS_BUDGET = 2**30
 """Bytes in the process's cache of whole fine arrays, which only the oracle uses."""
 
-_Fine = tuple[npt.NDArray[np.int64], Mask, Mask]
-"""The first fine cell (3,), and bool arrays [x, y, z] of the outer and the inner ones."""
+_FINE_PER_STEP = STEP * FINE_PER_CELL
+
+_WORDS_PER_STEP = (_FINE_PER_STEP, _FINE_PER_STEP, 1)
+"""Words between two grid nodes along x, y and z."""
+
+Words = npt.NDArray[np.uint16]
+"""Fine cells [x, y, z]: a bit each, the 16 of a grid step along z in a word."""
+
+_Fine = tuple[npt.NDArray[np.int64], Words, Words]
+"""The first word (3,), and the words of the outer and of the inner fine cells."""
 
 
 def oracle(box: Contents[ItemInBox], item: Item) -> Mask:
@@ -41,9 +49,13 @@ def oracle(box: Contents[ItemInBox], item: Item) -> Mask:
     Mask
         Bool over the grid nodes, indexed [x, y, z].
     """
-    mask = np.zeros(grid_nodes(box.cells), dtype=bool)
-    for i, j, k in np.ndindex(mask.shape):
-        mask[i, j, k] = is_valid(box.cells, box.placed, PlacedItem(item, (i, j, k)))
+    nodes = grid_nodes(box.cells)
+    mask = np.zeros(nodes, dtype=bool)
+    for location in np.ndindex(nodes):
+        mask[location] = is_inside(box.cells, PlacedItem(item, location))
+    for other in box.placed:
+        for i, j, k in np.argwhere(mask & _near(item, other, nodes)).tolist():
+            mask[i, j, k] = not conflicts(PlacedItem(item, (i, j, k)), other)
     return mask
 
 
@@ -106,6 +118,17 @@ def conflicts(candidate: PlacedItem, other: ItemInBox) -> bool:
     )
 
 
+def _near(item: Item, other: ItemInBox, nodes: Triple) -> Mask:
+    """Find the locations at which an item's cell box overlaps that of another; all if off it."""
+    if not isinstance(other, PlacedItem):
+        return np.ones(nodes, dtype=bool)
+    x, y, z = (
+        (STEP * np.arange(n) < stop) & (STEP * np.arange(n) + cells > start)
+        for n, cells, start, stop in zip(nodes, item.cells, other.start, other.stop, strict=True)
+    )
+    return np.asarray(x[:, None, None] & y[:, None] & z)
+
+
 def _boxes_overlap(a: PlacedItem, b: PlacedItem) -> bool:
     return all(
         a_start < b_stop and b_start < a_stop
@@ -114,10 +137,16 @@ def _boxes_overlap(a: PlacedItem, b: PlacedItem) -> bool:
 
 
 def _fine(placed: ItemInBox) -> _Fine:
-    """Voxelize an item: its first fine cell in the box, and the arrays of those from there on."""
+    """Voxelize an item: where its words begin in the box, and the words from there on."""
     if isinstance(placed, PlacedItem):
-        return np.array(placed.start) * FINE_PER_CELL, *_of_item(placed.item)
+        return np.multiply(placed.location, _WORDS_PER_STEP), *_of_item(placed.item)
     return _off_grid(placed)
+
+
+def _words(cells: Mask) -> Words:
+    """Pack fine cells from a grid node on: those of each grid step along z into an integer."""
+    missing = -cells.shape[2] % _FINE_PER_STEP
+    return np.packbits(np.pad(cells, ((0, 0), (0, 0), (0, missing))), axis=2).view(np.uint16)
 
 
 @bounded_cache(
@@ -127,8 +156,8 @@ def _fine(placed: ItemInBox) -> _Fine:
     size=lambda fine: fine[0].nbytes + fine[1].nbytes,
     key=operator.attrgetter("key"),
 )
-def _of_item(item: Item) -> tuple[Mask, Mask]:
-    return item.voxels.outer_fine, item.voxels.inner_fine
+def _of_item(item: Item) -> tuple[Words, Words]:
+    return _words(item.voxels.outer_fine), _words(item.voxels.inner_fine)
 
 
 @bounded_cache(
@@ -139,5 +168,6 @@ def _of_item(item: Item) -> tuple[Mask, Mask]:
     key=lambda placed: (placed.item.key, placed.matrix.tobytes()),
 )
 def _off_grid(placed: ItemInBox) -> _Fine:
-    start, touched, reached = lattice_cells(triangles(placed))
-    return start * FINE_PER_CELL, unpack(~reached), unpack(~(touched | reached))
+    start, touched, reached = lattice_cells(triangles(placed))  # it is a grid node
+    outer, inner = unpack(~reached), unpack(~(touched | reached))
+    return np.multiply(start // STEP, _WORDS_PER_STEP), _words(outer), _words(inner)

@@ -1,0 +1,1 @@
+"""Random comparisons of the engine with the oracle and with boolean volumes."""
