@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pytest
 
-from packit_sim.selftest.runs import run_case
+from packit_sim.selftest.case_runs import run_case
 
 
 @pytest.mark.slow

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from trimesh import creation
 
+from campaigns import exactness
+from campaigns.common import table_in_page
 from packit_sim.box import Box
 from packit_sim.core.parallel import Workers
 from packit_sim.engine import collision, feasibility, insertion, nofit, oracle
@@ -14,9 +16,10 @@ from packit_sim.engine.feasibility import Blockers
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.shapes import Item
-from packit_sim.selftest import runs
+from packit_sim.selftest import case_runs
 from packit_sim.selftest.cases import Case, draw_case
-from packit_sim.selftest.checks import CHECKS, differences
+from packit_sim.selftest.comparisons import CHECKS, differences
+from packit_sim.selftest.kinds import KINDS
 from packit_sim.selftest.reduction import reduced
 from packit_sim.selftest.replays import read_replay, replay_text
 from packit_sim.selftest.tally import Tally
@@ -83,14 +86,14 @@ def test_a_planted_defect_is_found_reduced_and_replayed(monkeypatch, tmp_path) -
             mask[tuple(locations[len(locations) // 2])] = False
         return mask
 
-    monkeypatch.setattr(runs, "draw_case", lambda *_: small(easy=True))
-    monkeypatch.setattr(runs, "reduced", lambda case, name: reduced(case, name, 2.0))
+    monkeypatch.setattr(case_runs, "draw_case", lambda *_: small(easy=True))
+    monkeypatch.setattr(case_runs, "reduced", lambda case, name: reduced(case, name, 2.0))
     file = totals_at(tmp_path / "totals.json", CONTACTS)
     with monkeypatch.context() as patch:
         patch.setattr(feasibility, "feasible", wrong)
         result = packit("selftest", "--minutes", 0.01, "--seed", 7, "--out", file)
         assert result.returncode == 1
-        (replay,) = tmp_path.glob("selftest-*.json")
+        replay = tmp_path / f"selftest-7-{CONTACTS}.json"
         assert f"--replay {replay.name}" in result.stdout
         again = packit("selftest", "--replay", replay)
         assert again.returncode == 1 and "cold: 1 locations" in again.stdout
@@ -147,11 +150,11 @@ def test_boolean_volumes_find_what_engine_and_oracle_both_miss(monkeypatch) -> N
 
 
 def test_a_run_adds_to_the_totals_of_the_last_one(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(runs, "draw_case", lambda *_: small())
+    monkeypatch.setattr(case_runs, "draw_case", lambda *_: small())
     file = totals_at(tmp_path / "totals.json", CONTACTS)
     for cases in (1, 2):
         with Workers(1) as workers:
-            *_, totals = runs.run(7, 1e-4, workers, file)
+            *_, totals = case_runs.run(7, 1e-4, workers, file)
         assert totals.count("cases") == cases
         assert totals == Totals.read(file)
         assert totals.seeds == {"7": CONTACTS + cases}
@@ -167,7 +170,7 @@ def test_a_run_that_is_stopped_keeps_what_was_done(monkeypatch, tmp_path) -> Non
             raise KeyboardInterrupt
         return small()
 
-    monkeypatch.setattr(runs, "draw_case", drawn)
+    monkeypatch.setattr(case_runs, "draw_case", drawn)
     result = packit("selftest", "--minutes", 1, "--seed", 7, "--out", file)
     assert result.returncode == 130
     assert "stopped: repeat the command to resume" in result.stdout
@@ -176,14 +179,14 @@ def test_a_run_that_is_stopped_keeps_what_was_done(monkeypatch, tmp_path) -> Non
 
 def test_a_failure_while_a_box_is_filled_is_a_difference(monkeypatch) -> None:
     monkeypatch.setattr(Box, "place", lambda *_: 1 / 0)
-    outcome = runs.run_case(7, CONTACTS)
+    outcome = case_runs.run_case(7, CONTACTS)
     assert [found.check for found in outcome.differences] == ["filling"]
     assert outcome.replay is None and outcome.counts == {"cases": 1}
 
 
 def test_without_manifold3d_volumes_are_left_out(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr("packit_sim.selftest.volumes.is_available", lambda: False)
-    monkeypatch.setattr(runs, "run", lambda *_: iter(()))
+    monkeypatch.setattr(case_runs, "run", lambda *_: iter(()))
     result = packit("selftest", "--minutes", 0.01)
     assert result.returncode == 0
     assert "boolean volumes are left out: pip install manifold3d" in result.stdout
@@ -213,13 +216,16 @@ def test_a_replay_is_the_same_case(tmp_path) -> None:
         ({"item": {"shape": 7, "scale": 1, "rotation": 0}}, "there is no shape 7"),
         ({"item": {"shape": 0, "scale": -1, "rotation": 0}}, "scale -1.0 is not possible"),
         ({"item": {"shape": 0, "scale": 1, "rotation": 24}}, "rotation 24 is not one of"),
-        ({"placed": [{"shape": 0, "scale": 9, "rotation": 0, "location": [0, 0, 0]}]}, "not inside"),
+        (
+            {"placed": [{"shape": 0, "scale": 9, "rotation": 0, "location": [0, 0, 0]}]},
+            "not inside",
+        ),
         ({"placed": [{"shape": 0, "scale": 1, "rotation": 0}]}, "location None is not possible"),
         ({"shapes": [{"id": "a", "vertices": [[0, 0, 0]], "faces": [[0, 0, 1]]}]}, "has no tri"),
         ({"shapes": [{"id": "a", "vertices": [[9, 0, 0]], "faces": [[0, 0, 0]]}]}, "not centred"),
         ({"shapes": 3}, "field 'shapes' is 3"),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_is_no_replay_is_refused(tmp_path, changes, message) -> None:
     file = tmp_path / "replay.json"
     file.write_text(json.dumps(json.loads(replay_text("masks", small())) | changes))
@@ -236,3 +242,11 @@ def test_totals_of_another_version_or_no_totals_are_refused(tmp_path) -> None:
     file.write_text("[]")
     with pytest.raises(SelftestError, match="the totals must be a JSON object"):
         Totals.read(file)
+
+
+def test_the_page_has_the_totals_of_the_runs() -> None:
+    totals = Totals.read(exactness.FILE)
+    assert table_in_page("exactness") == exactness.tables(totals)
+    names = {name for kind in totals.kinds.values() for name in kind.counts}
+    assert exactness.COMPARISONS.keys() <= names
+    assert totals.kinds.keys() == exactness.ITEMS.keys() == KINDS.keys()

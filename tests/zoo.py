@@ -6,7 +6,7 @@ import numpy as np
 
 from packit_sim.box import Box
 from packit_sim.geometry.shapes import Item
-from packit_sim.selftest.shapes import (
+from packit_sim.selftest.hard_shapes import (
     BALL,
     BOWL,
     CUBE,

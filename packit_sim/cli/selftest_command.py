@@ -72,7 +72,7 @@ def selftest_command(
     if replay is not None:
         _repeat(replay)
         return
-    from packit_sim.selftest import runs, volumes  # creates shapes
+    from packit_sim.selftest import case_runs, volumes  # creates shapes
 
     if out is not None:
         prepare_folder(out)
@@ -83,7 +83,7 @@ def selftest_command(
         bar = progress.add_task("comparing", total=round(60 * minutes), note="")
         start = time.monotonic()
         try:
-            for totals in runs.run(seed, minutes, processes, out):
+            for totals in case_runs.run(seed, minutes, processes, out):
                 millions = totals.count("locations") / 1e6
                 note = f"{millions:.2f} million locations, {len(totals.differences)} differences"
                 progress.update(bar, completed=int(time.monotonic() - start), note=note)
@@ -119,7 +119,7 @@ def _print_totals(totals: Totals) -> None:
 
 
 def _repeat(file: Path) -> None:
-    from packit_sim.selftest.checks import differences
+    from packit_sim.selftest.comparisons import differences
     from packit_sim.selftest.replays import read_replay
 
     check, case = read_replay(file)

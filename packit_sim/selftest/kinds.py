@@ -12,7 +12,7 @@ from trimesh import creation
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.selftest.shapes import ZOO, nested_pair, random_item
+from packit_sim.selftest.hard_shapes import ZOO, nested_pair, random_item
 
 Rng = np.random.Generator
 

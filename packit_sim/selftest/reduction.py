@@ -17,7 +17,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL, STEP, box_cells
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.selftest.cases import Case
-from packit_sim.selftest.checks import differences
+from packit_sim.selftest.comparisons import differences
 
 REDUCTION_SECONDS = 60.0
 """Maximum time for the reduction of a case."""

@@ -18,7 +18,7 @@ from packit_sim.engine.items import PlacedItem
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.selftest.cases import Case
-from packit_sim.selftest.checks import CHECKS
+from packit_sim.selftest.comparisons import CHECKS
 from packit_sim.selftest.totals import SelftestError
 
 _FRAME = 1e-6

@@ -21,7 +21,8 @@ def is_available() -> bool:
 
 def is_solid(placed: PlacedItem) -> bool:
     """Whether an item's mesh is closed, so that it has a volume."""
-    return bool(placed.item.shape.mesh.is_volume)
+    with np.errstate(divide="ignore", invalid="ignore"):  # the centre of mass, if it has none
+        return bool(placed.item.shape.mesh.is_volume)
 
 
 def is_one_solid(placed: PlacedItem) -> bool:
@@ -32,16 +33,20 @@ def is_one_solid(placed: PlacedItem) -> bool:
 def shared_depth(one: PlacedItem, other: PlacedItem) -> float:
     """Compute the mean thickness of what two solids share: twice its volume over its area."""
     shared = _shared(one, other, 0.0)
-    return 0.0 if shared.is_empty or shared.area == 0 else 2 * abs(shared.volume) / shared.area
+    return 2 * _volume(shared) / shared.area if _volume(shared) else 0.0
 
 
 def touch(one: PlacedItem, other: PlacedItem) -> bool:
     """Decide whether two solids share a volume, if both grow or shrink by half the tolerance."""
-    return any(
-        not shared.is_empty and abs(shared.volume) > 0
-        for growth in (-CONTACT_TOLERANCE, 0.0, CONTACT_TOLERANCE)
-        for shared in [_shared(one, other, growth)]
-    )
+    growths = (-CONTACT_TOLERANCE, 0.0, CONTACT_TOLERANCE)
+    return any(_volume(_shared(one, other, growth)) > 0 for growth in growths)
+
+
+def _volume(mesh: trimesh.Trimesh) -> float:
+    if mesh.is_empty:
+        return 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):  # the centre of mass, if it has none
+        return abs(float(mesh.volume))
 
 
 def _shared(one: PlacedItem, other: PlacedItem, growth: float) -> trimesh.Trimesh:

@@ -12,7 +12,7 @@ from packit_sim.core.files import claimed, lock_path, remove_unfinished, replace
 from packit_sim.core.parallel import Workers
 from packit_sim.selftest import volumes
 from packit_sim.selftest.cases import draw_case, kind_of
-from packit_sim.selftest.checks import CHECKS, differences
+from packit_sim.selftest.comparisons import CHECKS, differences
 from packit_sim.selftest.reduction import reduced
 from packit_sim.selftest.replays import replay_text
 from packit_sim.selftest.tally import Difference, Tally
@@ -99,10 +99,11 @@ def run_case(seed: int, number: int) -> Outcome:
 
 
 def _numbers(first: int, deadline: float) -> Iterator[int]:
+    """Generate the numbers of cases until the time is over; at least one."""
     for number in count(first):
+        yield number
         if time.monotonic() >= deadline:
             return
-        yield number
 
 
 def _write_replay(seed: int, outcome: Outcome, file: Path | None) -> str:
