@@ -13,7 +13,7 @@ PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo docs test test-all bench lint types wheel constraints clean
+.PHONY: help setup demo docs test test-all coverage bench lint types wheel constraints clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
@@ -39,6 +39,12 @@ test-all: ## the slow tests too, with new seeds; MASKS=2000: so many masks; SEED
 	@echo "to repeat this run: make test-all MASKS=$(MASKS) SEED=$(SEED)"
 	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-all} $(PYTEST) --masks $(MASKS) --seed $(SEED) \
 		--hypothesis-seed $(SEED) $(PYTEST_ARGS)
+
+coverage: $(STAMP) ## the quick tests, and the share of lines and branches that they execute
+	@$(BIN)/coverage erase
+	@$(BIN)/coverage run -m pytest -n 2 --dist=worksteal -m 'not slow' $(PYTEST_ARGS)
+	@$(BIN)/coverage combine --quiet
+	@$(BIN)/coverage report --skip-covered
 
 bench: ## the benchmarks that take minutes, one after the other
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,bench,cluster

@@ -5,7 +5,7 @@ tests that execute the changed line, and writes what they found after each mutan
 the same seed continues; other seeds add to the totals.
 
     python -m campaigns.mutants --seed 1 --count 400
-    python -m campaigns.mutants --again     # survivors once more, after tests were added
+    python -m campaigns.mutants --check     # survivors with the tests that were added for them
     python -m campaigns.mutants --table     # write the table in docs/trust/mutants.md
 """
 
@@ -17,6 +17,7 @@ import os
 import platform
 import random
 import re
+import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
@@ -26,10 +27,15 @@ from pathlib import Path
 from typing import Any
 
 from campaigns import mutant_runs
+from campaigns.mutant_plans import TESTS, plan
 from campaigns.mutations import Mutation, mutations
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results" / "mutants.json"
+
+JUDGED = RESULTS.with_name("mutants_judged.json")
+"""What was found of survivors: "equivalent" and why, or "added", the test that kills it now."""
+
 
 _GEOMETRY = ("rotations", "voxels", "voxelization", "voxel_kernels", "voxelization_kernels")
 _ENGINE = (
@@ -46,33 +52,6 @@ MODULES = (
 )
 """The modules that are mutated. `packit_sim/placement.py` only names others' functions."""
 
-_TESTS = (
-    *("rotations", "voxels", "shapes", "poses", "placement", "containment", "nofit", "insertion"),
-    *("off_grid", "witness", "compaction", "disassembly", "caches", "box", "unchanged", "episode"),
-    *("packs", "old_format", "original", "verification", "rules", "evaluation", "manifests"),
-    *("forged_results", "terminal"),
-)
-TESTS = tuple(f"tests/test_{name}.py" for name in _TESTS)
-"""The files of tests that are run."""
-
-_OWN = {
-    "voxel": ("voxels",),
-    "voxelization": ("voxels",),
-    "word": ("voxels",),
-    "oracle": ("placement", "containment"),
-    "feasibility": ("placement", "nofit"),
-    "screening": ("placement", "nofit"),
-    "collision": ("placement", "containment"),
-    "occupancy": ("off_grid", "box", "placement"),
-    "pack_files": ("packs", "verification"),
-    "pack_checks": ("verification",),
-    "results": ("evaluation", "forged_results", "manifests"),
-}
-"""Names of test files for modules that have no file of the same name."""
-
-SECONDS = 10.0
-"""Processor time of the tests of one mutant, measured without it; the slowest are left out."""
-
 Record = dict[str, Any]
 
 
@@ -85,73 +64,6 @@ def draw(seed: int, count: int, modules: Sequence[str] = MODULES) -> list[tuple[
     ]
     random.Random(seed).shuffle(mutants)
     return mutants[:count]
-
-
-def plan(
-    baseline: mutant_runs.Baseline, copy: Path, mutant: tuple[str, Mutation], kills: Counter[str]
-) -> list[str]:
-    """Choose the tests of a mutant, in the order in which they are run.
-
-    Parameters
-    ----------
-    baseline : Baseline
-        What the tests do without a mutant.
-    copy : Path
-        The copy of the source.
-    mutant : tuple
-        Module and mutation.
-    kills : Counter
-        Numbers of mutants of the module that each test killed so far.
-
-    Returns
-    -------
-    list of str
-        Tests that execute the line; of a line that runs at the import, those that use the module;
-        of a compiled line, which is not traced, those that use a module that calls it. The first
-        are those that killed most, then those of the module's own files. Tests of a file stay
-        together, since they share what they prepare.
-    """
-    module, mutation = mutant
-    name = Path(module).stem.removesuffix("_kernels")
-    tests: set[str] = set()
-    if module.endswith("_kernels.py"):
-        compiled = mutant_runs.kernel_modules(copy, module)
-        for caller, lines in baseline.lines.items():
-            if any(_imports(copy / caller, own) for own in compiled):
-                tests |= set(lines[0])
-    else:
-        lines = baseline.lines[module]
-        for line in range(mutation.line, mutation.end[0] + 1):
-            tests |= set(lines.get(line, []))
-        tests = tests or set(lines[0])
-    own = tuple(f"tests/test_{file}.py" for file in (name, *_OWN.get(name, ())))
-    seconds = baseline.seconds
-    killers = [test for test, _ in kills.most_common(5) if test in tests]
-    chosen = list(_affordable(sorted(tests, key=lambda t: seconds[t]), seconds))
-    number = {test: n for n, test in enumerate(seconds)}
-    of_file: defaultdict[str, float] = defaultdict(float)
-    for test in chosen:
-        of_file[_file(test)] += seconds[test]
-    chosen.sort(key=lambda t: (_file(t) not in own, of_file[_file(t)], _file(t), number[t]))
-    return list(dict.fromkeys([*killers, *chosen]))
-
-
-def _file(test: str) -> str:
-    return test.split("::")[0]
-
-
-def _affordable(tests: Sequence[str], seconds: dict[str, float]) -> Iterator[str]:
-    left = SECONDS
-    for test in tests:
-        left -= seconds[test]
-        if left > 0:
-            yield test
-
-
-def _imports(file: Path, module: str) -> bool:
-    name = Path(module).stem
-    text = file.read_text()
-    return f".{name} import " in text or f" import {name}\n" in text
 
 
 def campaign(options: argparse.Namespace) -> None:
@@ -181,8 +93,7 @@ def campaign(options: argparse.Namespace) -> None:
         record |= asdict(outcome) | {"planned": len(tests)}
         record["seconds"] = round(time.monotonic() - started, 1)
         kills[module][outcome.test] += 1
-        if record not in done:
-            done.append(record)
+        done.append(record)
         _write(options.out, _totals(found))
         print(f"{len(done)}", *(record[key] for key in _PRINTED), flush=True)
 
@@ -195,7 +106,7 @@ def _left(
 ) -> Iterator[tuple[tuple[str, Mutation], Record]]:
     """List the mutants to run, and what is known of them."""
     drawn = draw(options.seed, options.count)
-    known = {(r["seed"], r["module"], r["line"], r["column"], r["new"]): r for r in done}
+    known = {(record["seed"], *_place(record)) for record in done}
     for module, mutation in drawn:
         record = {
             "seed": options.seed,
@@ -206,12 +117,33 @@ def _left(
             "old": mutation.original((ROOT / module).read_text()),
             "new": mutation.code,
         }
-        key = (options.seed, module, mutation.line, mutation.column, mutation.code)
-        if key not in known:
+        if (options.seed, *_place(record)) not in known:
             yield (module, mutation), record
-        elif options.again and known[key]["outcome"] == "survived":
-            known[key]["first"] = "survived"
-            yield (module, mutation), known[key]
+
+
+def _place(record: Record) -> tuple[Any, ...]:
+    return record["module"], record["line"], record["column"], record["new"]
+
+
+def check(options: argparse.Namespace) -> bool:
+    """Run the tests that were added for survivors; return whether each kills its mutant."""
+    if not options.copy.exists():
+        mutant_runs.copy_source(ROOT, options.copy)
+    mutant_runs.restore(options.copy)
+    killed = []
+    for judged in json.loads(JUDGED.read_text()):
+        if "added" in judged:
+            text = (options.copy / judged["module"]).read_text()
+            mutation = next(m for m in mutations(text) if _matches(m, judged))
+            with mutant_runs.mutated(options.copy, judged["module"], mutation.apply(text)):
+                outcome = mutant_runs.run(options.copy, [judged["added"]], defaultdict(float))
+            killed.append(outcome.outcome == "killed" and outcome.tests == 1)
+            print("killed" if killed[-1] else "SURVIVED", judged["added"], flush=True)
+    return all(killed)
+
+
+def _matches(mutation: Mutation, judged: Record) -> bool:
+    return (mutation.line, mutation.column, mutation.code) == _place(judged)[1:]
 
 
 def _totals(found: Record) -> Record:
@@ -222,7 +154,7 @@ def _totals(found: Record) -> Record:
         "version": _version(),
         "python": platform.python_version(),
         "cores": os.cpu_count(),
-        "mutants_of_the_modules": len(draw(0, 10**9)),
+        "sizes": {module: len(draw(0, 10**9, [module])) for module in MODULES},
         "seeds": sorted({record["seed"] for record in done}),
         "seconds": round(sum(record["seconds"] for record in done)),
         "outcomes": dict(outcomes),
@@ -238,12 +170,13 @@ def _version() -> str:
 
 def table(found: Record) -> str:
     """Write the table of the page: a row for each module, and one for all."""
-    records = found["mutants"]
+    judged = {_place(record): record for record in json.loads(JUDGED.read_text())}
+    records = [record | judged.get(_place(record), {}) for record in found["mutants"]]
     rows = {
         "all": records,
         **{module: [r for r in records if r["module"] == module] for module in MODULES},
     }
-    sizes = {module: len(draw(0, 10**9, [module])) for module in MODULES}
+    sizes = found["sizes"]
     lines = [
         "| module | mutants | drawn | killed at first | by time limit | survived | equivalent "
         "| tests added | left |",
@@ -256,14 +189,14 @@ def table(found: Record) -> str:
 
 
 def _row(name: str, size: int, records: list[Record]) -> str:
-    first = [r for r in records if r["outcome"] != "survived" and "first" not in r]
-    timeouts = sum(r["outcome"] == "timeout" for r in first)
-    survived = len(records) - len(first)
-    closed = sum("first" in r and r["outcome"] != "survived" for r in records)
-    equivalent = sum("reason" in r and r["outcome"] == "survived" for r in records)
-    killed = f"{len(first)} ({len(first) / len(records):.0%})"
-    counts = (size, len(records), killed, timeouts, survived, equivalent, closed)
-    cells = [f"`{name}`" if name != "all" else name, *counts, survived - equivalent - closed]
+    survived = [record for record in records if record["outcome"] == "survived"]
+    killed = len(records) - len(survived)
+    timeouts = sum(record["outcome"] == "timeout" for record in records)
+    closed = sum("added" in record for record in survived)
+    equivalent = sum("equivalent" in record for record in survived)
+    share = f"{killed} ({killed / len(records):.0%})"
+    counts = (size, len(records), share, timeouts, len(survived), equivalent, closed)
+    cells = [f"`{name}`" if name != "all" else name, *counts, len(survived) - equivalent - closed]
     return f"| {' | '.join(map(str, cells))} |"
 
 
@@ -281,7 +214,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="what to draw the mutants from")
     parser.add_argument("--count", type=int, default=400, help="mutants of this seed")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that")
-    parser.add_argument("--again", action="store_true", help="run survivors again")
+    parser.add_argument("--check", action="store_true", help="only run the tests that were added")
     parser.add_argument("--table", action="store_true", help="only write the table of the page")
     parser.add_argument("--out", type=Path, default=RESULTS, help="results file")
     parser.add_argument(
@@ -297,7 +230,10 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         options.copy = options.copy or Path(folder) / "copy"
-        campaign(options)
+        if not options.check:
+            campaign(options)
+        elif not check(options):
+            sys.exit("a test does not kill its mutant")
 
 
 if __name__ == "__main__":

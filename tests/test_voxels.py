@@ -1,6 +1,9 @@
 """Outer and inner fine cells compared with their definitions in numpy and scipy."""
 
 import itertools
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from packit_sim.geometry import rotations, voxels
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.geometry.voxelization import solid_volume, solid_volume_bounds
+from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
 from packit_sim.geometry.voxels import Voxels
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, PLATE, RING, ZOO, cube_of
@@ -84,6 +88,52 @@ def test_a_cube_of_whole_cells_fills_them() -> None:
     assert item.outer.all()
     assert item.inner.sum() == 6**3
     assert item.voxels.inner_fine.sum() == 30**3
+
+
+def bits(words: np.ndarray) -> np.ndarray:
+    """The fine cells of words [x, y, z]."""
+    cells = np.unpackbits(words.view(np.uint8), bitorder="little").reshape(*words.shape, 4, 4, 4)
+    return cells.transpose(0, 3, 1, 4, 2, 5).reshape([4 * n for n in words.shape]).astype(bool)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 4), (4, 3, 2), (3, 5, 3)], ids=str)
+def test_the_flood_from_outside_finds_its_way_through_a_maze(shape) -> None:
+    """In random cells, ways go to all six sides within words and between them."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        masks = rng.integers(2**64, size=(3, *shape), dtype=np.uint64)
+        touched = masks[0] & (masks[1] | masks[2]) | masks[1] & masks[2]
+        touched |= rng.integers(2**64, size=shape, dtype=np.uint64) & masks[0]
+        labels, _ = ndimage.label(~bits(touched))
+        border = np.concatenate([labels.take((0, -1), axis).ravel() for axis in range(3)])
+        expected = np.isin(labels, border[border > 0])
+        assert (bits(reached_cells(touched)) == expected).all()
+        assert not (touched & reached_cells(touched)).any()
+
+
+INTERPRETED = """
+import numpy as np
+from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
+from tests.zoo import ZOO
+assert not hasattr(touched_cells, "py_func")
+for shape in ZOO[::3]:
+    touched = touched_cells(shape.mesh.triangles[:20] * 0.04, np.array((4, 4, 4)), 0.01, 1e-5)
+    print(touched.tolist(), reached_cells(touched).tolist())
+"""
+
+
+def test_kernels_stay_within_their_arrays() -> None:
+    """Compiled code does not check indices; the same code, interpreted, does."""
+    run = subprocess.run(
+        [sys.executable, "-c", INTERPRETED],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    for shape, line in zip(ZOO[::3], run.stdout.splitlines(), strict=True):
+        touched = touched_cells(shape.mesh.triangles[:20] * 0.04, np.array((4, 4, 4)), 0.01, 1e-5)
+        assert line == f"{touched.tolist()} {reached_cells(touched).tolist()}"
 
 
 def test_what_is_open_encloses_nothing_and_a_cavity_does() -> None:

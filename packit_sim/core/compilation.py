@@ -44,8 +44,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     -----
     The machine code is cached next to the module, or else in the user's cache folder (or
     `NUMBA_CACHE_DIR`). Processes that need the same kernel wait for the first one to compile it. If
-    no folder is writable, each process compiles again.
+    no folder is writable, each process compiles again. With `NUMBA_DISABLE_JIT=1` the function is
+    not compiled, so that a debugger can stop in it.
     """
+    if numba.config.DISABLE_JIT:
+        return function
     try:
         compiled = numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:  # numba found no folder that is writable

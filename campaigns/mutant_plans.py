@@ -1,0 +1,104 @@
+"""Which tests are run on a mutant, and in which order."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from campaigns.mutant_runs import Baseline, kernel_modules
+from campaigns.mutations import Mutation
+
+_TESTS = (
+    *("rotations", "voxels", "shapes", "poses", "placement", "containment", "nofit", "insertion"),
+    *("off_grid", "witness", "compaction", "disassembly", "caches", "box", "unchanged", "episode"),
+    *("packs", "old_format", "original", "verification", "rules", "evaluation", "manifests"),
+    *("forged_results", "terminal"),
+)
+TESTS = tuple(f"tests/test_{name}.py" for name in _TESTS)
+"""The files of tests that are run."""
+
+_OWN = {
+    "voxel": ("voxels",),
+    "voxelization": ("voxels",),
+    "word": ("voxels",),
+    "oracle": ("placement", "containment"),
+    "feasibility": ("placement", "nofit"),
+    "screening": ("placement", "nofit"),
+    "collision": ("placement", "containment"),
+    "occupancy": ("off_grid", "box", "placement"),
+    "pack_files": ("packs", "verification"),
+    "pack_checks": ("verification",),
+    "results": ("evaluation", "forged_results", "manifests"),
+}
+"""Names of test files for modules that have no file of the same name."""
+
+SECONDS = 10.0
+"""Processor time of the tests of one mutant, measured without it; the slowest are left out."""
+
+
+def plan(
+    baseline: Baseline, copy: Path, mutant: tuple[str, Mutation], kills: Counter[str]
+) -> list[str]:
+    """Choose the tests of a mutant, in the order in which they are run.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        What the tests do without a mutant.
+    copy : Path
+        The copy of the source.
+    mutant : tuple
+        Module and mutation.
+    kills : Counter
+        Numbers of mutants of the module that each test killed so far.
+
+    Returns
+    -------
+    list of str
+        Tests that execute the line; of a line that runs at the import, those that use the module;
+        of a compiled line, which is not traced, those that use a module that calls it. The first
+        are those that killed most, then those of the module's own files. Tests of a file stay
+        together, since they share what they prepare.
+    """
+    module, mutation = mutant
+    name = Path(module).stem.removesuffix("_kernels")
+    tests: set[str] = set()
+    if module.endswith("_kernels.py"):
+        compiled = kernel_modules(copy, module)
+        for caller, lines in baseline.lines.items():
+            if any(_imports(copy / caller, own) for own in compiled):
+                tests |= set(lines[0])
+    else:
+        lines = baseline.lines[module]
+        for line in range(mutation.line, mutation.end[0] + 1):
+            tests |= set(lines.get(line, []))
+        tests = tests or set(lines[0])
+    own = tuple(f"tests/test_{file}.py" for file in (name, *_OWN.get(name, ())))
+    seconds = baseline.seconds
+    killers = [test for test, _ in kills.most_common(5) if test in tests]
+    chosen = list(_affordable(sorted(tests, key=lambda t: seconds[t]), seconds))
+    number = {test: n for n, test in enumerate(seconds)}
+    of_file: defaultdict[str, float] = defaultdict(float)
+    for test in chosen:
+        of_file[_file(test)] += seconds[test]
+    chosen.sort(key=lambda t: (_file(t) not in own, of_file[_file(t)], _file(t), number[t]))
+    return list(dict.fromkeys([*killers, *chosen]))
+
+
+def _file(test: str) -> str:
+    return test.split("::")[0]
+
+
+def _affordable(tests: Sequence[str], seconds: dict[str, float]) -> Iterator[str]:
+    left = SECONDS
+    for test in tests:
+        left -= seconds[test]
+        if left > 0:
+            yield test
+
+
+def _imports(file: Path, module: str) -> bool:
+    name = Path(module).stem
+    text = file.read_text()
+    return f".{name} import " in text or f" import {name}\n" in text
