@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.errors import ArgumentError, InfeasibleError
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import ORIGIN, Blockers, Mask, checked_location
 from packit_sim.engine.items import BoxState, ItemT, PlacedItem
@@ -223,7 +224,7 @@ class Box(BaseBox[PlacedItem]):
     @property
     def density(self) -> float:
         """The placed volume, relative to the box's volume."""
-        return sum(p.item.volume for p in self.placed) / float(self.size.prod())
+        return plain_sum(p.item.volume for p in self.placed) / float(self.size.prod())
 
     def feasible(self, item: Item) -> Mask:
         mask = super().feasible(item)

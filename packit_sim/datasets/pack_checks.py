@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from packit_sim import placement
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
@@ -72,7 +73,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
             problems.append(f"{what} is in conflict with items {blocking}")
         before[n] = candidate
     counted = [p.item for p, record in zip(items, pack.items, strict=True) if record.counted]
-    volume = sum(item.volume for item in counted)
+    volume = plain_sum(item.volume for item in counted)
     density = volume / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if not abs(density - pack.density) <= DENSITY_SLACK:
         problems.append(f"density is recorded as {pack.density!r}, replayed it is {density!r}")

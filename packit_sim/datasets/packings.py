@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import MeshError, PackFormatError, located
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.pack_checks import named
 from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.verification import Problem, Report
@@ -112,7 +113,7 @@ def verify_packing(file: Path | str) -> Report:
         if (np.maximum(one.low, other.low) < np.minimum(one.high, other.high)).all():
             problems += _pair_problems(one, other)
     cube = unit * unit * unit
-    volume = sum(body.volume for body in bodies) * cube
+    volume = plain_sum(body.volume for body in bodies) * cube
     found = tuple(Problem(file, None, sentence) for sentence in problems)
     return Report(found, 1, 1, len(items), volume, float((extents / unit).prod()) * cube)
 

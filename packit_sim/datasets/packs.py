@@ -16,6 +16,7 @@ from packit_sim import placement
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
@@ -383,7 +384,7 @@ class Task:
     @property
     def volume(self) -> float:
         """The total volume of the items, in box units cubed."""
-        return sum(item.volume for item in self.items)
+        return plain_sum(item.volume for item in self.items)
 
     @property
     def digest(self) -> str:

@@ -23,6 +23,7 @@ from packit_sim.core.errors import (
     PackItError,
     UnknownShapeError,
 )
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.manifests import (
     SUFFIX,
     Manifest,
@@ -252,7 +253,7 @@ class _DatasetCheck:
         except PackItError as error:
             yield str(error)
             return
-        self.volume += sum(p.item.volume for p in placed)
+        self.volume += plain_sum(p.item.volume for p in placed)
         self.space += math.prod(pack.cells) / CELLS_PER_UNIT**3
         for shape in dict.fromkeys(p.item.shape for p in placed):
             yield from self._volume_problems(shape)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.sweeping import Axis, free_distance
 from packit_sim.geometry.arrays import Floats
@@ -75,7 +76,7 @@ class Compacted:
         return float(before), float(after)
 
     def _filled(self, centers: Floats) -> float:
-        volume = sum(placed.item.volume for placed in self.placed)
+        volume = plain_sum(placed.item.volume for placed in self.placed)
         return volume / float(_reach(self.placed, centers).prod()) if self.placed else 0.0
 
 

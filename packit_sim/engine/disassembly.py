@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.checks import Range, check_range
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.items import Contents, PlacedItem
@@ -129,7 +130,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Rou
 def share(volumes: Sequence[float], routes: Sequence[Route | None]) -> float:
     """Compute the share of the items' volume that has a route; 1 without items."""
     found = [volume for volume, route in zip(volumes, routes, strict=True) if route]
-    return sum(found) / sum(volumes) if volumes else 1.0
+    return plain_sum(found) / plain_sum(volumes) if volumes else 1.0
 
 
 def find_route(

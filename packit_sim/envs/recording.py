@@ -22,6 +22,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from packit_sim.core.errors import StateError
 from packit_sim.core.files import claimed, lock_path
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.minari_format import Minari, RecordingError, readable
 from packit_sim.envs.observations import Observation
@@ -246,7 +247,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             "total_steps": steps,
             "task": played.task,
             "end": played.end,
-            "return": sum(played.rewards),
+            "return": plain_sum(played.rewards),
         }
         self._storage.update_episode_metadata([metadata], [self._count])
         self._count += 1

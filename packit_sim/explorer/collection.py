@@ -10,6 +10,7 @@ from pathlib import Path
 from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import PackItError
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.pack_files import dataset_file, dataset_library, read_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Played
@@ -180,7 +181,7 @@ class PackCollection:
         if not outside and played is not None and played.total > 0:
             volume = pack.counted_volume / played.total
         else:
-            volume = sum(item.volume for item in (*(p.item for p in placed), *outside))
+            volume = plain_sum(item.volume for item in (*(p.item for p in placed), *outside))
         return PackView(
             self.titles[number],
             _name(entry),

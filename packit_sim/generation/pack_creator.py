@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from packit_sim.box import Box
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.generation.chromosomes import Chromosome
 from packit_sim.geometry.lattice import Triple
@@ -132,7 +133,7 @@ class PackCreator:
         starts: list[Triple | None] = [ORIGIN] * len(items)
         by_volume = sorted(range(len(items)), key=lambda n: items[n].volume)
         waiting = by_volume if threshold > 0 else []
-        possible = sum(item.volume for item in items)
+        possible = plain_sum(item.volume for item in items)
         wanted = threshold * self._volume - _SLACK
         for n, item in enumerate(items):
             start = starts[n]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine.compaction import Compacted, compact, drops
 from packit_sim.engine.disassembly import MOVES, Disassembly, disassemble, insertion_routes, share
 from packit_sim.geometry.lattice import CELL, STEP
@@ -92,7 +93,7 @@ def pack_quality(
     PhysicsError
         If an item can't be decomposed into convex pieces.
     """
-    volume = sum(placed.item.volume for placed in box.placed)
+    volume = plain_sum(placed.item.volume for placed in box.placed)
     return PackQuality(
         volume / float(np.prod(np.array(box.cells) * CELL)),
         stability(box, settings, distance),

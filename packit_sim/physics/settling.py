@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine.items import triangles
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL
@@ -229,8 +230,8 @@ def _pieces(
     if not settings.fitted:
         return [[piece for piece, _ in parts] for parts in whole], 0.0
     pieces = fitted(whole, [triangles(p) for p in items])
-    before = sum(piece.volume for parts in whole for piece, _ in parts)
-    after = sum(piece.volume for own in pieces for piece in own)
+    before = plain_sum(piece.volume for parts in whole for piece, _ in parts)
+    after = plain_sum(piece.volume for own in pieces for piece in own)
     return pieces, 1 - after / before if items else 0.0
 
 

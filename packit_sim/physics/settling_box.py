@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from packit_sim.box import BaseBox
 from packit_sim.core.errors import InfeasibleError
+from packit_sim.core.sums import plain_sum
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
@@ -46,7 +47,7 @@ class SettlingBox(BaseBox[SettledItem]):
     @property
     def counted(self) -> float:
         """The volume of the items that are inside and stable, in cubic box units."""
-        return sum(settled.item.volume for settled in self.placed if settled.counts)
+        return plain_sum(settled.item.volume for settled in self.placed if settled.counts)
 
     @property
     def density(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from packit_sim.core.checks import POSITIVE, check_range
+from packit_sim.core.sums import plain_sum
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
 from packit_sim.placement import Contents, ItemInBox
@@ -73,4 +74,4 @@ def stable_share(settled: Settled, distance: float = DISTANCE) -> float:
     """Compute the share of the volume in items that moved less than a distance; 1 without items."""
     volumes = [item.item.volume for item in settled.items]
     stable = [item.item.volume for item in settled.items if item.farthest < distance]
-    return sum(stable) / sum(volumes) if volumes else 1.0
+    return plain_sum(stable) / plain_sum(volumes) if volumes else 1.0

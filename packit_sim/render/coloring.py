@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.shapes import Item, Shape
 
 Color = tuple[float, float, float]
@@ -147,7 +148,7 @@ class ByShare:
 
     def __call__(self, items: Sequence[Item]) -> Colors:
         volumes = [item.volume for item in items]
-        total = self.total or sum(volumes)
+        total = self.total or plain_sum(volumes)
         shares = {n: volume / total for n, volume in enumerate(volumes)}
         return ByNumber("share of the reward", shares, low=0.0, spec=".1%")(items)
 
