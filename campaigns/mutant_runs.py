@@ -27,10 +27,10 @@ COPIED = ("packit_sim", "agents", "assets", "benchmarks", "campaigns", "docs", "
 MEMORY = 8 << 30
 """Bytes of address space that a mutant may use."""
 
-COMPILATION = 60.0
+COMPILATION = 30.0
 """Seconds of processor time that the first tests may take longer because of compilation."""
 
-SLACK = 10.0
+SLACK = 5.0
 """A test may take this many times as long as without a mutant, and as many seconds more."""
 
 _OPTIONS = ("-n0", "-x", "-q", "--no-header", "-pno:cacheprovider", "-mnot slow")

@@ -12,6 +12,7 @@ the same seed continues; other seeds add to the totals.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import platform
@@ -70,6 +71,8 @@ def campaign(options: argparse.Namespace) -> None:
     """Run the mutants that are not in the results file yet."""
     found: Record = json.loads(options.out.read_text()) if options.out.exists() else {"mutants": []}
     done: list[Record] = found["mutants"]
+    if found.get("source", source()) != source():
+        sys.exit(f"{options.out} has mutants of other source code: choose another file with --out")
     copy: Path = options.copy
     if not copy.exists():
         mutant_runs.copy_source(ROOT, copy)
@@ -134,7 +137,7 @@ def check(options: argparse.Namespace) -> bool:
     for judged in json.loads(JUDGED.read_text()):
         if "added" in judged:
             text = (options.copy / judged["module"]).read_text()
-            mutation = next(m for m in mutations(text) if _matches(m, judged))
+            mutation = _nearest(text, judged)
             with mutant_runs.mutated(options.copy, judged["module"], mutation.apply(text)):
                 outcome = mutant_runs.run(options.copy, [judged["added"]], defaultdict(float))
             killed.append(outcome.outcome == "killed" and outcome.tests == 1)
@@ -142,8 +145,11 @@ def check(options: argparse.Namespace) -> bool:
     return all(killed)
 
 
-def _matches(mutation: Mutation, judged: Record) -> bool:
-    return (mutation.line, mutation.column, mutation.code) == _place(judged)[1:]
+def _nearest(text: str, judged: Record) -> Mutation:
+    """Find a mutation in a module that may have changed since."""
+    change = (judged["old"], judged["new"])
+    same = [m for m in mutations(text) if (m.original(text), m.code) == change]
+    return min(same, key=lambda mutation: abs(mutation.line - judged["line"]))
 
 
 def _totals(found: Record) -> Record:
@@ -152,6 +158,7 @@ def _totals(found: Record) -> Record:
     outcomes = Counter(record["outcome"] for record in done)
     return {
         "version": _version(),
+        "source": source(),
         "python": platform.python_version(),
         "cores": os.cpu_count(),
         "sizes": {module: len(draw(0, 10**9, [module])) for module in MODULES},
@@ -160,6 +167,12 @@ def _totals(found: Record) -> Record:
         "outcomes": dict(outcomes),
         "mutants": done,
     }
+
+
+def source() -> str:
+    """Return a digest of the modules, since mutants are drawn anew when these change."""
+    texts = b"".join((ROOT / module).read_bytes() for module in MODULES)
+    return hashlib.sha256(texts).hexdigest()[:16]
 
 
 def _version() -> str:
