@@ -24,8 +24,8 @@ from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.generation.jobs import work_folder
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 
-SAMPLE = 3
-"""Packs of each file: the first, the last, and what lies evenly between."""
+SAMPLE = 2
+"""Packs of each file: the first, the last, and with more, what lies evenly between."""
 
 FILES = [file for name in builtin_datasets() for file in dataset_files(name)]
 NAMES = [f"{file.parent.name}/{file.stem}" for file in FILES]

@@ -122,6 +122,7 @@ with Workers(3) as workers:
 """
 
 
+@pytest.mark.slow
 def test_kernels_of_workers_are_announced_once_by_the_process_that_starts_them(
     tmp_path: Path,
 ) -> None:

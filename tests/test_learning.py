@@ -542,8 +542,14 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     [
         {"observation": "features"},
         {"observation": "placement-features", "augmented": True},
-        {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
-        {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
+        pytest.param(
+            {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 128},
+            marks=pytest.mark.slow,
+        ),
         {
             "teacher": "largest-fitting-first/aligned/blbf",
             "imitation": 128,
@@ -624,6 +630,7 @@ def test_a_toy_task_is_learned_to_the_optimum(tmp_path, name) -> None:
     assert done.curve[-1].validation.mean == pytest.approx(both_others)
 
 
+@pytest.mark.slow
 def test_a_teacher_is_imitated_against_the_reward(tmp_path) -> None:
     """The box has space for the largest cube alone, or for a smaller one alone."""
     settings = cubes(tmp_path, (20, 44, 60), (60, 60, 60))

@@ -108,7 +108,10 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
         assert len(mesh.faces) == 12 and abs(mesh.volume) == pytest.approx(6), name
 
 
-@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if "bomb" in name else []) for name in BAD],
+)
 def test_bad_files_are_named_with_what_is_wrong(tmp_path: Path, name: str) -> None:
     bad_meshes.write(tmp_path, [name])
     with pytest.raises(MeshError, match=BAD[name][1]) as caught:

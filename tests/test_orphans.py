@@ -69,7 +69,13 @@ def wait(holds, seconds: float) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads /proc")
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "as done" else [])
+        for name in PROGRAMS
+    ],
+)
 def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
     parent = subprocess.Popen([sys.executable, "-c", PROGRAMS[name]], cwd=tmp_path)
     begun: set[int] = set()
@@ -80,7 +86,7 @@ def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
 
     try:
         assert wait(has_workers, 60) and parent.poll() is None
-        time.sleep(3)  # they are at work
+        time.sleep(1)  # they are at work
         begun |= children(parent.pid)
     finally:
         os.kill(parent.pid, signal.SIGKILL)

@@ -132,7 +132,7 @@ def test_a_recording_equals_what_was_played(tmp_path, name, observation) -> None
     ("name", "count"),
     [
         ("PackIt-v0", 4),
-        ("PackItEasy-v0", 4),
+        pytest.param("PackItEasy-v0", 4, marks=pytest.mark.slow),
         pytest.param("PackIt-v0", 10, marks=pytest.mark.slow),
         pytest.param("PackItEasy-v0", 10, marks=pytest.mark.slow),
     ],

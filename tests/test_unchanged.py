@@ -24,7 +24,7 @@ RECORDS = Path(__file__).parent / "references" / "format-1"
 
 RESULTS = sorted(file.stem for file in (RECORDS / "results").glob("*.jsonl"))
 
-QUICK_SECONDS = 2.7
+QUICK_SECONDS = 1.0
 """An agent is replayed among the quick tests if it once took no longer for its tasks."""
 
 

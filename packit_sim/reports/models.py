@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
-from packit_sim.geometry.simplification import Simplification
+from packit_sim.geometry.simplification import collapsed
 from packit_sim.media.export import names
 from packit_sim.placement import ItemInBox
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
@@ -27,11 +26,6 @@ VERTEX_TYPE = np.dtype("<u2")
 
 FACE_TYPE = np.dtype("<u4")
 """The type of vertex indices: a shape that cannot be simplified may have more than 65,536."""
-
-_REDUCED = Simplification(max_triangles=TRIANGLES, max_error=1.0)
-
-MODELS_BUDGET = 64 * 2**20
-"""Bytes of the process's cache of models of shapes; one takes about 25 kB."""
 
 
 class Models:
@@ -98,22 +92,15 @@ class Models:
     def _number(self, shape: Shape) -> int:
         if shape.digest not in self._numbers:
             self._numbers[shape.digest] = len(self._shapes)
-            self._shapes.append(_model(shape))
+            self._shapes.append(_compact(shape))
         return self._numbers[shape.digest]
 
 
-@bounded_cache(
-    "models",
-    MODELS_BUDGET,
-    "bytes",
-    size=lambda model: len(model["vertices"]) + len(model["faces"]),
-    key=lambda shape: shape.digest,
-)
-def _model(shape: Shape) -> dict[str, Any]:
-    mesh = QuantizedMesh.of(shape)
+def _compact(shape: Shape) -> dict[str, Any]:
     if len(shape.mesh.faces) > TRIANGLES:
-        with suppress(MeshError):  # too many loose parts to be reduced that far
-            mesh, _ = _REDUCED(shape)
+        with suppress(MeshError):  # nothing solid is left: it is shown as it is
+            shape = Shape.from_mesh(collapsed(shape.mesh, TRIANGLES), shape.id, shape.category)
+    mesh = QuantizedMesh.of(shape)
     return {
         "extents": np.round(mesh.extents, 6).tolist(),
         "vertices": b64encode(mesh.vertices.astype(VERTEX_TYPE).tobytes()).decode(),
