@@ -14,6 +14,7 @@ import numpy.typing as npt
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_fcl_call
 from packit_sim.engine.containment import ClosedPart, PartArrays, nested, nested_oracle
+from packit_sim.engine.containment_kernels import outlines_meet
 from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.pairs import Pair, canonical, matrix
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
@@ -105,9 +106,13 @@ def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
 def _conflict(pair: Pair) -> bool:
     count_fcl_call()
     mesh, other = collision_mesh(pair.item), collision_mesh(pair.other)
-    return _crosses(pair, mesh, other) or nested(
-        mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift
-    )
+    if _crosses(pair, mesh, other):
+        return True
+    if pair.loose_turn is None and not outlines_meet(
+        mesh.outline(pair.item.rotation), other.outline(pair.other.rotation), pair.shift
+    ):
+        return False
+    return nested(mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift)
 
 
 @bounded_cache(
@@ -168,6 +173,7 @@ class CollisionMesh:
         self.model.endModel()
         self._fixed: dict[int, fcl.CollisionObject] = {}
         self._moving: dict[int, fcl.CollisionObject] = {}
+        self._outlines: dict[int, npt.NDArray[np.float64]] = {}
 
     def fixed(self, rotation: int) -> fcl.CollisionObject:
         """Look up the rotated mesh that is centred on the origin."""
@@ -191,6 +197,12 @@ class CollisionMesh:
     def closed_parts(self) -> list[ClosedPart]:
         """Closed parts of the mesh, which only the oracle uses."""
         return ClosedPart.all_of(self.parts)
+
+    def outline(self, rotation: int) -> npt.NDArray[np.float64]:
+        """Look up the rotated outline of the parts."""
+        if rotation not in self._outlines:
+            self._outlines[rotation] = self.parts.outline(matrix(rotation))
+        return self._outlines[rotation]
 
     def _rotated(
         self, objects: dict[int, fcl.CollisionObject], rotation: int

@@ -22,10 +22,10 @@ SLACK = 1e-12
 
 _NO_TREE = (
     np.empty(0, dtype=np.int64),
-    np.empty((0, 2, 3)),
+    np.array([np.full((2, 3), np.nan)] * 2),
     np.empty(0, dtype=np.int64),
 )
-"""Part, boxes and starts of no triangles."""
+"""Part, boxes and starts of no triangles: no point is in these boxes."""
 
 
 class PartArrays(NamedTuple):
@@ -76,6 +76,23 @@ class PartArrays(NamedTuple):
         boxes[1:, 1] += SLACK
         return cls(points, triangles[order], part[order], boxes, starts)
 
+    def outline(self, turn: Floats) -> Floats:
+        """Compute what decides quickly that nothing is inside (see `outlines_meet`).
+
+        Parameters
+        ----------
+        turn : ndarray of float64, shape (3, 3)
+            One of the 24 rotations.
+
+        Returns
+        -------
+        Floats
+            (2 + p, 3) the lowest and the highest corner of the box of all closed parts, NaN if
+            there are none, and the points; all rotated.
+        """
+        box = self.boxes[1] @ turn.T
+        return np.concatenate((box.min(axis=0)[None], box.max(axis=0)[None], self.points @ turn.T))
+
 
 def nested(
     one: PartArrays, other: PartArrays, turn: Floats, other_turn: Floats, shift: Floats
@@ -101,8 +118,8 @@ def nested(
         Whether there is such a part.
     """
     return bool(
-        (len(one.part) and holds(other.points, *one[1:], turn, other_turn, shift))
-        or (len(other.part) and holds(one.points, *other[1:], other_turn, turn, -shift))
+        holds(other.points, *one[1:], turn, other_turn, shift)
+        or holds(one.points, *other[1:], other_turn, turn, -shift)
     )
 
 

@@ -30,6 +30,56 @@ def holds(points, triangles, part, boxes, starts, turn, points_turn, shift):
     bool
         Whether there is such a point.
     """
+    to_frame, moved = _to_frame(turn, points_turn, shift)
+    point = np.empty(3)
+    windings = np.empty(0, np.int64)
+    for n in range(len(points)):
+        _move(points[n], to_frame, moved, point)
+        if not _is_in(boxes[1], point):
+            continue
+        if len(windings) == 0:
+            windings = np.empty(part.max() + 1, np.int64)
+        windings[:] = 0
+        _count_windings(triangles, part, boxes, starts, point, windings)
+        if windings.any():
+            return True
+    return False
+
+
+@kernel
+def outlines_meet(one, other, shift):
+    """Return whether a point of one of two outlines is in the box of the other.
+
+    Parameters
+    ----------
+    one, other : ndarray
+        (2 + p, 3) float64, see `containment.PartArrays.outline`.
+    shift : ndarray
+        (3,) float64, from the origin of the first to that of the other.
+
+    Returns
+    -------
+    bool
+        Whether there is such a point. If not, no part is inside the other surface.
+    """
+    return _reaches(other, one, shift, 1.0) or _reaches(one, other, shift, -1.0)
+
+
+@kernel
+def _reaches(points, box, shift, sign):
+    """Return whether a point of an outline, moved by sign * shift, is in the box of another."""
+    for n in range(2, len(points)):
+        inside = True
+        for d in range(3):
+            inside &= box[0, d] <= points[n, d] + sign * shift[d] <= box[1, d]
+        if inside:
+            return True
+    return False
+
+
+@kernel
+def _to_frame(turn, points_turn, shift):
+    """Return the rotation (3, 3) and translation (3,) from the points' frame to the surface's."""
     to_frame = np.empty((3, 3))
     moved = np.zeros(3)
     for d in range(3):
@@ -40,24 +90,16 @@ def holds(points, triangles, part, boxes, starts, turn, points_turn, shift):
                 + turn[1, d] * points_turn[1, e]
                 + turn[2, d] * points_turn[2, e]
             )
-    point = np.empty(3)
-    windings = np.empty(0, np.int64)
-    for n in range(len(points)):
-        for d in range(3):
-            point[d] = moved[d] + (
-                to_frame[d, 0] * points[n, 0]
-                + to_frame[d, 1] * points[n, 1]
-                + to_frame[d, 2] * points[n, 2]
-            )
-        if point[2] < boxes[1, 0, 2] or not _meets_ray(boxes[1], point):
-            continue
-        if len(windings) == 0:
-            windings = np.empty(part.max() + 1, np.int64)
-        windings[:] = 0
-        _count_windings(triangles, part, boxes, starts, point, windings)
-        if windings.any():
-            return True
-    return False
+    return to_frame, moved
+
+
+@kernel
+def _move(point, to_frame, moved, out):
+    """Write the point in another frame to `out`."""
+    for d in range(3):
+        out[d] = moved[d] + (
+            to_frame[d, 0] * point[0] + to_frame[d, 1] * point[1] + to_frame[d, 2] * point[2]
+        )
 
 
 @kernel
@@ -78,6 +120,12 @@ def _count_windings(triangles, part, boxes, starts, point, windings):
         else:
             for n in range(starts[node - leaves], starts[node - leaves + 1]):
                 windings[part[n]] += _crossing(triangles[n], point)
+
+
+@kernel
+def _is_in(box, point):
+    """Return whether a point is in a box."""
+    return box[0, 2] <= point[2] and _meets_ray(box, point)
 
 
 @kernel
