@@ -1,4 +1,4 @@
-"""Kernels in read-only installations, and messages during compilation."""
+"""Kernels in read-only installations and within their arrays, and messages during compilation."""
 
 import os
 import shutil
@@ -139,3 +139,19 @@ def test_kernels_of_workers_are_announced_once_by_the_process_that_starts_them(
     ]
     assert done[0].stdout == done[1].stdout
     assert [each.stderr.count("compiling the placement engine") for each in done] == [1, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_no_kernel_leaves_its_arrays(tmp_path: Path) -> None:
+    """Compiled code does not check indices, unless numba is asked to, which is slow."""
+    names = ("voxels", "nofit", "containment", "insertion", "off_grid", "box", "placement")
+    files = [f"tests/test_{name}.py" for name in names]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-n0", "-q", "-x", "-m", "not slow", *files],
+        env=os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)},
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stdout[-3000:]
