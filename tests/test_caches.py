@@ -91,7 +91,7 @@ def test_threads_get_the_answers_of_one() -> None:
         assert list(pool.map(masks, range(12))) == expected
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn"])
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 def test_processes_get_the_answers_of_one(method: str) -> None:
     expected = [masks(seed) for seed in range(4)]
     context = multiprocessing.get_context(method)

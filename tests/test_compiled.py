@@ -93,6 +93,7 @@ event.register("numba:compile", Listener())
 """
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_compile_and_announce_once(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(

@@ -556,7 +556,14 @@ def test_a_page_shows_the_box_as_it_fills(tasks, caplog) -> None:
         urllib.request.urlopen(address, timeout=10)
 
 
-@pytest.mark.parametrize("name", ["PackIt-v0", "PackItEasy-v0", "PackItPhysics-v0"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "PackIt-v0",
+        pytest.param("PackItEasy-v0", marks=pytest.mark.slow),
+        pytest.param("PackItPhysics-v0", marks=pytest.mark.slow),
+    ],
+)
 def test_gymnasium_imports_the_package_that_an_id_names(name) -> None:
     code = f"""
 import sys, gymnasium

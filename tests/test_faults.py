@@ -79,7 +79,7 @@ def test_a_full_disk_changes_nothing_and_names_the_file(
         assert {path: path.read_bytes() for path in begun.parent.iterdir()} == before
 
 
-@pytest.mark.parametrize("name", ["evaluate", "report"])
+@pytest.mark.parametrize("name", ["evaluate", pytest.param("report", marks=pytest.mark.slow)])
 def test_commands_name_the_file_that_is_too_large_for_the_disk(
     name: str, played: Path, tmp_path: Path
 ) -> None:

@@ -239,7 +239,8 @@ def library() -> ShapeLibrary:
 @pytest.mark.parametrize(
     ("rule", "count"),
     [
-        (None, 2),
+        (None, 1),
+        pytest.param(None, 2, marks=pytest.mark.slow),
         pytest.param("kinematic", 1, marks=pytest.mark.slow),
         ("easy", 1),
         pytest.param("kinematic", 2, marks=pytest.mark.slow),
@@ -541,7 +542,9 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     "change",
     [
         {"observation": "features"},
-        {"observation": "placement-features", "augmented": True},
+        pytest.param(
+            {"observation": "placement-features", "augmented": True}, marks=pytest.mark.slow
+        ),
         pytest.param(
             {"teacher": "largest-fitting-first/aligned/blbf", "imitation": 64},
             marks=pytest.mark.slow,

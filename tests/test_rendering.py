@@ -375,7 +375,13 @@ MESALESS = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "LIBGL_DRIVERS_PATH": "/now
 HERE = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(Path(__file__).parents[1])}
 
 
-@pytest.mark.parametrize("missing", [{}, MESALESS], ids=["no display", "no Mesa"])
+@pytest.mark.parametrize(
+    "missing",
+    [
+        pytest.param({}, id="no display", marks=pytest.mark.slow),
+        pytest.param(MESALESS, id="no Mesa"),
+    ],
+)
 def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: Path) -> None:
     code = (
         "from packit_sim.box import Box; from packit_sim.scene import Scene\n"

@@ -36,7 +36,9 @@ each_name = pytest.mark.parametrize("name", ["PackIt-v0", "PackItEasy-v0"])
 @advice_on_pictures
 @each_setting
 @each_name
-@pytest.mark.parametrize("observation", ["none", "features", "voxels"])
+@pytest.mark.parametrize(
+    "observation", ["none", "features", pytest.param("voxels", marks=pytest.mark.slow)]
+)
 def test_the_checker_has_only_advice_on_pictures(name, observation, settings) -> None:
     check_env(gym.make(name, observation=observation, **settings))
 
