@@ -46,8 +46,8 @@ from command_pages import MARKER, reference
 
 REPRODUCED = DOCS / "reproduced"
 
-SLOW = frozenset({"docs/start/train.md"})
-"""Pages whose code takes more than half a minute: it runs in `make test-all`."""
+SLOW = frozenset({"docs/reference/environment.md", "docs/start/train.md"})
+"""Pages whose code takes long: it runs in `make test-all`."""
 
 QUICK = (
     "--version",
