@@ -234,7 +234,7 @@ def test_thin_and_broken_meshes_keep_off_what_crosses_them(shape) -> None:
 
 def test_what_is_larger_than_the_box_is_feasible_nowhere() -> None:
     box = Box()
-    for item in (cube_of(101), Item(CUBE, 1e6)):
+    for item in (cube_of(101), Item(CUBE, 1e6), Item(CUBE, 1e300)):
         assert not box.feasible(item).any()
         assert box.blbf(item) is None
 

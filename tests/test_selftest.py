@@ -223,6 +223,14 @@ def test_a_replay_is_the_same_case(tmp_path) -> None:
         ({"placed": [{"shape": 0, "scale": 1, "rotation": 0}]}, "location None is not possible"),
         ({"shapes": [{"id": "a", "vertices": [[0, 0, 0]], "faces": [[0, 0, 1]]}]}, "has no tri"),
         ({"shapes": [{"id": "a", "vertices": [[9, 0, 0]], "faces": [[0, 0, 0]]}]}, "not centred"),
+        (
+            {"shapes": [{"id": "a", "vertices": [[0, 0, 0]], "faces": [[0, 0, 10**30]]}]},
+            "has no tri",
+        ),
+        (
+            {"shapes": [{"id": "a", "vertices": [[1e308, 0, 0]], "faces": [[0, 0, 0]]}]},
+            "not centred",
+        ),
         ({"shapes": 3}, "field 'shapes' is 3"),
     ],
 )

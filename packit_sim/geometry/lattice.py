@@ -45,6 +45,9 @@ CELL_ROUNDING = 1e-6
 """How far, in cells, an extent may exceed a whole number of cells and still be rounded down to it:
 the rounding error of an extent that is meant to be whole."""
 
+_MOST_CELLS = 2**31
+"""Cells along an axis of an item that is larger than any box; more might overflow."""
+
 Triple = tuple[int, int, int]
 
 
@@ -59,10 +62,10 @@ def cell_box(extents: npt.ArrayLike) -> Triple:
     Returns
     -------
     Triple
-        Cells along each axis, at least one.
+        Cells along each axis, from 1 to 2**31.
     """
     cells = np.ceil(np.asarray(extents, dtype=float) * CELLS_PER_UNIT - CELL_ROUNDING)
-    x, y, z = np.maximum(cells, 1).astype(int).tolist()
+    x, y, z = np.minimum(np.maximum(cells, 1), _MOST_CELLS).astype(int).tolist()
     return x, y, z
 
 

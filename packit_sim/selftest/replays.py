@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -134,11 +135,12 @@ def read_replay(file: Path) -> tuple[str, Case]:
 
 def _shape(recorded: _Shape) -> Shape:
     """Build a shape, bit for bit; its frame must be the canonical one already."""
-    vertices = np.array(recorded.vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(recorded.faces, dtype=np.int64).reshape(-1, 3)
-    if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices):
+    corners = list(chain.from_iterable(recorded.faces))
+    if not corners or min(corners) < 0 or max(corners) >= len(recorded.vertices):
         raise SelftestError(f"shape {recorded.id!r} has no triangles, or some without vertices")
-    low, high = vertices[faces.ravel()].min(axis=0), vertices[faces.ravel()].max(axis=0)
+    vertices = np.clip(np.array(recorded.vertices, dtype=np.float64), -1, 1)
+    faces = np.array(recorded.faces, dtype=np.int64)
+    low, high = vertices[corners].min(axis=0), vertices[corners].max(axis=0)
     far = max(np.abs(low + high).max(), abs(np.linalg.norm(high - low) - 1))
     if not (far <= _FRAME and (high > low).all()):
         raise SelftestError(f"shape {recorded.id!r} is not centred, or its diagonal is not 1")
