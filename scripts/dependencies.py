@@ -36,7 +36,7 @@ REASONS = {
     "jinja2": "HTML pages of reports",
     "joblib": "local worker processes",
     "lxml": "reads XML: 3MF and COLLADA; external entities are refused",
-    "manifold3d": "volumes of intersections, an independent check in tests",
+    "manifold3d": "volumes of intersections, an independent check: tests, `packit selftest`",
     "matplotlib": "plots",
     "minari": "recorded demonstrations",
     "msgspec": "decodes JSON into typed records",
