@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import gymnasium
 import pytest
@@ -30,6 +31,8 @@ from packit_sim.envs.recording import stage_steps
 from packit_sim.game.episode import Stage
 from packit_sim.libraries import folder
 from packit_sim.libraries.library import ShapeLibrary
+
+h5py = pytest.importorskip("h5py")
 
 FILES = sorted(HOSTILE.glob("*/*"))
 
@@ -153,6 +156,37 @@ def test_a_recording_without_spaces_runs_nothing(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="'observation_space' is missing"):
         list(stage_steps(tmp_path, Stage.SHAPE))
     assert not touched.exists()
+
+
+RECORDED: dict[str, tuple[Callable[[Any], object], str]] = {
+    "external link": (
+        lambda group: group.__setitem__("x", h5py.ExternalLink("/etc/passwd", "/")),
+        "'/episode_0/x' is a link",
+    ),
+    "soft link": (lambda group: group.__setitem__("x", h5py.SoftLink("/")), "x' is a link"),
+    "circle": (lambda group: group["infos"].__setitem__("x", group["infos"]), "x' is linked twice"),
+    "external data": (
+        lambda group: group.create_dataset("x", (9,), "u1", external=[("/etc/passwd", 0, 9)]),
+        "x' is in another file",
+    ),
+    "nothing, very large": (
+        lambda group: group.create_dataset("x", (10**9,), "u1", chunks=(1000,)),
+        "x' would take 1,000,000,000 bytes",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "problem"), RECORDED.values(), ids=RECORDED)
+def test_a_recording_is_read_from_its_file_alone(
+    tmp_path: Path, change: Callable[[Any], object], problem: str
+) -> None:
+    for file in learning_readers._recording().iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    assert len(list(stage_steps(tmp_path, Stage.SHAPE))) == 2
+    with h5py.File(tmp_path / "main_data.hdf5", "a") as file:
+        change(file["episode_0"])
+    with pytest.raises(RecordingError, match=problem):
+        list(stage_steps(tmp_path, Stage.SHAPE))
 
 
 def test_a_folder_of_too_many_files_is_not_searched(

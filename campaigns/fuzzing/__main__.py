@@ -87,7 +87,7 @@ def _saved(reader: Reader, work: Path, found: Path) -> int:
             target.write_bytes(data)
             if finding.kind not in ("crash", "memory"):
                 child = children.start(partial(_shorten, reader, finding, target))
-                children.wait(child, 2 * batches.STUCK_SECONDS)
+                children.wait(child, batches.STUCK_SECONDS)
         about.unlink()
         file.unlink()
     return new

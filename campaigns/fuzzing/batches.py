@@ -10,6 +10,7 @@ import os
 import re
 import struct
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ from campaigns.fuzzing import children
 from campaigns.fuzzing.hostile_values import Change
 from campaigns.fuzzing.reader import Reader
 from campaigns.fuzzing.verdicts import Finding, judge
+from packit_sim.core.errors import PackItError
 
 STRUCTURED = 0.6
 """The share of changes that know the structure of the file; atheris makes the others."""
@@ -28,8 +30,9 @@ STRUCTURED = 0.6
 MAX_BYTES = 2**16
 """Most bytes of a file."""
 
-STUCK_SECONDS = 60
-"""After so many seconds a file that no alarm could stop counts as a crash."""
+STUCK_SECONDS = 600
+"""After so many seconds a file that no alarm could stop counts as a crash; wall time, of which a
+process may get little on a busy machine."""
 
 _COVERAGE = re.compile(r"\bcov: (\d+)")
 _ARTIFACTS = ("crash-*", "timeout-*", "oom-*", "leak-*")
@@ -79,10 +82,12 @@ def run(reader: Reader, seconds: int, seed: int, work: Path) -> Batch:
         folder.mkdir(parents=True, exist_ok=True)
     for data in reader.seeds():
         (corpus / hashlib.sha1(data).hexdigest()).write_bytes(data)
+        with suppress(PackItError):
+            reader.read(data)  # kernels are compiled before the time of a file is measured
     count = mmap.mmap(-1, 8)
     started = time.monotonic()
     child = children.start(partial(_fuzz, reader, seconds, seed, work, count))
-    status = children.wait(child, seconds + 4 * STUCK_SECONDS)
+    status = children.wait(child, seconds + 2 * STUCK_SECONDS)
     if status < 0:
         keep(found, Finding("crash", f"the process was ended by signal {-status}"), b"")
     for pattern in _ARTIFACTS:
