@@ -69,8 +69,7 @@ def stl(vertices: object) -> Callable[[Path], None]:
     corners = np.asarray(vertices, dtype="<f4").reshape(-1, 3, 3)
     rows = np.zeros(len(corners), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     rows["v"] = corners
-    content = b"\0" * 80 + struct.pack("<I", len(rows)) + rows.tobytes()
-    return lambda file: file.write_bytes(content) and None
+    return data(b"\0" * 80 + struct.pack("<I", len(rows)) + rows.tobytes())
 
 
 def gltf(accessors: list[dict[str, object]], uri: str) -> Callable[[Path], None]:
@@ -88,11 +87,14 @@ def gltf(accessors: list[dict[str, object]], uri: str) -> Callable[[Path], None]
 
 
 def text(content: str) -> Callable[[Path], None]:
-    return lambda file: file.write_text(content, encoding="utf-8") and None
+    return data(content.encode())
 
 
 def data(content: bytes) -> Callable[[Path], None]:
-    return lambda file: file.write_bytes(content) and None
+    def write(file: Path) -> None:
+        file.write_bytes(content)
+
+    return write
 
 
 BOX = creation.box((1, 2, 3)).triangles
