@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from campaigns import injector
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.evaluation.results import opened, read_results, write_results
-from tests import faults
 
 EVALUATE = [
     *("-m", "packit_sim", "evaluate", "starter", "--tasks", "2", "--workers", "1"),
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="names files by 
 def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two results of one agent."""
     folder = tmp_path_factory.mktemp("played")
-    done = faults.run([*EVALUATE, str(folder / "res.jsonl")], folder, fault="none")
+    done = injector.run([*EVALUATE, str(folder / "res.jsonl")], folder, fault="none")
     assert done.returncode == 0, done.stderr
     return folder / "res.jsonl"
 
@@ -51,12 +51,12 @@ def test_results_survive_a_kill_at_every_change(played: Path, begun: Path) -> No
     wanted = read_results(played)
     shutil.copytree(folder, first)
     work = partial(resume, played, begun)
-    changes = faults.changes_of(work, folder)
+    changes = injector.changes_of(work, folder)
     assert changes >= 6 and read_results(begun) == wanted
     for n in range(1, changes + 1):
         shutil.rmtree(folder)
         shutil.copytree(first, folder)
-        assert faults.fork(work, folder, at=n) == -9
+        assert injector.fork(work, folder, at=n) == -9
         assert read_results(begun) in (wanted[:1], wanted)
         work()
         assert read_results(begun) == wanted
@@ -73,7 +73,7 @@ def test_a_full_disk_changes_nothing_and_names_the_file(
     before = {path: path.read_bytes() for path in begun.parent.iterdir()}
     work = partial(resume, played, begun)
     for n in range(1, 8):
-        assert faults.fork(work, begun.parent, at=n, fault="full") == 1
+        assert injector.fork(work, begun.parent, at=n, fault="full") == 1
         last = capfd.readouterr().err.splitlines()[-1]
         assert "No space left on device" in last and str(begun.parent) in last
         assert {path: path.read_bytes() for path in begun.parent.iterdir()} == before
@@ -87,11 +87,11 @@ def test_commands_name_the_file_that_is_too_large_for_the_disk(
     folder.mkdir()
     out = folder / ("res.jsonl" if name == "evaluate" else "page.html")
     report = ["-m", "packit_sim", "report", str(played), "--gallery", "0", "--out"]
-    done = faults.run(
+    done = injector.run(
         [*(EVALUATE if name == "evaluate" else report), str(out)], folder, at=3, fault="full"
     )
     if name == "report":
-        done = faults.run([*report, str(out)], folder, at=2, fault="full")
+        done = injector.run([*report, str(out)], folder, at=2, fault="full")
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
     assert str(out) in done.stderr and "No space left on device" in done.stderr

@@ -5,9 +5,9 @@ removal, a new folder. Python announces each to an audit hook before it happens 
 instead), so no change is missed, and none depends on luck. Child processes are armed as well, and
 count for themselves.
 
-    changes = faults.count(command, folder)
+    changes = injector.count(command, folder)
     for n in range(1, changes + 1):
-        faults.run(command, folder, at=n, fault="kill")
+        injector.run(command, folder, at=n, fault="kill")
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-Fault = Literal["none", "kill", "full", "interrupt", "terminate"]
+Fault = Literal["none", "kill", "full", "readonly", "interrupt", "terminate"]
 
 _UNDER, _AT, _FAULT, _LOG = (f"PACKIT_FAULT_{name}" for name in ("UNDER", "AT", "KIND", "LOG"))
-_EVENTS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate")
+_REMOVALS = ("os.remove", "os.rmdir")
+_OTHERS = ("os.mkdir", "os.link", "os.symlink", "os.truncate")
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
-_START = "import sys; sys.path.insert(0, {tests!r}); import faults; faults.arm()\n"
+_START = "from campaigns import injector; injector.arm()\n"
 
 
 def run(
@@ -49,8 +50,8 @@ def run(
     at : int
         The number of the change, from 1; 0 for none.
     fault : Fault
-        What happens then: SIGKILL, OSError ENOSPC at this and every later write (a removal still
-        works), SIGINT or SIGTERM.
+        What happens then: SIGKILL, SIGINT, SIGTERM; "full": OSError ENOSPC at this and every later
+        write (a removal still works); "readonly": OSError EROFS at this and every later change.
     timeout : float
         The limit in seconds.
     cwd : Path, optional
@@ -61,10 +62,10 @@ def run(
     CompletedProcess
         Its exit code and output.
     """
-    tests, start = Path(__file__).parent, folder.parent / f".{folder.name}-faults"
+    root, start = Path(__file__).parents[1], folder.parent / f".{folder.name}-faults"
     start.mkdir(exist_ok=True)
-    (start / "sitecustomize.py").write_text(_START.format(tests=str(tests)))
-    paths = [str(start), str(tests.parent), str(tests.parent / "agents")]
+    (start / "sitecustomize.py").write_text(_START)
+    paths = [str(start), str(root), str(root / "agents")]
     settings = {
         _UNDER: str(folder.resolve()),
         _AT: str(at),
@@ -85,10 +86,9 @@ def run(
 
 def count(command: Sequence[str], folder: Path, cwd: Path | None = None) -> int:
     """Run a command to its end without a fault, and count how often it changes a folder."""
-    _log(folder).unlink(missing_ok=True)
     done = run(command, folder, fault="none", cwd=cwd)
     assert done.returncode == 0, done.stderr
-    return len(_log(folder).read_text().splitlines())
+    return len(changes(folder))
 
 
 def fork(function: Callable[[], object], folder: Path, at: int = 0, fault: Fault = "kill") -> int:
@@ -112,7 +112,7 @@ def fork(function: Callable[[], object], folder: Path, at: int = 0, fault: Fault
     """
 
     def armed() -> None:
-        _watch(str(folder.resolve()), at, fault, str(_log(folder)))
+        watch(folder, at, fault)
         function()
 
     process = multiprocessing.get_context("fork").Process(target=armed)
@@ -124,9 +124,8 @@ def fork(function: Callable[[], object], folder: Path, at: int = 0, fault: Fault
 
 def changes_of(function: Callable[[], object], folder: Path) -> int:
     """Call a function in a forked process, and count how often it changes a folder."""
-    _log(folder).unlink(missing_ok=True)
     assert fork(function, folder, fault="none") == 0
-    return len(_log(folder).read_text().splitlines())
+    return len(changes(folder))
 
 
 def arm() -> None:
@@ -134,6 +133,18 @@ def arm() -> None:
     under = os.environ.get(_UNDER)
     if under is not None:
         _watch(under, int(os.environ[_AT]), os.environ[_FAULT], os.environ[_LOG])
+
+
+def watch(folder: Path, at: int = 0, fault: str = "none") -> None:
+    """Watch the changes of this process, and fail at one, as `run` says; there is no way back."""
+    _watch(str(folder.resolve()), at, fault, str(_log(folder)))
+
+
+def changes(folder: Path) -> list[str]:
+    """List the changes of a folder that were watched without a fault, and forget them."""
+    found = _log(folder).read_text().splitlines()
+    _log(folder).unlink()
+    return found
 
 
 def _log(folder: Path) -> Path:
@@ -144,11 +155,12 @@ def _log(folder: Path) -> Path:
 def _watch(under: str, at: int, fault: str, log_file: str) -> None:
     changes, busy = 0, False
 
-    def change(event: str, path: object) -> None:
+    def change(event: str, path: object, parent: int = -1) -> None:
         nonlocal changes, busy
         if busy or isinstance(path, int) or path is None:
             return
-        name = os.path.abspath(os.fsdecode(path))  # type: ignore[call-overload]
+        base = os.getcwd() if parent < 0 else os.readlink(f"/proc/self/fd/{parent}")
+        name = os.path.normpath(os.path.join(base, os.fsdecode(path)))  # type: ignore[arg-type]
         if not name.startswith(under + os.sep):
             return
         changes += 1
@@ -157,10 +169,11 @@ def _watch(under: str, at: int, fault: str, log_file: str) -> None:
             with open(log_file, "a") as log:
                 log.write(f"{event} {name}\n")
             busy = False
-        elif fault == "full":
-            if at and changes >= at and event not in ("os.remove", "os.rmdir"):
+        elif fault in ("full", "readonly"):
+            if at and changes >= at and (fault == "readonly" or event not in _REMOVALS):
+                code = errno.ENOSPC if fault == "full" else errno.EROFS
                 where = () if event == "fsync" else (name,)  # as the system's own errors
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *where)
+                raise OSError(code, os.strerror(code), *where)
         elif changes == at:
             kinds = {"kill": "SIGKILL", "interrupt": "SIGINT", "terminate": "SIGTERM"}
             os.kill(os.getpid(), signal.Signals[kinds[fault]])
@@ -168,8 +181,12 @@ def _watch(under: str, at: int, fault: str, log_file: str) -> None:
     def hook(event: str, args: tuple[Any, ...]) -> None:
         if event == "open" and (args[2] or 0) & _WRITES:
             change(event, args[0])
-        elif event in _EVENTS:
-            change(event, args[1] if event == "os.rename" else args[0])
+        elif event == "os.rename":
+            change(event, args[1], args[3])
+        elif event in ("os.remove", "os.rmdir"):
+            change(event, args[0], args[1])
+        elif event in _OTHERS:
+            change(event, args[0])
 
     fsync = os.fsync
 
