@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,6 +23,7 @@ from packit_sim.core.errors import LibraryError
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries import importer
 from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
@@ -94,6 +97,29 @@ def test_an_import_is_a_library_with_a_report(tmp_path: Path) -> None:
     assert box.size_cm == pytest.approx((2.54, 5.08, 7.62), rel=1e-3)
     assert library["box/ein-würfel"].volume == pytest.approx(6 / 14**1.5, rel=1e-4)
     assert sorted(id for split in SPLITS for id in library.split(split)) == list(library)
+
+
+def test_a_limit_of_the_shell_is_not_raised() -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (2**40, 2**40))
+        importer._limit_memory(2**50)
+        assert resource.getrlimit(resource.RLIMIT_AS) == (2**40, 2**40)
+
+    process = multiprocessing.get_context("fork").Process(target=limit)
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+
+
+def test_no_library_is_stored_before_its_report(tmp_path: Path) -> None:
+    def stop(outcomes: list[Outcome]) -> None:
+        raise KeyboardInterrupt(outcomes[0].info)
+
+    with pytest.raises(KeyboardInterrupt, match="ball"):
+        import_library(
+            [candidate("ball", creation.box())], tmp_path / "lib", "mine", "", QUICK, report=stop
+        )
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_error_bound_is_valid(tmp_path: Path) -> None:

@@ -602,6 +602,33 @@ def test_a_training_that_was_killed_resumes_exactly(
         Training(settings, tmp_path / "parts", "cpu")
 
 
+def test_labelled_states_are_kept_until_a_checkpoint_needs_none(
+    short_packs, tmp_path, monkeypatch
+) -> None:
+    settings = replace(
+        TINY, packs=str(short_packs), teacher="largest-fitting-first/aligned/blbf", imitation=96
+    )
+    whole = Training(settings, tmp_path / "whole", "cpu")
+    whole.run()
+    write = Training._write
+
+    def kill(self: Training) -> None:
+        if self.steps >= 128:
+            raise Killed
+        write(self)
+
+    monkeypatch.setattr(Training, "_write", kill)
+    with pytest.raises(Killed):
+        Training(settings, tmp_path / "parts", "cpu").run()
+    monkeypatch.setattr(Training, "_write", write)
+    parts = Training(settings, tmp_path / "parts", "cpu")
+    assert parts.steps == 64
+    parts.run()
+    assert parts.curve == whole.curve and not (tmp_path / "parts" / "dagger_dataset").exists()
+    ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
+    assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+
+
 def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings:
     """Settings of a short training on a single task of cubes."""
     creation.box((1, 1, 1)).export(folder / "cube.stl")

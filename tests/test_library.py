@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import pickle
 import re
+import sys
 import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
@@ -16,6 +19,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from campaigns import injector
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
@@ -242,6 +246,40 @@ def test_writing_replaces_an_older_library_only(written: Path, entries: list[Ent
     with pytest.raises(LibraryError, match="it is a file"):
         stored.write(written / "diary.txt", "mine", "5", entries)
     assert ShapeLibrary.open(written).version == "4"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="exchanges folders in one step")
+def test_a_library_that_is_replaced_is_there_at_any_moment(
+    written: Path, entries: list[Entry]
+) -> None:
+    first, folder = ShapeLibrary.open(written).digest, written.parent
+    whole = partial(stored.write, written, "mine", "4", entries[1:])
+    changes = injector.changes_of(whole, folder)
+    second = ShapeLibrary.open(written).digest
+    found = set()
+    for n in range(1, changes + 1):
+        stored.write(written, "mine", "3", entries)
+        assert injector.fork(whole, folder, at=n) == -9
+        found.add(ShapeLibrary.open(written).digest)
+        stored.remove_unfinished(written)
+        assert [path.name for path in folder.iterdir()] == [written.name]
+    assert found == {first, second}
+
+
+def test_where_folders_cannot_be_exchanged_a_killed_replacement_is_undone(
+    written: Path, entries: list[Entry], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(one: Path, other: Path) -> None:
+        raise OSError(errno.EINVAL, "not here")
+
+    monkeypatch.setattr(stored, "exchange", fail)
+    stored.write(written, "mine", "4", entries[1:])
+    assert ShapeLibrary.open(written).version == "4"
+    staging = written.with_name(f".{written.name}.importing-abc")
+    staging.mkdir()
+    written.rename(staging / "old")
+    stored.remove_unfinished(written)
+    assert ShapeLibrary.open(written).version == "4" and not staging.exists()
 
 
 def test_failed_write_leaves_nothing_behind(written: Path, entries: list[Entry]) -> None:

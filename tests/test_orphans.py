@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from packit_sim.core.parallel import Workers
+
 GENERATE = """
 from pathlib import Path
 from packit_sim.core.parallel import Workers
@@ -96,3 +98,13 @@ def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
     finally:
         for process in filter(is_alive, begun):
             os.kill(process, signal.SIGKILL)
+
+
+def blocked() -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_workers_leave_ctrl_c_to_the_process_that_started_them() -> None:
+    with Workers(2) as workers:
+        assert all(workers.map(blocked, [()] * 2))
+    assert not blocked()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from packit_sim.cli import shape_commands, verify_command
+from packit_sim.cli import app, shape_commands, verify_command
 from tests.runs import results, run_packit
 
 EVIL = "random\x1b]0;owned\x07/\x1b[31maligned\x9b2J/blbf\u202e"
@@ -50,3 +50,16 @@ def test_commands_end_on_ctrl_c_with_one_line(
     assert done.returncode == 130
     assert done.stdout.splitlines()[-1].startswith("stopped: ") and not done.stderr
     assert "Traceback" not in done.stdout
+
+
+def test_too_little_memory_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(**settings: object) -> None:
+        raise MemoryError("1 GB")
+
+    monkeypatch.setattr(app, "app", fail)
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "error: the memory is not enough: 1 GB\n"

@@ -137,6 +137,9 @@ def main() -> None:
     except (PackItError, OSError, typer.TyperException) as error:
         _print_error(_message(error))
         code = 2
+    except MemoryError as error:
+        _print_error("the memory is not enough" + (f": {error}" if str(error) else ""))
+        code = 2
     sys.exit(code)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,7 +25,7 @@ from packit_sim.cli.console import (
 from packit_sim.cli.evaluation_commands import evaluate_shown, score_table, show_agents
 from packit_sim.cli.output import RESUMABLE, stoppable
 from packit_sim.core.errors import PackItError
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import claimed, lock_path, replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs
@@ -147,13 +148,20 @@ def reproduce_command(
         split = "test"
     names = (*TABLES, EVOLUTION) if what == ALL else (what,)
     tables = [name for name in names if name != EVOLUTION]
-    prepare_folder(out / "results")
-    with stoppable(RESUMABLE), Workers(workers, backend, address) as processes:
+    with stoppable(RESUMABLE), _prepared(out), Workers(workers, backend, address) as processes:
         run = Run(library, seed, quick, out, processes)
         if tables:
             _tables(tables, dataset, split, run)
         if EVOLUTION in names:
             _evolution(history_dataset, run)
+
+
+@contextmanager
+def _prepared(out: Path) -> Iterator[None]:
+    """Create the folder of the output, and keep other processes out of it."""
+    prepare_folder(out / "results")
+    with claimed(lock_path(out), out):
+        yield
 
 
 def _tables(names: Sequence[str], dataset: str, split: str | None, run: Run) -> None:

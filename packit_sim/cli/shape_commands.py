@@ -30,8 +30,10 @@ from packit_sim.cli.output import (
     write_json,
 )
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
+from packit_sim.core.files import claimed, lock_path
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries import stored
 from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import UNITS_CM, Unit
@@ -246,8 +248,6 @@ def import_command(
 
     Example: packit shapes import folder:meshes --unit mm --out my-library
     """
-    if out.exists() and not overwrite:
-        raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
     settings = ImportSettings(
         up=up,
         unit_cm=None if unit is None else UNITS_CM[unit],
@@ -267,7 +267,23 @@ def import_command(
     except LibraryError:
         splits = None
     ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
-    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+    missing = [
+        Outcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
+        for id, problem in opened.missing.items()
+    ]
+
+    def write_report(outcomes: list[Outcome]) -> None:
+        shapes = [asdict(outcome) for outcome in outcomes + missing]
+        write_json(report, {"source": source, "shapes": shapes})
+
+    with (
+        stoppable(NOTHING_WRITTEN),
+        claimed(lock_path(out), out),
+        progress_bars() as progress,
+    ):
+        stored.remove_unfinished(out)
+        if out.exists() and not overwrite:
+            raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
         bar = progress.add_task("importing", total=len(ids), note="")
 
         def advance(outcome: Outcome) -> None:
@@ -281,12 +297,9 @@ def import_command(
             settings,
             splits,
             advance,
+            write_report,
         )
-    outcomes += [
-        Outcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
-        for id, problem in opened.missing.items()
-    ]
-    write_json(report, {"source": source, "shapes": [asdict(outcome) for outcome in outcomes]})
+    outcomes += missing
     console.print(_report_table(outcomes))
     kept = sum(outcome.problem is None for outcome in outcomes)
     console.print(f"{kept} shapes kept, {len(outcomes) - kept} refused")

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes
+import fcntl
 import glob
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from packit_sim.core.errors import BusyError
+
+_HERE, _EXCHANGE = -100, 2
+"""Linux's AT_FDCWD and RENAME_EXCHANGE."""
+
+_SUFFIX = ".tmp"
 
 _LOCK_SECONDS = 0.1
 """Timeout for a lock file: time for a second attempt if its holder has just removed it."""
@@ -21,7 +28,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces `path` when the block ends.
 
     If the block raises, nothing has changed. Otherwise the content is on the disk before the file
-    is renamed.
+    is renamed. Temporary files that killed processes left are removed.
 
     Parameters
     ----------
@@ -41,13 +48,14 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     target = followed(path)
     name = None
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=_prefix(target))
+        remove_unfinished(path)
+        handle, name = _temporary(target)
         with os.fdopen(handle, "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, target)
+            os.chmod(name, 0o644)
+            os.replace(name, target)
     except BaseException as error:
         if name is not None:
             Path(name).unlink(missing_ok=True)
@@ -62,11 +70,34 @@ def replace_text(path: Path, text: str) -> None:
         file.write(text.encode())
 
 
+def exchange(one: Path, other: Path) -> None:
+    """Exchange two files or folders in one step.
+
+    Parameters
+    ----------
+    one : Path
+        A file or folder.
+    other : Path
+        Another on the same file system.
+
+    Raises
+    ------
+    OSError
+        If the file system, or the system's library, has no such step; nothing has changed.
+    """
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    names = os.fsencode(one), os.fsencode(other)
+    if rename is None or rename(_HERE, names[0], _HERE, names[1], _EXCHANGE) != 0:
+        raise OSError(ctypes.get_errno(), "can't be exchanged in one step", str(other))
+
+
 def remove_unfinished(path: Path) -> None:
-    """Remove temporary files of `replacing` that a killed process left; the caller has the lock."""
+    """Remove temporary files of `replacing` whose processes were killed: nobody locks them."""
     target = followed(path)
-    for left in target.parent.glob(f"{glob.escape(_prefix(target))}{'[a-z0-9_]' * 8}"):
-        left.unlink(missing_ok=True)
+    for left in target.parent.glob(f"{glob.escape(_prefix(target))}{'[a-z0-9_]' * 8}{_SUFFIX}"):
+        with suppress(OSError), open(left, "rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            left.unlink()
 
 
 def followed(path: Path) -> Path:
@@ -122,6 +153,17 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
     finally:
         lock.unlink(missing_ok=True)  # before the release: another process may then hold the path
         held.release()
+
+
+def _temporary(target: Path) -> tuple[int, str]:
+    """Create a temporary file that is locked while it is open."""
+    while True:
+        handle, name = tempfile.mkstemp(_SUFFIX, _prefix(target), target.parent)
+        with suppress(OSError):  # some file systems have no locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.path.exists(name):  # nobody has removed it before it was locked
+            return handle, name
+        os.close(handle)
 
 
 def _prefix(target: Path) -> str:

@@ -1,11 +1,35 @@
-"""Worker processes that end with the process that started them, also if that was killed."""
+"""Worker processes that end with the process that started them, and only then."""
 
 import os
+import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 CHECK_SECONDS = 0.5
 """Time between two looks at the parent."""
+
+
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Let processes and threads that start within the block ignore Ctrl-C, from their first line.
+
+    A terminal sends Ctrl-C to all processes of a command: the one that started the others ends
+    them, while they would print tracebacks.
+
+    Yields
+    ------
+    None
+        While Ctrl-C has to wait.
+    """
+    resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with(parent: int) -> None:

@@ -22,7 +22,7 @@ from joblib.parallel import ParallelBackendBase
 from packit_sim.core import compilation
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
-from packit_sim.core.orphans import end_with
+from packit_sim.core.orphans import end_with, without_interrupts
 from packit_sim.core.version import __version__
 
 _T = TypeVar("_T")
@@ -98,11 +98,10 @@ class Workers:
         self._announce()
         if self._parallel is None:
             ahead = self._ahead if self._settings["backend"] == "ray" else "all"
-            self._parallel = joblib.Parallel(pre_dispatch=ahead, **self._settings).__enter__()
-        with _reporting_killed_workers():
-            jobs = (joblib.delayed(function)(*each) for each in arguments)
-            results: list[_T] = self._parallel(jobs)
-        return results
+            self._parallel = joblib.Parallel(
+                return_as="generator", pre_dispatch=ahead, **self._settings
+            ).__enter__()
+        return list(self._results(self._parallel, function, arguments))
 
     def as_done(
         self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]
@@ -112,8 +111,19 @@ class Workers:
         parallel = joblib.Parallel(
             return_as="generator_unordered", pre_dispatch=self._ahead, **self._settings
         )
+        yield from self._results(parallel, function, arguments)
+
+    def _results(
+        self,
+        parallel: joblib.Parallel,
+        function: Callable[..., _T],
+        arguments: Iterable[tuple[Any, ...]],
+    ) -> Iterator[_T]:
+        """Start jobs, with the workers if there are none yet, and yield their results."""
         with _reporting_killed_workers():
-            yield from parallel(joblib.delayed(function)(*each) for each in arguments)
+            with without_interrupts():
+                results = parallel(joblib.delayed(function)(*each) for each in arguments)
+            yield from results
 
     def _announce(self) -> None:
         """Announce the compilation here: workers would print into the progress bars."""

@@ -20,7 +20,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError, MeshError, PackItError
-from packit_sim.core.orphans import end_with
+from packit_sim.core.orphans import end_with, without_interrupts
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.repair import Repairs
@@ -134,6 +134,7 @@ def import_library(
     settings: ImportSettings | None = None,
     splits: Mapping[str, Sequence[str]] | None = None,
     done: Callable[[Outcome], None] | None = None,
+    report: Callable[[list[Outcome]], None] = lambda outcomes: None,
 ) -> list[Outcome]:
     """Store the candidates that can be shapes as a library.
 
@@ -155,6 +156,8 @@ def import_library(
         near-duplicates stay together.
     done : callable, optional
         Called with the `Outcome` of each candidate.
+    report : callable
+        Called with the result before the library is stored, so that none is without a report.
 
     Returns
     -------
@@ -181,6 +184,7 @@ def import_library(
         if done is not None:
             done(outcome)
     if not kept:
+        report(outcomes)
         return outcomes
     if skipped := len(outcomes) - len(kept):
         _log.warning("%d of %d meshes are skipped", skipped, len(outcomes))
@@ -196,10 +200,12 @@ def import_library(
             for split, names in splits.items()
         }
 
+    infos = {info.id: info for _, info in kept}
+    outcomes = [replace(outcome, info=infos.get(outcome.id)) for outcome in outcomes]
+    report(outcomes)
     stored.write(path, name, version, kept, split)
     _log.info("%s: %d shapes in %.1f s", path, len(kept), time.monotonic() - started)
-    infos = {info.id: info for _, info in kept}
-    return [replace(outcome, info=infos.get(outcome.id)) for outcome in outcomes]
+    return outcomes
 
 
 def _with_ids(candidates: Iterable[Candidate]) -> Iterator[tuple[str, Candidate]]:
@@ -225,13 +231,14 @@ def _prepared(
         initargs=(settings.memory, os.getpid()),
         context=multiprocessing.get_context("spawn"),
     ) as pool:
-        futures = [
-            (
-                Outcome(candidate.id, name, candidate.category, candidate.source),
-                pool.schedule(_prepare, (candidate, settings), timeout=settings.timeout),
-            )
-            for name, candidate in candidates
-        ]
+        with without_interrupts():
+            futures = [
+                (
+                    Outcome(candidate.id, name, candidate.category, candidate.source),
+                    pool.schedule(_prepare, (candidate, settings), timeout=settings.timeout),
+                )
+                for name, candidate in candidates
+            ]
         try:
             for outcome, future in futures:
                 try:
@@ -321,7 +328,9 @@ def _begin(memory: int, parent: int) -> None:
 
 
 def _limit_memory(memory: int) -> None:
-    """Limit the memory of this process to so many bytes more than it has now."""
+    """Limit the memory of this process to so many bytes more than it has now, or to less."""
     with open("/proc/self/statm") as statm:
         has = int(statm.read().split()[0]) * _PAGE
-    resource.setrlimit(resource.RLIMIT_AS, (has + memory, has + memory))
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    limit = has + memory if most == resource.RLIM_INFINITY else min(has + memory, most)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

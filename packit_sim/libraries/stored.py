@@ -7,9 +7,11 @@ of its bounding box.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import re
+import shutil
 import tempfile
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -21,6 +23,7 @@ from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import LibraryError, MeshError, located
+from packit_sim.core.files import exchange
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
@@ -180,7 +183,7 @@ def write(
     infos: dict[str, ShapeInfo] = {}
     taken: set[str] = set()
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as staging:
+    with tempfile.TemporaryDirectory(prefix=_staging_prefix(path), dir=path.parent) as staging:
         new, old = Path(staging) / "new", Path(staging) / "old"
         new.mkdir()
         for mesh, info in shapes:
@@ -195,13 +198,45 @@ def write(
         text = json.dumps({"format": FORMAT, **divided}, ensure_ascii=False, indent=1)
         (new / _SPLITS).write_text(text + "\n", encoding="utf-8")
         if path.exists():
-            path.rename(old)
-        try:
+            try:
+                exchange(new, path)
+            except OSError:
+                _replace_in_steps(path, new, old)
+        else:
             new.rename(path)
-        except OSError:
-            if old.exists():
-                old.rename(path)
-            raise
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what killed processes left when they wrote a library; the caller has its lock.
+
+    Where folders can't be exchanged in one step, a library that was about to be replaced is
+    restored.
+
+    Parameters
+    ----------
+    path : Path
+        The library's folder.
+    """
+    path = path.absolute()
+    for staging in path.parent.glob(f"{glob.escape(_staging_prefix(path))}*"):
+        if (staging / "old").exists() and not path.exists():
+            (staging / "old").rename(path)
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _replace_in_steps(path: Path, new: Path, old: Path) -> None:
+    """Replace a folder where the file system can't exchange two."""
+    path.rename(old)
+    try:
+        new.rename(path)
+    except OSError:
+        old.rename(path)
+        raise
+
+
+def _staging_prefix(path: Path) -> str:
+    """Return how the names of folders begin in which a library is written."""
+    return f".{path.name}.importing-"
 
 
 def entry(

@@ -57,7 +57,7 @@ class DaggerDataset:
     actions : int
         Number of actions of the environment.
     steps : int
-        Step of the checkpoint that is resumed: files of later rollouts are deleted.
+        Step of the checkpoint that is resumed: files of later rollouts are not read.
     """
 
     def __init__(self, folder: Path, actions: int, steps: int) -> None:
@@ -66,7 +66,6 @@ class DaggerDataset:
         self._rollouts: list[_Rollout] = []
         for file in sorted(folder.glob("*.npz")):
             if int(file.stem) > steps:
-                file.unlink()
                 continue
             with np.load(file, allow_pickle=False) as arrays:
                 fields = dict(arrays)

@@ -129,7 +129,6 @@ class ImitationPPO(MaskablePPO):
     def train(self) -> None:
         """Update the networks after a rollout."""
         if self.num_timesteps > self.imitation:
-            self.dataset.clear()
             super().train()
             return
         self.policy.set_training_mode(True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,9 +47,11 @@ def train_command(
         from packit_agents.learning.training_settings import read_settings
     plots.require()
     settings = read_settings(config, set or [])
-    training = Training(settings, out, device, ray_workers, address)
-    try:
-        with stoppable(RESUMABLE), progress_bars() as progress:
+    with (
+        stoppable(RESUMABLE),
+        closing(Training(settings, out, device, ray_workers, address)) as training,
+    ):
+        with progress_bars() as progress:
             bar = progress.add_task("training", total=settings.steps, note="")
 
             def show(at: Progress) -> None:
@@ -57,9 +60,7 @@ def train_command(
                 progress.update(bar, completed=at.steps, note=reward + best)
 
             training.run(show)
-    finally:
-        training.close()
-    draw(training.curve, out / "curve.png")
+        draw(training.curve, out / "curve.png")
     best = training.best
     assert best is not None
     console.print(

@@ -188,9 +188,9 @@ class Training:
                 started = time.monotonic()
                 callback = _Callback(self, on_progress)
                 self._model.learn(left, callback, reset_num_timesteps=self.steps == 0)
-                self._model.dataset.clear()
                 self.checkpoint()
                 _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
+            self._model.dataset.clear()
         on_progress(Progress(self.steps, self.reward, self.best))
 
     def close(self) -> None:
@@ -294,7 +294,7 @@ class Training:
         return json.loads(json.dumps(record))
 
     def _write(self) -> None:
-        """Write the checkpoint atomically."""
+        """Write the checkpoint atomically; only then may what earlier ones need be deleted."""
         policy, model = self.policy, self._model
         write_checkpoint(
             self._run.checkpoint,
@@ -311,6 +311,8 @@ class Training:
             ),
         )
         self._written = time.monotonic()
+        if self.steps > self.settings.imitation:
+            model.dataset.clear()
 
     def _restore(self) -> None:
         """Resume from the checkpoint, if there is one."""
