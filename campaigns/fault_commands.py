@@ -1,0 +1,202 @@
+"""The commands that the campaign of faults disturbs: small settings, and what each may leave."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import torch
+from PIL import Image
+from trimesh import creation
+
+from packit_agents.learning import training
+from packit_agents.learning.checkpoints import read_checkpoint
+from packit_agents.learning.weights import read_weights
+from packit_sim.cli.app import main
+from packit_sim.datasets.pack_files import dataset_file, read_packs
+from packit_sim.evaluation import results
+from packit_sim.generation import jobs
+from packit_sim.libraries import importer
+from packit_sim.libraries.library import ShapeLibrary
+
+OUT = "out"
+"""The folder of a command's output, in its workspace; `meshes` and `tasks` are next to it."""
+
+FOREIGN = {
+    "notes.txt": "mine",
+    ".notes.lock": "mine",
+    "res.jsonl.bak": "{}",
+    ".res.jsonl.mine": "mine",
+    "lib.old/library.json": "{}",
+    ".lib.mine/new/library.json": "{}",
+    "run.old/checkpoint.pt": "mine",
+    "packs.manifest.json": "mine",
+}
+"""Files of the user next to the output, some with names like those of the product."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command with its output in one folder.
+
+    Attributes
+    ----------
+    name : str
+        The name, as in `packit NAME`.
+    arguments : tuple of str
+        The rest of the command; the workspace is its working directory.
+    before : tuple of str
+        The same command with less to do, which has already ended; empty if there was none.
+    check : callable
+        Reads what is there and raises if it can't be read: the folder, and that of an undisturbed
+        run.
+    workers : bool
+        Whether `--workers` sets the number of processes.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    before: tuple[str, ...]
+    check: Callable[[Path, Path], None]
+    workers: bool = True
+
+    def run(self, workers: int = 1, arguments: Iterable[str] | None = None) -> None:
+        """Run the command in this process, in the working directory, up to its `sys.exit`."""
+        words = [*self.name.split(), *(self.arguments if arguments is None else arguments)]
+        sys.argv = ["packit", *words, *(["--workers", str(workers)] if self.workers else [])]
+        main()
+
+
+def prepare_inputs(workspace: Path) -> None:
+    """Write the meshes and tasks that the commands read."""
+    for folder, meshes in (("meshes", 3), ("fewer", 2)):
+        (workspace / folder).mkdir()
+        for n in range(meshes):
+            creation.box((1, 1 + 0.3 * n, 2)).export(workspace / folder / f"box-{n}.stl")
+    lines = dataset_file("starter").read_text().splitlines(keepends=True)
+    (workspace / "tasks.jsonl").write_text("".join(sorted(lines, key=len)[:2]))  # few items
+    history = dataset_file("everyday-v1-history", "test").read_text().splitlines(keepends=True)
+    (workspace / "history.jsonl").write_text("".join(history[:2]))
+
+
+def make_quick() -> None:
+    """Let this process and its forked children write after each step, and import by forking.
+
+    New processes for the meshes would take seconds to start.
+    """
+    torch.set_num_threads(1)
+    for module in (jobs, results, training):
+        vars(module)["CHECKPOINT_SECONDS"] = -1.0
+    fork = multiprocessing.get_context("fork")
+    forking = SimpleNamespace(get_context=lambda method: fork)
+    vars(importer)["multiprocessing"] = forking
+
+
+def _check_packs(folder: Path, whole: Path) -> None:
+    """Packs: one or both."""
+    found, wanted = (read_packs(each / "packs" / "packs.jsonl") for each in (folder, whole))
+    assert found in (wanted[:1], wanted), "packs are lost"
+
+
+def _check_results(folder: Path, whole: Path) -> None:
+    """Results: the first two, which were there before, or more."""
+    found, wanted = (results.read_results(each / "res.jsonl") for each in (folder, whole))
+    lost = [rollout for rollout in wanted[:2] if rollout not in found]
+    assert not lost and all(rollout in wanted for rollout in found), "results are lost"
+
+
+def _check_training(folder: Path, whole: Path) -> None:
+    """Any of the files of a training."""
+    run = folder / "run"
+    curves = [each / "run" / "curve.json" for each in (folder, whole)]
+    found, wanted = (json.loads(file.read_text()) if file.exists() else [] for file in curves)
+    assert found == wanted[: len(found)], "the curve is another"
+    if (run / "settings.json").exists():
+        assert json.loads((run / "settings.json").read_text())
+    for file in run.glob("*.safetensors"):
+        read_weights(file)
+    read_checkpoint(run / "checkpoint.pt", torch.device("cpu"))
+    _check_pictures(run)
+
+
+def _check_library(folder: Path, whole: Path) -> None:
+    """Read the library, the former or the new one, with all its meshes."""
+    library = ShapeLibrary.open(folder / "lib")
+    assert [library.source.load(id).digest for id in library.ids]
+    assert len(library) in (2, 3), "shapes are lost"
+    report = folder / "lib.report.json"
+    assert len(json.loads(report.read_text())["shapes"]) in (2, 3)
+
+
+def _check_reproduction(folder: Path, whole: Path) -> None:
+    """Any of the files of a reproduction."""
+    made = folder / "rep"
+    file = made / "evolution.jsonl"
+    if file.exists():
+        wanted = results.read_results(whole / "rep" / "evolution.jsonl")
+        assert all(rollout in wanted for rollout in results.read_results(file))
+    for file in made.glob("*.json"):
+        assert json.loads(file.read_text())
+    for file in made.glob("*.md"):
+        assert file.read_text().endswith(".\n")
+    _check_pictures(made)
+
+
+def _check_pictures(folder: Path) -> None:
+    for file in folder.glob("*.png"):
+        with Image.open(file) as picture:
+            picture.load()
+
+
+_SETTINGS = (
+    *("packs=tasks.jsonl", "split=none", "validation_packs=tasks.jsonl", "validation=none"),
+    *("teacher=largest-first/aligned/blbf", "imitation=8", "steps=16", "envs=2"),
+    *("rollout_steps=4", "minibatch=4", "epochs=1", "imitation_epochs=1", "validate_every=8"),
+    *("validation_tasks=2", "network.width=8", "network.encoder_blocks=1"),
+    "network.trunk_blocks=1",
+)
+
+_EVOLVE = (
+    *("--out", f"{OUT}/packs", "--pool", "3", "--population", "51", "--generations", "2"),
+    *("--size-range", "0.5", "0.6", "--packs"),
+)
+_PLAY = ("tasks.jsonl", "--out", f"{OUT}/res.jsonl", "--agent", "random/aligned/blbf")
+_IMPORT = ("--out", f"{OUT}/lib", "--all")
+
+COMMANDS = {
+    each.name: each
+    for each in (
+        Command("generate", (*_EVOLVE, "2"), (*_EVOLVE, "1"), _check_packs),
+        Command(
+            "evaluate", (*_PLAY, "--agent", "largest-first/aligned/blbf"), _PLAY, _check_results
+        ),
+        Command(
+            "train",
+            ("--out", f"{OUT}/run", *(word for each in _SETTINGS for word in ("--set", each))),
+            (),
+            _check_training,
+            workers=False,
+        ),
+        Command(
+            "shapes import",
+            ("folder:meshes", *_IMPORT, "--overwrite"),
+            ("folder:fewer", *_IMPORT),
+            _check_library,
+        ),
+        Command(
+            "reproduce",
+            (
+                *("evolution", "--quick", "--history-dataset", "history.jsonl"),
+                *("--out", f"{OUT}/rep"),
+            ),
+            (),
+            _check_reproduction,
+        ),
+    )
+}
+"""The commands by name. `evaluate`, `generate` and `shapes import` have output to lose."""
