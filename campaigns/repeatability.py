@@ -34,7 +34,7 @@ from packit_sim.core.version import __version__
 NAME = "repeatability"
 
 COMMANDS = {
-    "generate": "generate --packs 3 --pool 20 --population 16 --generations 6 --seed {seed}"
+    "generate": "generate --packs 2 --pool 20 --population 60 --generations 3 --seed {seed}"
     " --workers {workers} --backend {backend} --out {out}/packs",
     "evaluate": "evaluate starter --tasks 6 --agent random/random/random"
     " --agent largest-first/aligned/blbf+mcts=4 --seed {seed} --workers {workers}"
