@@ -4,6 +4,8 @@ import hashlib
 import json
 import pickle
 import re
+import resource
+import signal
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -21,6 +23,7 @@ from safetensors.torch import save
 from sb3_contrib.common.maskable.distributions import MaskableCategoricalDistribution
 from trimesh import creation
 
+from campaigns import injector
 from packit_agents.learning import training
 from packit_agents.learning.augmentation import AugmentedEnv, transformed
 from packit_agents.learning.heads import LocationHead, RotationHead
@@ -627,6 +630,20 @@ def test_labelled_states_are_kept_until_a_checkpoint_needs_none(
     assert parts.curve == whole.curve and not (tmp_path / "parts" / "dagger_dataset").exists()
     ours, theirs = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+
+
+def test_a_checkpoint_that_does_not_fit_on_the_disk_is_an_error_of_the_system(
+    short_packs, tmp_path
+) -> None:
+    done = Training(replace(TINY, packs=str(short_packs)), tmp_path / "run", "cpu")
+
+    def write() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        with pytest.raises(OSError, match="File too large"):
+            done._write()
+
+    assert injector.fork(write, tmp_path, fault="none") == 0
 
 
 def cubes(folder: Path, sides: Sequence[int], cells: Triple) -> TrainingSettings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -131,8 +132,10 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], state: CheckpointState
         "torch": torch.get_rng_state(),
         "numpy": json.dumps(random),
     }
+    buffer = BytesIO()  # torch reports a full disk as an error of its own
+    torch.save(content, buffer)
     with replacing(path) as file:
-        torch.save(content, file)
+        file.write(buffer.getbuffer())
 
 
 def read_checkpoint(
