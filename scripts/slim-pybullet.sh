@@ -9,7 +9,8 @@ for packages in "$1"/lib/python3*/site-packages; do
     rm -rf "$packages/pybullet_data" "$packages/pybullet_envs"
     for library in "$packages"/pybullet.*.so; do
         if [ -e "$library" ] && command -v strip > /dev/null; then
-            strip --strip-debug "$library"
+            strip --strip-debug -o "$library.slim" "$library"
+            mv "$library.slim" "$library" # a process that has it loaded keeps the old file
         fi
     done
 done
