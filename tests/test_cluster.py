@@ -228,7 +228,7 @@ def test_the_command_is_stopped_and_resumes(cluster, order, tmp_path) -> None:
 
 
 def test_a_training_over_the_cluster_learns_the_same(cluster, tmp_path, monkeypatch) -> None:
-    pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
+    pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra learn")
     import torch
 
     from packit_agents.learning.networks import NetworkSettings

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
+pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra learn")
 
 import torch
 from msgspec import structs

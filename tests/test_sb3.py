@@ -9,7 +9,7 @@ import pytest
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.wrappers import features_only, flattened
 
-pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra train")
+pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra learn")
 
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported

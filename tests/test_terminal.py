@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
 
 from packit_sim.cli import app, shape_commands, verify_command
+from packit_sim.core.silence import quiet_threads
 from tests.runs import results, run_packit
 
 EVIL = "random\x1b]0;owned\x07/\x1b[31maligned\x9b2J/blbf\u202e"
@@ -63,3 +65,21 @@ def test_too_little_memory_is_one_line(
         app.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err == "error: the memory is not enough: 1 GB\n"
+
+
+def test_only_the_expected_error_of_a_thread_is_not_printed(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(threading, "excepthook", threading.__excepthook__)
+
+    def fail(error: Exception) -> None:
+        raise error
+
+    with quiet_threads(OSError):
+        for error in (OSError("disk full"), ValueError("a defect")):
+            thread = threading.Thread(target=fail, args=(error,))
+            thread.start()
+            thread.join()
+    assert threading.excepthook is threading.__excepthook__
+    shown = capfd.readouterr().err
+    assert "a defect" in shown and "disk full" not in shown

@@ -1,4 +1,4 @@
-"""Silence for C libraries that print to the terminal."""
+"""Silence for libraries that print to the terminal."""
 
 from __future__ import annotations
 
@@ -45,3 +45,25 @@ def quiet() -> Iterator[None]:
                 os.dup2(null, descriptor)
         stack.callback(libc.fflush, None)
         yield
+
+
+@contextlib.contextmanager
+def quiet_threads(error: type[Exception]) -> Iterator[None]:
+    """Print no traceback of a thread that ends with an error of this type.
+
+    Parameters
+    ----------
+    error : type of Exception
+        What the thread's owner raises again in the main thread.
+    """
+    shown = threading.excepthook
+
+    def hook(ended: threading.ExceptHookArgs) -> None:
+        if not issubclass(ended.exc_type, error):
+            shown(ended)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = shown

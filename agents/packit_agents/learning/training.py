@@ -38,6 +38,7 @@ from packit_agents.learning.run_folder import RunFolder
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.silence import quiet_threads
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.envs.env import PackItEnv
@@ -178,7 +179,7 @@ class Training:
         BusyError
             If another process works in the folder.
         """
-        with self._run.claim():
+        with self._run.claim(), quiet_threads(OSError):  # TensorBoard's writer has a thread
             if not self.is_over:
                 left = self.settings.steps - self.steps
                 begins = "resumes" if self.steps else "starts"
