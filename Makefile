@@ -9,8 +9,7 @@ SEED := $(or $(SEED),$(shell od -An -N3 -tu4 /dev/urandom | tr -d ' '))
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.set-up-$(EXTRAS)
-# A process more than cores: many tests wait for others.
-PYTEST := $(BIN)/pytest -n 3 --dist=worksteal
+PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

@@ -53,6 +53,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder / "demo", done.stdout
 
 
+@pytest.mark.slow
 def test_demo_does_the_whole_job(demo) -> None:
     folder, printed = demo
     assert printed.count("holds") == 9  # the ground truth and eight agents
@@ -66,7 +67,8 @@ def test_demo_does_the_whole_job(demo) -> None:
     assert len({picture.tobytes() for picture in pictures}) == 3
 
 
-@pytest.mark.parametrize("name", ["packs", pytest.param("results", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["packs", "results"])
 def test_pybullet_sees_no_penetration_in_the_packs_of_the_demo(demo, name) -> None:
     library = ShapeLibrary.open("everyday")
     for pack in read_packs(demo[0] / f"{name}.jsonl"):

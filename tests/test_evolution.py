@@ -218,6 +218,7 @@ def test_giving_up_on_hopeless_chromosomes_changes_nothing(search, seed) -> None
         searches[1].tell(same, blurred)
 
 
+@pytest.mark.slow
 def test_hopeless_chromosomes_are_given_up_and_no_others() -> None:
     library = ShapeLibrary.open("everyday")
     settings = EvolutionSettings(pool=30, size_range=(0.7, 0.7))

@@ -445,6 +445,7 @@ def test_without_a_screen_the_address_is_printed_and_ctrl_c_ends_it(packit) -> N
     assert (process.returncode, last, err) == (0, "the viewer is closed", "")
 
 
+@pytest.mark.slow
 def test_with_a_screen_the_browser_is_opened(packit, tmp_path) -> None:
     noted = tmp_path / "noted"
     browser = tmp_path / "browser"

@@ -130,6 +130,7 @@ def killed_until_done(file: Path, moments: list[float]) -> int:
     return kills
 
 
+@pytest.mark.slow
 def test_a_killed_generator_resumes_and_ends_in_the_same_packs(undisturbed, tmp_path) -> None:
     file = tmp_path / "train.jsonl"
     assert killed_until_done(file, [0.3, 0.9]) == 2

@@ -122,6 +122,7 @@ def test_no_library_is_stored_before_its_report(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_error_bound_is_valid(tmp_path: Path) -> None:
     outcomes = import_library([candidate("ball", BALL)], tmp_path / "lib", "mine", "", QUICK)
     info = outcomes[0].info

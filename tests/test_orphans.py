@@ -74,7 +74,7 @@ def wait(holds, seconds: float) -> bool:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] if name == "as done" else [])
+        pytest.param(name, marks=[pytest.mark.slow] if name in ("as done", "map") else [])
         for name in PROGRAMS
     ],
 )

@@ -205,6 +205,7 @@ def test_the_files_of_a_dataset_are_in_the_order_of_splits(tmp_path: Path) -> No
     assert dataset_files("starter")[0].name == "packs.jsonl"
 
 
+@pytest.mark.slow
 def test_a_page_says_how_to_regenerate_a_dataset(evolved: Path, tmp_path: Path) -> None:
     out = tmp_path / "small.md"
     done = packit("datasheet", evolved, "--licence", "CC0-1.0", "--out", out)

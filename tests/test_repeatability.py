@@ -45,12 +45,14 @@ def test_what_depends_on_hashes_or_on_workers_is_seen(
     assert ("differs" in repeatability.table(records)) != same
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_is_no_result(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     found = repeatability.run("import", Way(sys.executable), 0, tmp_path / "meshes")
     assert found.startswith("failed: ")
 
 
+@pytest.mark.slow
 def test_an_import_gives_a_digest(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     creation.box((1, 2, 3)).export(tmp_path / "meshes" / "block.stl")

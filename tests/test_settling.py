@@ -209,6 +209,7 @@ def settled_zoo(zoo_box: Box) -> Settled:
     return settle(zoo_box, SETTINGS)
 
 
+@pytest.mark.slow
 def test_what_falls_loses_energy_and_ends_through_nothing(settled_zoo: Settled) -> None:
     found = settled_zoo
     assert found.energy[1] < found.energy[0]
