@@ -35,6 +35,11 @@ def argument_parser(description: str | None, files: str = "the JSON") -> argpars
     return parser
 
 
+def resident_memory() -> int:
+    """Measure the resident memory of this process, in bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+
+
 def machine() -> dict[str, Any]:
     """Describe this machine for a result file."""
     return {"python": platform.python_version(), "cores": os.cpu_count()}

@@ -14,14 +14,20 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.common import Times, argument_parser, machine, summaries, write_json
+from benchmarks.common import (
+    Times,
+    argument_parser,
+    machine,
+    resident_memory,
+    summaries,
+    write_json,
+)
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.render import renderers
 from packit_sim.render.looks import Cut, Look
@@ -52,12 +58,6 @@ def wall_and_cpu(function: Callable[[], Any], repeats: int) -> Iterator[tuple[fl
         yield (time.perf_counter() - wall) * 1000, (time.process_time() - processor) * 1000
 
 
-def resident_memory() -> float:
-    """Measure the resident memory of this process, in megabytes."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE") / 2**20
-
-
 def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
     """Take all measures of one renderer, in a separate process."""
     os.environ[renderers.RENDERER_VARIABLE] = renderer
@@ -82,11 +82,11 @@ def measure(renderer: str, repeats: int, snapshots: int) -> dict[str, Any]:
         cut = partial(scene.snapshot, look=Look(cut=Cut("y", 0.5)))
         record("512 x 512, cut open for the first time", cut, 1)
         record("512 x 512, cut open", cut)
-        memory = [resident_memory()]
+        memory = [resident_memory() / 2**20]
         for n in range(snapshots):
             scene.snapshot(64, 64, Look(explode=n % 7 / 7))
             if (n + 1) % (snapshots // 10) == 0:
-                memory.append(resident_memory())
+                memory.append(resident_memory() / 2**20)
     finally:
         scene.close()
     return {

@@ -16,6 +16,7 @@ import numpy as np
 from campaigns import injector
 from campaigns.fault_commands import OUT
 from campaigns.fault_trials import Bench, Ended, Running, contents, members
+from packit_sim.core.memory import limit_memory
 
 Trial = Callable[[], Iterator[str]]
 """Disturbs the command of a bench, and yields problems."""
@@ -216,13 +217,7 @@ def _little_memory(bench: Bench, rng: np.random.Generator) -> Trials:
     """
 
     def trial(megabytes: int) -> Iterator[str]:
-        def limit() -> None:
-            with open("/proc/self/statm") as statm:
-                has = int(statm.read().split()[0]) * resource.getpagesize()
-            most = has + megabytes * 2**20
-            resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-        ended = bench.start(limit).end()
+        ended = bench.start(partial(limit_memory, megabytes * 2**20)).end()
         yield from bench.problems(ended, partial(refused, named=""))
 
     for megabytes in (4, 8, 16, 32, 64, 128, 256):

@@ -53,6 +53,12 @@ MODULES = (
 )
 """The modules that are mutated. `packit_sim/placement.py` only names others' functions."""
 
+HEAD = (
+    *("module", "mutants", "drawn", "killed at first", "by time limit", "survived"),
+    *("equivalent", "tests added", "left"),
+)
+"""The columns of the page's table."""
+
 Record = dict[str, Any]
 
 
@@ -183,6 +189,8 @@ def _version() -> str:
 
 def table(found: Record) -> str:
     """Write the table of the page: a row for each module, and one for all."""
+    from campaigns.common import markdown_table  # imports ours, which children must not inherit
+
     judged = {_place(record): record for record in json.loads(JUDGED.read_text())}
     records = [record | judged.get(_place(record), {}) for record in found["mutants"]]
     rows = {
@@ -190,18 +198,13 @@ def table(found: Record) -> str:
         **{module: [r for r in records if r["module"] == module] for module in MODULES},
     }
     sizes = found["sizes"]
-    lines = [
-        "| module | mutants | drawn | killed at first | by time limit | survived | equivalent "
-        "| tests added | left |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for name, own in rows.items():
-        if own:
-            lines.append(_row(name, sizes.get(name, sum(sizes.values())), own))
-    return "\n".join(lines) + "\n"
+    whole = sum(sizes.values())
+    return markdown_table(
+        HEAD, [_row(name, sizes.get(name, whole), own) for name, own in rows.items() if own]
+    )
 
 
-def _row(name: str, size: int, records: list[Record]) -> str:
+def _row(name: str, size: int, records: list[Record]) -> tuple[object, ...]:
     survived = [record for record in records if record["outcome"] == "survived"]
     killed = len(records) - len(survived)
     timeouts = sum(record["outcome"] == "timeout" for record in records)
@@ -209,8 +212,8 @@ def _row(name: str, size: int, records: list[Record]) -> str:
     equivalent = sum("equivalent" in record for record in survived)
     share = f"{killed} ({killed / len(records):.0%})"
     counts = (size, len(records), share, timeouts, len(survived), equivalent, closed)
-    cells = [f"`{name}`" if name != "all" else name, *counts, len(survived) - equivalent - closed]
-    return f"| {' | '.join(map(str, cells))} |"
+    label = f"`{name}`" if name != "all" else name
+    return label, *counts, len(survived) - equivalent - closed
 
 
 def _write(file: Path, result: Record) -> None:
@@ -235,9 +238,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     if options.table:
-        from campaigns.common import (
-            write_into_page,
-        )  # imports ours, which children must not inherit
+        from campaigns.common import write_into_page
 
         write_into_page("mutants", table(json.loads(options.out.read_text())))
         return

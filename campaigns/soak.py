@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import linregress, t
 
-from benchmarks.common import PICTURES, machine, write_json
+from benchmarks.common import PICTURES, machine, resident_memory, write_json
 from campaigns.common import (
     argument_parser,
     markdown_table,
@@ -86,10 +86,9 @@ Sample = Mapping[str, float]
 def sample(episode: int) -> Sample:
     """Measure what this process holds."""
     process = Path("/proc/self")
-    resident = int((process / "statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
     return {
         "episode": episode,
-        MEMORY: round(resident / 1e6, 1),
+        MEMORY: round(resident_memory() / 1e6, 1),
         "descriptors": len(os.listdir(process / "fd")) - 1,  # that of the listing
         "threads": len(os.listdir(process / "task")),
         "clients": sum(map(pybullet.isConnected, range(1024))),

@@ -20,10 +20,10 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.core.errors import LibraryError
+from packit_sim.core.memory import limit_memory
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
-from packit_sim.libraries import importer
 from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
@@ -102,7 +102,7 @@ def test_an_import_is_a_library_with_a_report(tmp_path: Path) -> None:
 def test_a_limit_of_the_shell_is_not_raised() -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (2**40, 2**40))
-        importer._limit_memory(2**50)
+        limit_memory(2**50)
         assert resource.getrlimit(resource.RLIMIT_AS) == (2**40, 2**40)
 
     process = multiprocessing.get_context("fork").Process(target=limit)

@@ -8,9 +8,9 @@ import signal
 import time
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 
 from campaigns.fuzzing.verdicts import MAX_ADDRESSES
+from packit_sim.core.memory import limit_memory
 
 
 def start(function: Callable[[], object]) -> int:
@@ -24,8 +24,7 @@ def start(function: Callable[[], object]) -> int:
     if child == 0:
         status = 1
         try:
-            has = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-            resource.setrlimit(resource.RLIMIT_AS, (has + MAX_ADDRESSES,) * 2)
+            limit_memory(MAX_ADDRESSES)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
             function()
             status = 0

@@ -45,7 +45,7 @@ def list_command() -> None:
 
     Example: packit datasets list
     """
-    table = simple_table("dataset", "split", "packs", "library", "what it is")
+    table = simple_table("dataset", "split", "packs", "library", "description")
     for name, what in BUILTIN_DATASETS.items():
         for file in dataset_files(name):
             manifest = Manifest.read(manifest_path(file))

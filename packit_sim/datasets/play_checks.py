@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import ItemRecord, Pack, task_digest
 from packit_sim.datasets.provenance import RETURN_SLACK, Played
 from packit_sim.engine.insertion import is_clear
@@ -85,9 +86,9 @@ def play_problems(
         yield f"its end is recorded as {str(played.end)!r}, with {len(packed)} of {len(task)} items"
     if volume is None:
         return
-    counted = sum(item.scale * volume(item.shape) for item in pack.items if item.counted)
+    counted = plain_sum(item.scale * volume(item.shape) for item in pack.items if item.counted)
     density = counted / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
-    total = counted / sum(scale * volume(shape) for shape, scale in task)
+    total = counted / plain_sum(scale * volume(shape) for shape, scale in task)
     for name, recorded, computed in (
         ("density", pack.density, density),
         ("return", played.total, total),

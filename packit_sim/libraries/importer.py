@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import resource
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import TimeoutError
@@ -20,6 +19,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError, MeshError, PackItError
+from packit_sim.core.memory import limit_memory
 from packit_sim.core.orphans import end_with, without_interrupts
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -31,8 +31,6 @@ from packit_sim.libraries import stored
 from packit_sim.libraries.sources import Candidate, ShapeInfo
 
 _log = plain_logger(__name__)
-
-_PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True)
@@ -324,13 +322,4 @@ def _grouped(
 def _begin(memory: int, parent: int) -> None:
     """Begin a worker: with a limit of its memory, and no longer than the process that needs it."""
     end_with(parent)
-    _limit_memory(memory)
-
-
-def _limit_memory(memory: int) -> None:
-    """Limit the memory of this process to so many bytes more than it has now, or to less."""
-    with open("/proc/self/statm") as statm:
-        has = int(statm.read().split()[0]) * _PAGE
-    _, most = resource.getrlimit(resource.RLIMIT_AS)
-    limit = has + memory if most == resource.RLIM_INFINITY else min(has + memory, most)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    limit_memory(memory)
