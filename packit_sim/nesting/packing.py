@@ -1,0 +1,107 @@
+"""Packings off the grid: items of some types at their poses in a container."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from packit_sim.core.checks import Range, check_range
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.arrays import Floats
+from packit_sim.nesting.containers import BoxContainer
+from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.placements import Placement
+
+Objective = Literal["strip", "knapsack", "bins"]
+
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
+"""What a packing was searched for: least height, most in one box, or fewest boxes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """Items at their poses in a container, or in several of the same size.
+
+    Parameters
+    ----------
+    types : tuple of ItemType
+        The types of items.
+    container : BoxContainer
+        The container.
+    placements : tuple of Placement
+        The placed items.
+    clearance : float
+        The smallest distance between the surfaces of two items.
+    objective : str
+        "strip", "knapsack" or "bins".
+
+    Raises
+    ------
+    ArgumentError
+        If a placement is of no type, an objective is unknown or does not fit the container, or the
+        clearance is negative or not finite.
+    """
+
+    types: tuple[ItemType, ...]
+    container: BoxContainer
+    placements: tuple[Placement, ...]
+    clearance: float = 0.0
+    objective: str = "strip"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "types", tuple(self.types))
+        object.__setattr__(self, "placements", tuple(self.placements))
+        if self.objective not in OBJECTIVES:
+            raise ArgumentError(
+                f"objective {self.objective!r} is not known: choose from {', '.join(OBJECTIVES)}"
+            )
+        if self.container.is_strip and self.objective != "strip":
+            raise ArgumentError(f"objective {self.objective!r} needs a box with a height")
+        check_range("clearance", self.clearance, Range(0, ends="[)"))
+        for number, placement in enumerate(self.placements):
+            if not 0 <= placement.type < len(self.types):
+                raise ArgumentError(
+                    f"placement {number} is of type {placement.type}: "
+                    f"there are types 0 to {len(self.types) - 1}"
+                )
+            if placement.box < 0:
+                raise ArgumentError(f"placement {number} is in box {placement.box}: at least 0")
+
+    def vertices(self, placement: Placement) -> Floats:
+        """Return the vertices (n, 3) of a placed item, in the container's coordinates."""
+        pose = placement.pose
+        return self.types[placement.type].vertices @ pose[:3, :3].T + pose[:3, 3]
+
+    @property
+    def height(self) -> float:
+        """The largest z of all items; 0 without items."""
+        return max((float(self.vertices(p)[:, 2].max()) for p in self.placements), default=0.0)
+
+    @property
+    def volume(self) -> float:
+        """The volume of all placed items."""
+        return plain_sum(self.types[p.type].volume * p.scale**3 for p in self.placements)
+
+    @property
+    def density(self) -> float:
+        """The volume of the items, divided by that of the used boxes, or of the strip's part."""
+        if not self.placements:
+            return 0.0
+        if self.objective == "strip":
+            return self.volume / (self.container.base * self.height)
+        return self.volume / (self.boxes * self.container.volume)
+
+    @property
+    def boxes(self) -> int:
+        """How many containers have items."""
+        return len({placement.box for placement in self.placements})
+
+    @property
+    def left_out(self) -> tuple[int, ...]:
+        """How many items of each type are not placed."""
+        placed = np.bincount([p.type for p in self.placements], minlength=len(self.types))
+        demands = [item_type.demand for item_type in self.types]
+        return tuple((np.array(demands, dtype=int) - placed).tolist())
