@@ -14,9 +14,9 @@ from lxml import etree
 
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
-from packit_sim.datasets.packings import verify_packing
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.media import export
+from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.render.coloring import ByNumber, by_item
 from tests.zoo import BALL, BOWL, CUBE, RING, cube_of
 

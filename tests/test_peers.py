@@ -23,9 +23,9 @@ from benchmarks.peers.rows import Row, read, summaries, write
 from benchmarks.peers.spectral import Metrics, Spectral, distances
 from benchmarks.peers.validity import QualityScores
 from packit_sim import Box, Item, Shape
-from packit_sim.datasets import packings
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.geometry import rotations
+from packit_sim.nesting.packing_files import verify_packing
 from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED, cube_of, random_item
 
@@ -203,7 +203,7 @@ def test_conflicts_are_those_of_the_check_of_foreign_packings(tmp_path) -> None:
         {"mesh": f"{posed.item.shape.id}.ply", "pose": posed.pose.tolist()} for posed in packing
     ]
     (tmp_path / "packing.json").write_text(json.dumps({"box": [1, 1, 1], "items": items}))
-    report = packings.verify_packing(tmp_path / "packing.json")
+    report = verify_packing(tmp_path / "packing.json")
     assert len(report.problems) == len(verdict.outside) + len(verdict.pairs)
 
 

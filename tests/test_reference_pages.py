@@ -13,7 +13,7 @@ import pytest
 from gymnasium import spaces
 
 from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
-from packit_sim.datasets import packings, packs, provenance
+from packit_sim.datasets import packs, provenance
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
@@ -21,6 +21,7 @@ from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.nesting import packing_files
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
@@ -43,8 +44,8 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "Rules": (Rules, {}),
     "QualityScores": (QualityScores, {}),
     "Manifest": (Manifest, {}),
-    "_Packing": (packings._Packing, {}),
-    "_PackingItem": (packings._PackingItem, {}),
+    "_Packing": (packing_files._Packing, {}),
+    "_PackingItem": (packing_files._PackingItem, {}),
     "_Catalogue": (stored._Catalogue, {"format": "first"}),
     "ShapeInfo": (ShapeInfo, {}),
     "QuantizedMesh": (QuantizedMesh, {}),

@@ -20,13 +20,13 @@ from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
 from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import Report, verify_dataset
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.nesting.packing_files import verify_packing
 from tests.zoo import HOLLOW, ZOO, item_of, random_item
 
 SPLITS = {

@@ -1,7 +1,7 @@
 """The validity of a packing by its meshes, with the same rule for all peers.
 
-It is the rule for packings of other tools (see `packings.verify_packing`): each mesh is inside the
-box, crosses no other, and lies in no closed shell of another, within the contact tolerance.
+It is the rule for packings of other tools (see `nesting.validity`): each mesh is inside the box,
+crosses no other, and lies in no other, within the contact tolerance.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 
-import numpy as np
-
 from benchmarks.peers.posed import Posed
-from packit_sim.datasets.packings import _Loaded, _MeshInBox, _pair_problems, _wall_problems
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Shape
+from packit_sim.nesting.containers import BoxContainer
+from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.placements import Placement
+from packit_sim.nesting.validity import Body, conflicts, outside
 
 
 @dataclass(frozen=True)
@@ -41,20 +42,23 @@ class QualityScores:
     @classmethod
     def of(cls, packing: Sequence[Posed], cells: Triple) -> QualityScores:
         """Check the items in a box of the given number of cells."""
-        bodies = [_MeshInBox("", _loaded(posed.item.shape), posed.pose, 1.0) for posed in packing]
-        extents = np.array(cells) * CELL
-        outside = [n for n, body in enumerate(bodies) if any(_wall_problems(body, extents, 1.0))]
+        x, y, z = (side * CELL for side in cells)
+        container = BoxContainer((x, y, z))
+        bodies = [
+            Body("", _item_type(posed.item.shape), Placement(0, posed.pose), 1.0)
+            for posed in packing
+        ]
+        beyond = [n for n, body in enumerate(bodies) if any(outside(body, container))]
         pairs = [
             (n, m)
             for (n, one), (m, other) in combinations(enumerate(bodies), 2)
-            if (np.maximum(one.low, other.low) < np.minimum(one.high, other.high)).all()
-            and any(_pair_problems(one, other))
+            if any(conflicts(one, other))
         ]
         kept: list[int] = []
         for m in range(len(bodies)):
-            if m not in outside and not any((n, m) in pairs for n in kept):
+            if m not in beyond and not any((n, m) in pairs for n in kept):
                 kept.append(m)
-        return cls(tuple(outside), tuple(pairs), tuple(kept))
+        return cls(tuple(beyond), tuple(pairs), tuple(kept))
 
     @property
     def valid(self) -> bool:
@@ -63,5 +67,5 @@ class QualityScores:
 
 
 @cache
-def _loaded(shape: Shape) -> _Loaded:
-    return _Loaded(shape.mesh, shape.id)
+def _item_type(shape: Shape) -> ItemType:
+    return ItemType(shape.id, shape.mesh.vertices, shape.mesh.faces)

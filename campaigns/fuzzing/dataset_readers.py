@@ -18,9 +18,9 @@ from packit_sim.core.errors import PackItError
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.datasets.original import read_original
 from packit_sim.datasets.pack_files import dataset_library, read_packs, write_packs
-from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.results import check_results, read_results
+from packit_sim.nesting.packing_files import verify_packing
 from tests import bad_meshes
 
 

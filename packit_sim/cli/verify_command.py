@@ -14,8 +14,8 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import stoppable
 from packit_sim.datasets.pack_files import dataset_file, dataset_path
-from packit_sim.datasets.packings import verify_packing
 from packit_sim.datasets.verification import verify_dataset
+from packit_sim.nesting.packing_files import verify_packing
 
 
 def verify_command(

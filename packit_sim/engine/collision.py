@@ -32,6 +32,8 @@ OFF_GRID_COLLISIONS_BUDGET = 100_000
 _moving = threading.Lock()
 """Held while a mesh is moved for a query."""
 
+_NO_TURN = np.eye(3)
+
 _REQUEST = fcl.CollisionRequest(num_max_contacts=1, enable_contact=False)
 
 
@@ -237,14 +239,65 @@ class LooseMesh:
     """
 
     def __init__(self, vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]) -> None:
-        model = fcl.BVHModel()
-        model.beginModel(len(vertices), len(faces))
-        model.addSubModel(vertices, faces)
-        model.endModel()
-        self._object = fcl.CollisionObject(model, fcl.Transform())
+        self._model = fcl.BVHModel()
+        self._model.beginModel(len(vertices), len(faces))
+        self._model.addSubModel(vertices, faces)
+        self._model.endModel()
 
-    def crosses(self, other: LooseMesh, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> bool:
-        """Decide whether this mesh crosses another one, translated by shift (3,)."""
+    @cached_property
+    def _fixed(self) -> fcl.CollisionObject:
+        return fcl.CollisionObject(self._model, fcl.Transform())
+
+    @cached_property
+    def _moving(self) -> fcl.CollisionObject:
+        """Another object, so that a mesh can be compared with itself in another pose."""
+        return fcl.CollisionObject(self._model, fcl.Transform())
+
+    def crosses(
+        self,
+        other: LooseMesh,
+        shift: npt.ArrayLike = (0.0, 0.0, 0.0),
+        turn: npt.NDArray[np.float64] = _NO_TURN,
+    ) -> bool:
+        """Decide whether this mesh crosses another one, rotated and then translated.
+
+        Parameters
+        ----------
+        other : LooseMesh
+            The other mesh.
+        shift : array_like of float64, shape (3,)
+            Its translation.
+        turn : ndarray of float64, shape (3, 3)
+            Its rotation.
+
+        Returns
+        -------
+        bool
+            Whether a triangle of one mesh crosses a triangle of the other.
+        """
         with _moving:
-            other._object.setTranslation(np.array(shift))
-            return bool(fcl.collide(self._object, other._object, _REQUEST, fcl.CollisionResult()))
+            other._moving.setTransform(fcl.Transform(turn, np.array(shift)))
+            return bool(fcl.collide(self._fixed, other._moving, _REQUEST, fcl.CollisionResult()))
+
+    def distance(
+        self, other: LooseMesh, shift: npt.ArrayLike, turn: npt.NDArray[np.float64] = _NO_TURN
+    ) -> float:
+        """Compute the distance to another mesh, rotated and then translated.
+
+        Parameters
+        ----------
+        other : LooseMesh
+            The other mesh.
+        shift : array_like of float64, shape (3,)
+            Its translation.
+        turn : ndarray of float64, shape (3, 3)
+            Its rotation.
+
+        Returns
+        -------
+        float
+            The smallest distance of two triangles; not more than 0 if the meshes cross.
+        """
+        with _moving:
+            other._moving.setTransform(fcl.Transform(turn, np.array(shift)))
+            return float(fcl.distance(self._fixed, other._moving))

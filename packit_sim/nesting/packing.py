@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -10,9 +11,12 @@ import numpy as np
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.sums import plain_sum
+from packit_sim.datasets.pack_checks import named
 from packit_sim.geometry.arrays import Floats
+from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.packing_files import write_packing
 from packit_sim.nesting.placements import Placement
 
 Objective = Literal["strip", "knapsack", "bins"]
@@ -105,3 +109,37 @@ class Packing:
         placed = np.bincount([p.type for p in self.placements], minlength=len(self.types))
         demands = [item_type.demand for item_type in self.types]
         return tuple((np.array(demands, dtype=int) - placed).tolist())
+
+    def problems(self) -> list[str]:
+        """Check the packing by its meshes, independently of the search that found it.
+
+        Returns
+        -------
+        list of str
+            A sentence for each problem (see `validity`); empty if the packing is valid.
+        """
+        bodies = [
+            validity.Body(
+                named(number, self.types[placement.type].name),
+                self.types[placement.type],
+                placement,
+                self.container.longest,
+            )
+            for number, placement in enumerate(self.placements)
+        ]
+        return validity.problems(bodies, self.container, self.clearance)
+
+    def write(self, path: Path | str) -> None:
+        """Write the packing as JSON that `packit verify` checks.
+
+        Parameters
+        ----------
+        path : Path or str
+            The file. Meshes without a file below its folder are written to NAME-meshes next to it.
+
+        Raises
+        ------
+        OSError
+            If a file can't be written.
+        """
+        write_packing(path, self.types, self.container, self.placements, self.clearance)
