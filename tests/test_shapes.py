@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 import trimesh
@@ -149,3 +151,14 @@ def test_items_are_values() -> None:
     assert Item(CUBE, 1.0, 3) == Item(again, 1, np.int64(3)) != Item(CUBE, 1.0, 4)
     assert hash(Item(CUBE, 1.0, 3)) == hash(Item(again, 1.0, 3))
     assert CUBE != BALL and CUBE != "cube"
+
+
+def test_a_pickled_shape_does_not_grow_with_what_was_derived_from_it() -> None:
+    shape = Shape.from_mesh(creation.icosphere(subdivisions=3), "ball")
+    small = len(pickle.dumps(shape))
+    assert shape.is_solid and shape.parts and len(shape.mesh.face_adjacency) > 1000
+    state = pickle.dumps(shape)
+    assert len(state) < small + 1000
+    again = pickle.loads(state)
+    assert again == shape and again.volume == shape.volume
+    assert (again.parts.closed == shape.parts.closed).all()

@@ -66,8 +66,12 @@ class Shape:
             self.volume = volume
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: parts are found again, which is cheaper than to send them."""
-        return {name: value for name, value in self.__dict__.items() if name != "parts"}
+        """Return what is pickled, without parts and what trimesh derived from the mesh.
+
+        To find them again is cheaper than to send them.
+        """
+        state = {name: value for name, value in self.__dict__.items() if name != "parts"}
+        return state | {"mesh": trimesh.Trimesh(self.mesh.vertices, self.mesh.faces, process=False)}
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, id: str, category: str = "", up: str = "z") -> Shape:

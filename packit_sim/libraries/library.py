@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
@@ -263,9 +265,18 @@ def builtin_names() -> tuple[str, ...]:
     return tuple(sorted(file.parent.name for file in assets_folder().glob(f"*/{CATALOGUE}")))
 
 
+@cache
+def _builtin(folder: Path) -> StoredLibrary:
+    """Open a built-in library once per process: those who open it share its cached shapes."""
+    return StoredLibrary(folder)
+
+
+os.register_at_fork(after_in_child=_builtin.cache_clear)  # a thread may hold its lock
+
+
 def _source(source: str | Path, seed: int) -> Source:
     if isinstance(source, str) and source in builtin_names():
-        return StoredLibrary(assets_folder() / source)
+        return _builtin(assets_folder() / source)
     scheme, colon, path = str(source).partition(":")
     if not (colon and isinstance(source, str)):
         scheme, path = "", str(source)
