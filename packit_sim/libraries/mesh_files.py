@@ -22,6 +22,7 @@ from lxml import etree
 from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.errors import MeshError
+from packit_sim.libraries.obj_faces import simple_faces
 
 SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Suffixes of the files that can be read, in lower case."""
@@ -135,6 +136,8 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         up, unit_cm = _dae_asset(content)
     elif suffix == ".3mf":
         unit_cm = _3mf_unit(content)
+    elif suffix == ".obj":
+        content = simple_faces(content)
     options: dict[str, Any] = {"ignore_broken": False} if suffix == ".dae" else {}
     scene = trimesh.load_scene(
         io.BytesIO(content),

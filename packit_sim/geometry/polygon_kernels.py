@@ -1,0 +1,70 @@
+"""The kernel that cuts ears off a polygon."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+
+
+@kernel
+def cut_ears(points):
+    """Return the triangles of a polygon.
+
+    Parameters
+    ----------
+    points : ndarray
+        (n, 2) float64, the corners, anticlockwise.
+
+    Returns
+    -------
+    ndarray
+        (n - 2, 3) int64, indices of corners.
+    """
+    count = len(points)
+    triangles = np.empty((count - 2, 3), np.int64)
+    ring = np.arange(count)
+    at, failed = 0, 0
+    while count > 3 and failed < count:
+        before, after = (at - 1) % count, (at + 1) % count
+        if _is_ear(points, ring[:count], ring[before], ring[at], ring[after]):
+            triangles[len(points) - count] = ring[before], ring[at], ring[after]
+            ring[at : count - 1] = ring[at + 1 : count].copy()
+            count -= 1
+            at %= count
+            failed = 0
+        else:
+            at = after
+            failed += 1
+    for n in range(1, count - 1):  # one triangle; more if the outline crosses itself
+        triangles[len(points) - count + n - 1] = ring[0], ring[n], ring[n + 1]
+    return triangles
+
+
+@kernel
+def _is_ear(points, ring, a, b, c):
+    """Return whether the corner b is convex, and no other point of the ring is in its triangle."""
+    if _area(points[a], points[b], points[c]) <= 0:
+        return False
+    for n in ring:
+        p = points[n]
+        if (
+            _area(points[a], points[b], p) >= 0
+            and _area(points[b], points[c], p) >= 0
+            and _area(points[c], points[a], p) >= 0
+            and not (_same(p, points[a]) or _same(p, points[b]) or _same(p, points[c]))
+        ):
+            return False
+    return True
+
+
+@kernel
+def _same(p, q):
+    """Return whether two points are equal."""
+    return p[0] == q[0] and p[1] == q[1]
+
+
+@kernel
+def _area(p, q, r):
+    """Return twice the area of a triangle, negative if it is clockwise."""
+    return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
