@@ -63,6 +63,22 @@ def kernel(function: Callable[..., Any]) -> Any:
     return compiled
 
 
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a small function as a part of each kernel that calls it, which saves the calls.
+
+    Parameters
+    ----------
+    function : callable
+        The function; it has one `return`.
+
+    Returns
+    -------
+    callable
+        The function, for kernels.
+    """
+    return function if numba.config.DISABLE_JIT else numba.njit(inline="always")(function)
+
+
 @cache  # once per process, where no file can be written
 def announce() -> None:
     """Log that kernels are compiled, unless that was said before in this installation."""

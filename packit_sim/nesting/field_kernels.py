@@ -1,0 +1,188 @@
+"""Kernels for penetration fields: how deep two items overlap, for every offset between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+
+SCALE = 128.0
+"""Steps of the stored distances per voxel."""
+
+BIAS = 0.9
+"""Voxels by which the distance of two sets of voxels is on average less than their items'."""
+
+REACH = 3
+"""Voxels beyond the clearance up to which distances are told apart."""
+
+_BAND = -4.0, 2.0
+"""Distances in voxels between which nodes may be computed by the surfaces."""
+
+
+@kernel
+def padding(clearance):
+    """Return the nodes of a field around the offsets at which voxels overlap."""
+    return int(np.ceil(clearance)) + REACH
+
+
+@kernel
+def fill_field(one, other, clearance, out):
+    """Compute the signed distance to the offsets at which two sets of voxels overlap.
+
+    Parameters
+    ----------
+    one, other : ndarray
+        (x, y, z) uint8, 1 for the voxels of two items.
+    clearance : float
+        The distance to keep, in voxels.
+    out : ndarray
+        (u, v, w) int16, filled with the signed distances of the offsets, less the clearance (see
+        `encoded`). Node m is the offset (m - (u - 1) / 2) voxels from the centre of the first to
+        that of the second.
+    """
+    around = padding(clearance)
+    overlap = _overlaps(one, other, around, out.shape)
+    u, v, w = overlap.shape
+    inside = _squared_distances(overlap, np.uint8(0), u + v + w)
+    outside = _squared_distances(overlap, np.uint8(1), around + 1)
+    for x in range(u):
+        for y in range(v):
+            for z in range(w):
+                if overlap[x, y, z]:
+                    found = -(np.sqrt(inside[x, y, z]) - 0.5)
+                else:
+                    found = np.sqrt(outside[x, y, z]) - 0.5
+                found += BIAS - clearance
+                out[x, y, z] = encoded(found, not _BAND[0] < found < _BAND[1])
+
+
+@kernel
+def _overlaps(one, other, around, shape):
+    """Return the offsets (u, v, w) uint8 at which two sets of voxels overlap."""
+    ax, ay, az = one.shape
+    bx, by, bz = other.shape
+    words = (shape[2] + 63) // 64
+    out = np.zeros((shape[0], shape[1], words), np.uint64)
+    longest = 0
+    runs = np.empty((bx * by * (bz // 2 + 1), 4), np.int64)
+    count = 0
+    for x in range(bx):
+        for y in range(by):
+            z = 0
+            while z < bz:
+                if other[x, y, z]:
+                    start = z
+                    while z < bz and other[x, y, z]:
+                        z += 1
+                    runs[count] = (x, y, z - 1, z - start)
+                    longest = max(longest, z - start)
+                    count += 1
+                else:
+                    z += 1
+    rows = np.zeros((ax, ay, words), np.uint64)
+    used = np.zeros((ax, ay), np.uint8)
+    for x in range(ax):
+        for y in range(ay):
+            for z in range(az):
+                if one[x, y, z]:
+                    rows[x, y, z >> 6] |= np.uint64(1) << np.uint64(z & 63)
+                    used[x, y] = 1
+    for length in range(1, longest + 1):
+        if length > 1:
+            _dilate(rows, one, length)
+        for n in range(count):
+            if runs[n, 3] != length:
+                continue
+            shift = bz - 1 - runs[n, 2] + around
+            big = shift >> 6
+            small = np.uint64(shift & 63)
+            for x in range(ax):
+                tx = x - runs[n, 0] + bx - 1 + around
+                for y in range(ay):
+                    if not used[x, y]:
+                        continue
+                    ty = y - runs[n, 1] + by - 1 + around
+                    for k in range(words - big):
+                        word = rows[x, y, k]
+                        if word == 0:
+                            continue
+                        out[tx, ty, k + big] |= word << small
+                        if small and k + big + 1 < words:
+                            out[tx, ty, k + big + 1] |= word >> (np.uint64(64) - small)
+    found = np.zeros(shape, np.uint8)
+    for x in range(shape[0]):
+        for y in range(shape[1]):
+            for z in range(shape[2]):
+                found[x, y, z] = (out[x, y, z >> 6] >> np.uint64(z & 63)) & np.uint64(1)
+    return found
+
+
+@kernel
+def _dilate(rows, one, length):
+    """Add to the rows of words the voxels, shifted up by length - 1."""
+    ax, ay, az = one.shape
+    for x in range(ax):
+        for y in range(ay):
+            for z in range(az):
+                if one[x, y, z]:
+                    t = z + length - 1
+                    rows[x, y, t >> 6] |= np.uint64(1) << np.uint64(t & 63)
+
+
+@kernel
+def _squared_distances(cells, value, limit):
+    """Return the squared distance (u, v, w) of each cell to the next one of a value, bounded."""
+    u, v, w = cells.shape
+    most = float(limit * limit)
+    first = np.empty(cells.shape, np.float32)
+    for x in range(u):
+        for y in range(v):
+            last = -limit
+            for z in range(w):
+                if cells[x, y, z] == value:
+                    last = z
+                first[x, y, z] = min(most, float((z - last) ** 2))
+            last = w + limit
+            for z in range(w - 1, -1, -1):
+                if cells[x, y, z] == value:
+                    last = z
+                first[x, y, z] = min(first[x, y, z], float((last - z) ** 2))
+    second = first.copy()
+    for x in range(u):
+        for y in range(v):
+            for z in range(w):
+                best = first[x, y, z]
+                step = 1
+                while step * step < best and step <= limit:
+                    if y >= step:
+                        best = min(best, first[x, y - step, z] + step * step)
+                    if y + step < v:
+                        best = min(best, first[x, y + step, z] + step * step)
+                    step += 1
+                second[x, y, z] = best
+    for x in range(u):
+        for y in range(v):
+            for z in range(w):
+                best = second[x, y, z]
+                step = 1
+                while step * step < best and step <= limit:
+                    if x >= step:
+                        best = min(best, second[x - step, y, z] + step * step)
+                    if x + step < u:
+                        best = min(best, second[x + step, y, z] + step * step)
+                    step += 1
+                first[x, y, z] = best
+    return first
+
+
+@kernel
+def encoded(distance, settled):
+    """Return a distance in voxels as an int16; its lowest bit says that it stays as it is."""
+    steps = round(distance * SCALE)
+    return np.int16(2 * max(-16000, min(16000, steps)) + settled)
+
+
+@kernel
+def decoded(value):
+    """Return the distance of a stored value, in voxels."""
+    return (value >> 1) / SCALE

@@ -1,0 +1,272 @@
+"""Kernels for how deep two items overlap: stored fields first, surfaces where these leave doubt."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import inlined, kernel
+from packit_sim.engine.containment_kernels import holds
+from packit_sim.nesting.field_kernels import SCALE, encoded, fill_field, padding
+from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
+
+FLOOR = 0.02
+"""Least depth, in voxels, of items in conflict."""
+
+FREE = 1.5
+"""Voxels of distance in a field beyond which items are not in conflict."""
+
+_REACH = 3.0
+"""Voxels up to which nodes hold distances that surfaces have."""
+
+_BISECTIONS = 6
+
+
+@inlined
+def node_of(lookup, number, sx, sy, sz):
+    """Return an offset's place in a field, -1 outside, and the rest (3) from there in voxels."""
+    u, v, w = lookup.fields[number, 1], lookup.fields[number, 2], lookup.fields[number, 3]
+    per_voxel = 1 / lookup.voxel
+    x = sx * per_voxel + (u - 1) * 0.5
+    y = sy * per_voxel + (v - 1) * 0.5
+    z = sz * per_voxel + (w - 1) * 0.5
+    i, j, k = int(x), int(y), int(z)
+    at = -1
+    if 0 <= x < u - 1 and 0 <= y < v - 1 and 0 <= z < w - 1:
+        at = lookup.fields[number, 0] + (i * v + j) * w + k
+    return at, x - i, y - j, z - k
+
+
+@inlined
+def interpolated(lookup, number, at, fx, fy, fz):
+    """Return the distance between the eight nodes from a place on, in voxels."""
+    values = lookup.values
+    row = lookup.fields[number, 3]
+    plane = row * lookup.fields[number, 2]
+    gx, gy, gz = 1 - fx, 1 - fy, 1 - fz
+    low = ((values[at] >> 1) * gz + (values[at + 1] >> 1) * fz) * gy + (
+        (values[at + row] >> 1) * gz + (values[at + row + 1] >> 1) * fz
+    ) * fy
+    at += plane
+    high = ((values[at] >> 1) * gz + (values[at + 1] >> 1) * fz) * gy + (
+        (values[at + row] >> 1) * gz + (values[at + row + 1] >> 1) * fz
+    ) * fy
+    return (low * gx + high * fx) * (1 / SCALE)
+
+
+@inlined
+def settled(lookup, number, at):
+    """Return whether the eight nodes from a place on stay as they are."""
+    values = lookup.values
+    row = lookup.fields[number, 3]
+    plane = row * lookup.fields[number, 2]
+    return (
+        values[at]
+        & values[at + 1]
+        & values[at + row]
+        & values[at + row + 1]
+        & values[at + plane]
+        & values[at + plane + 1]
+        & values[at + plane + row]
+        & values[at + plane + row + 1]
+        & 1
+    )
+
+
+@kernel
+def add_field(lookup, first, other, rel):
+    """Compute the field of two types and a relative rotation, and return its number."""
+    one = _voxels(lookup, first, lookup.identity)
+    two = _voxels(lookup, other, rel)
+    clearance = lookup.clearance / lookup.voxel
+    around = 2 * padding(clearance) - 1
+    u = one.shape[0] + two.shape[0] + around
+    v = one.shape[1] + two.shape[1] + around
+    w = one.shape[2] + two.shape[2] + around
+    number, start = lookup.used[0], lookup.used[1]
+    size = u * v * w
+    if start + size > len(lookup.values) or number == len(lookup.fields):
+        lookup.numbers[:] = -1
+        number, start = 0, 0
+        lookup.used[2] += 1
+    fill_field(one, two, clearance, lookup.values[start : start + size].reshape((u, v, w)))
+    lookup.fields[number, 0] = start
+    lookup.fields[number, 1] = u
+    lookup.fields[number, 2] = v
+    lookup.fields[number, 3] = w
+    lookup.numbers[first, other, rel] = number
+    lookup.used[0] = number + 1
+    lookup.used[1] = start + size
+    return number
+
+
+@kernel
+def _voxels(lookup, a, rel):
+    """Return the voxels (x, y, z) of a type in one of the relative rotations."""
+    start, x, y, z = lookup.voxel_fields[a, rel]
+    return lookup.voxels[start : start + x * y * z].reshape((x, y, z))
+
+
+@kernel
+def settle(problem, first, other, rel, at):
+    """Compute the eight nodes from a place on by the surfaces."""
+    lookup = problem.lookup
+    number = lookup.numbers[first, other, rel]
+    start, u, v, w = lookup.fields[number]
+    field = lookup.values[start : start + u * v * w].reshape((u, v, w))
+    k = (at - start) % w
+    j = (at - start) // w % v
+    i = (at - start) // (w * v)
+    for x in range(i, i + 2):
+        for y in range(j, j + 2):
+            for z in range(k, k + 2):
+                if not field[x, y, z] & 1:
+                    found = _node(problem, first, other, rel, field, x, y, z)
+                    field[x, y, z] = encoded(found, True)
+
+
+@kernel
+def _node(problem, first, other, rel, field, x, y, z):
+    """Return the signed distance at a node, less the clearance, by the surfaces, in voxels."""
+    u, v, w = field.shape
+    voxel = problem.lookup.voxel
+    shift = problem.shift
+    shift[0] = (x - (u - 1) * 0.5) * voxel
+    shift[1] = (y - (v - 1) * 0.5) * voxel
+    shift[2] = (z - (w - 1) * 0.5) * voxel
+    clearance = problem.lookup.clearance / voxel
+    rough = (field[x, y, z] >> 1) / SCALE
+    problem.counts[3] += 1
+    if not _cross(problem, first, other, rel):
+        if rough + clearance < 0.5 and _nested(problem, first, other, rel):
+            return min(rough, -0.5)
+        most = (_REACH + clearance) * voxel
+        return _distance(problem, first, other, rel, most) / voxel - clearance
+    gx = float((field[min(u - 1, x + 1), y, z] >> 1) - (field[max(0, x - 1), y, z] >> 1))
+    gy = float((field[x, min(v - 1, y + 1), z] >> 1) - (field[x, max(0, y - 1), z] >> 1))
+    gz = float((field[x, y, min(w - 1, z + 1)] >> 1) - (field[x, y, max(0, z - 1)] >> 1))
+    length = np.sqrt(gx * gx + gy * gy + gz * gz)
+    if length == 0:
+        return min(rough, -0.5 - clearance)
+    ox, oy, oz = shift[0], shift[1], shift[2]
+    low, high = 0.0, 3.5
+    scale = voxel / length
+    for n in range(1 + _BISECTIONS):
+        middle = high if n == 0 else (low + high) * 0.5
+        shift[0] = ox + middle * scale * gx
+        shift[1] = oy + middle * scale * gy
+        shift[2] = oz + middle * scale * gz
+        if not _cross(problem, first, other, rel):
+            high = middle
+        elif n == 0:
+            return min(rough, -0.5 - clearance)
+        else:
+            low = middle
+    return -high - clearance
+
+
+@kernel
+def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
+    """Return whether items at an offset cross, are too close, or one is in the other, if it may."""
+    problem.shift[0], problem.shift[1], problem.shift[2] = sx, sy, sz
+    if problem.lookup.clearance > 0:
+        limit = problem.lookup.clearance
+        return _distance(problem, first, other, rel, limit) < limit or (
+            maybe_nested and _nested(problem, first, other, rel)
+        )
+    return _cross(problem, first, other, rel) or (
+        maybe_nested and _nested(problem, first, other, rel)
+    )
+
+
+@kernel
+def _cross(problem, first, other, rel):
+    """Return whether the surfaces of two types cross at `problem.shift`."""
+    problem.counts[1] += 1
+    s = problem.surfaces
+    a, b = first, other
+    return surfaces_cross(
+        s.triangles[s.triangle_starts[a] : s.triangle_starts[a + 1]],
+        s.boxes[s.box_starts[a] : s.box_starts[a + 1]],
+        s.leaves[s.leaf_starts[a] : s.leaf_starts[a + 1]],
+        s.triangles[s.triangle_starts[b] : s.triangle_starts[b + 1]],
+        s.boxes[s.box_starts[b] : s.box_starts[b + 1]],
+        s.leaves[s.leaf_starts[b] : s.leaf_starts[b + 1]],
+        problem.relative_turns[rel],
+        problem.shift,
+        problem.waiting,
+        problem.triangle,
+    )
+
+
+@kernel
+def _distance(problem, first, other, rel, limit):
+    """Return the distance of the surfaces of two types at `problem.shift`, or the limit."""
+    if _cross(problem, first, other, rel):
+        return 0.0
+    s = problem.surfaces
+    a, b = first, other
+    return surfaces_distance(
+        s.triangles[s.triangle_starts[a] : s.triangle_starts[a + 1]],
+        s.boxes[s.box_starts[a] : s.box_starts[a + 1]],
+        s.leaves[s.leaf_starts[a] : s.leaf_starts[a + 1]],
+        s.triangles[s.triangle_starts[b] : s.triangle_starts[b + 1]],
+        s.boxes[s.box_starts[b] : s.box_starts[b + 1]],
+        s.leaves[s.leaf_starts[b] : s.leaf_starts[b + 1]],
+        problem.relative_turns[rel],
+        problem.shift,
+        problem.waiting,
+        problem.triangle,
+        limit,
+    )
+
+
+@kernel
+def _nested(problem, first, other, rel):
+    """Return whether a part of one of two items at `problem.shift` is inside the other."""
+    turn = problem.relative_turns[rel]
+    unturned = problem.relative_turns[problem.lookup.identity]
+    return _holds(problem, first, other, unturned, turn, problem.shift) or _holds(
+        problem, other, first, turn, unturned, -problem.shift
+    )
+
+
+@kernel
+def _holds(problem, around, inside, turn, inside_turn, shift):
+    """Return whether a closed part of an item holds a part of another one, or its solid does."""
+    s, c = problem.solids, problem.closed
+    points = s.points[s.point_starts[inside] : s.point_starts[inside + 1]]
+    if len(points) == 0:
+        return False
+    if c.triangle_starts[around + 1] > c.triangle_starts[around] and holds(
+        points,
+        c.triangles[c.triangle_starts[around] : c.triangle_starts[around + 1]],
+        c.part[c.triangle_starts[around] : c.triangle_starts[around + 1]],
+        c.boxes[c.box_starts[around] : c.box_starts[around + 1]],
+        c.leaves[c.leaf_starts[around] : c.leaf_starts[around + 1]],
+        turn,
+        inside_turn,
+        shift,
+    ):
+        return True
+    start = s.starts[around]
+    if s.starts[around + 1] == start:
+        return False
+    y, z = s.dims[around, 1], s.dims[around, 2]
+    per_voxel = 1 / s.voxels[around]
+    for n in range(len(points)):
+        at = start
+        for d in range(3):
+            place = 0.0
+            for e in range(3):
+                whole = shift[e]
+                for f in range(3):
+                    whole += inside_turn[e, f] * points[n, f]
+                place += turn[e, d] * whole
+            cell = int(np.floor(place * per_voxel + s.dims[around, d] * 0.5))
+            if not 0 <= cell < s.dims[around, d]:
+                at = -1
+                break
+            at += cell * (y * z if d == 0 else z if d == 1 else 1)
+        if at >= 0 and s.enclosed[at]:
+            return True
+    return False

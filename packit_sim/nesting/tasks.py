@@ -1,0 +1,124 @@
+"""What is searched for, for how long, and what is found."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.nesting.problem import State
+
+PASSES = 5
+"""Passes of a separation between two looks at the clock."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """The settings of a search; the defaults come from measurements (see `benchmarks/nesting.py`).
+
+    Attributes
+    ----------
+    samples : int
+        Samples of a move.
+    patience : int
+        Passes without a gain after which a separation gives up.
+    construction_samples : int
+        Samples for each item of a construction.
+    shrink : float
+        Largest share by which a strip shrinks at a time.
+    least_shrink : float
+        Smallest share.
+    """
+
+    samples: int = 60
+    patience: int = 60
+    construction_samples: int = 300
+    shrink: float = 0.04
+    least_shrink: float = 0.001
+
+
+class Budget:
+    """Time or passes that a search may take.
+
+    Parameters
+    ----------
+    seconds : float
+        Seconds of wall time from now on.
+    passes : int, optional
+        Passes, instead of the time.
+    """
+
+    def __init__(self, seconds: float, passes: int | None = None) -> None:
+        self._end = time.perf_counter() + seconds
+        self._passes = passes
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether nothing is left."""
+        if self._passes is None:
+            return time.perf_counter() >= self._end
+        return self._passes <= 0
+
+    def take(self) -> int:
+        """Return how many passes may come next, at most `PASSES`."""
+        if self._passes is None:
+            return PASSES
+        passes = min(PASSES, self._passes)
+        self._passes -= passes
+        return passes
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Where items are: inside (n,), rotations' numbers turned (n,), places (n, 3) of origins."""
+
+    inside: Ints
+    turned: Ints
+    places: Floats
+
+    @classmethod
+    def of(cls, state: State) -> Poses:
+        """Copy the poses of a state."""
+        return cls(state.inside.copy(), state.turned.copy(), state.places.copy())
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Items without conflicts.
+
+    Attributes
+    ----------
+    score : tuple of float
+        What is to be as small as possible, the most important number first.
+    poses : Poses
+        Where the items are.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes (see `boxes_of`).
+    """
+
+    score: tuple[float, ...]
+    poses: Poses
+    boxes: Floats
+
+
+@dataclass(eq=False)
+class Task:
+    """What is searched for.
+
+    Attributes
+    ----------
+    numbers : ndarray of int64, shape (n,)
+        The type of each item.
+    volumes, values : ndarray of float64, shape (n,)
+        Their volumes and values.
+    size : tuple of float
+        The sides of the container; the height of a strip is infinite.
+    settings : SearchSettings
+        The settings.
+    """
+
+    numbers: Ints
+    volumes: Floats
+    values: Floats
+    size: tuple[float, float, float]
+    settings: SearchSettings = field(default_factory=SearchSettings)
