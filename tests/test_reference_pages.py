@@ -21,12 +21,13 @@ from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary, assets_folder
 from packit_sim.libraries.sources import ShapeInfo
-from packit_sim.nesting import packing_files
+from packit_sim.nesting import instances, packing_files
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
 
 FILES = DOCS / "reference" / "files.md"
+INSTANCES = DOCS / "reference" / "instances.md"
 ENVIRONMENT = DOCS / "reference" / "environment.md"
 
 STORED: dict[str, tuple[type, dict[str, str]]] = {
@@ -68,6 +69,26 @@ def stored_names(kind: type) -> list[str]:
 def test_files_lists_the_fields_of(key) -> None:
     kind, added = STORED[key]
     assert names(tables(FILES)[key]) == [*added, *stored_names(kind)]
+
+
+def test_instances_lists_the_fields_of_its_files() -> None:
+    for key, rows in tables(INSTANCES).items():
+        assert names(rows) == stored_names(getattr(instances, key))
+    assert {"_Instance", "_Base", "_InstanceItem", "_Solution"} <= set(tables(INSTANCES))
+
+
+@pytest.mark.parametrize("name", ["published", "two-task-strips"])
+def test_instances_has_the_figures_of_the_tables(name) -> None:
+    lines = (assets_folder() / "instances" / f"{name}.csv").read_text().splitlines()[1:]
+    shown = {re.sub(r"[`| ]", "", line) for line in read(INSTANCES).splitlines()}
+    for line in lines:
+        cells = line.split(",")
+        if name == "published":
+            file, steps, seeds, *heights = cells
+            rotations = "fixed" if steps == "1" else f"axis-{steps}"
+            heights = [height or "-" for height in heights]
+            cells = [file.removesuffix(".json").replace(" ", ""), rotations, *heights, seeds]
+        assert "".join(cells) in shown, line
 
 
 def test_every_table_of_files_is_compared() -> None:

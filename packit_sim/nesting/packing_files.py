@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -23,6 +23,7 @@ from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.lengths import MAX_LENGTH, MIN_LENGTH
+from packit_sim.nesting.mesh_paths import is_inside
 from packit_sim.nesting.placements import Placement, pose_fault
 
 Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
@@ -154,7 +155,7 @@ def _mesh_path(item_type: ItemType, path: Path) -> str:
         file = item_type.file.resolve()
         if file.is_relative_to(folder) and file.is_file():
             relative = file.relative_to(folder).as_posix()
-            if _is_inside(relative):
+            if is_inside(relative):
                 return relative
     meshes = path.with_name(f"{path.stem}-meshes")
     meshes.mkdir(exist_ok=True)
@@ -185,15 +186,9 @@ def _read(file: Path) -> _Packing:
     with located(file, PackFormatError):
         packing = typed_json.decode(data, _Packing, PackFormatError, "a packing")
         for n, item in enumerate(packing.items):
-            if not _is_inside(item.mesh):
+            if not is_inside(item.mesh):
                 raise PackFormatError(
                     f"field 'items[{n}].mesh' is {item.mesh!r}: "
                     "it must be a path inside the packing's folder"
                 )
     return packing
-
-
-def _is_inside(path: str) -> bool:
-    parts = PurePosixPath(path).parts
-    outside = path.startswith("/") or PureWindowsPath(path).anchor or "\0" in path
-    return bool(parts) and not outside and ".." not in parts
