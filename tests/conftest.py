@@ -17,7 +17,9 @@ import typer.main
 import typer.testing
 from hypothesis import settings
 
+from packit_sim.libraries import importer
 from packit_sim.render import bullet, renderers
+from tests.runs import PoolOfNone
 
 settings.register_profile("quick", deadline=None, max_examples=15, derandomize=True)
 settings.register_profile("all", deadline=None, max_examples=100, print_blob=True)
@@ -34,8 +36,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure() -> None:
     """Build the command line once a process, not once a call: that takes 0.1 s.
 
-    Hear Ctrl-C also where pytest runs in the background: what tests start inherits that.
+    Let torch compute in one thread: several processes with more would take turns, and twice the
+    time. Hear Ctrl-C also where pytest runs in the background. What tests start inherits both.
     """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -45,6 +49,12 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "mask_seed" in metafunc.fixturenames:
         masks, seed = (metafunc.config.getoption(name) for name in ("--masks", "--seed"))
         metafunc.parametrize("mask_seed", [(seed, n) for n in range(masks)], ids=str)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Imports of meshes start no process."""
+    monkeypatch.setattr(importer, "ProcessPool", PoolOfNone)
 
 
 @pytest.fixture

@@ -289,6 +289,7 @@ def test_a_task_with_a_broken_mesh_is_skipped_by_number(
     assert [each.task for each in read_results(results)] == [0, 2]
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_parts_of_a_file_are_joined_and_that_is_said(
     meshes: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

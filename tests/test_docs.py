@@ -9,7 +9,7 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from typer.main import get_command
 import packit_sim
 from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate, format_estimate
+from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import write_packs
 from packit_sim.game.agents import Agent
 from packit_sim.paper.reproduction import HEURISTIC, TABLES
@@ -129,8 +130,16 @@ def few_items(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packit_sim, "dataset_file", lambda name: folder / "few.jsonl")
 
 
+def few_chromosomes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evolve a tenth of the population."""
+    small = partial(EvolutionSettings, population=10, elite=2, lucky=2)
+    monkeypatch.setattr(packit_sim, "EvolutionSettings", small)
+
+
 SHORTENED: dict[str, Callable[[Path, pytest.MonkeyPatch], None]] = {
-    "docs/guides/physics.md": few_items
+    "README.md": few_chromosomes,
+    "docs/start/first-box.md": few_chromosomes,
+    "docs/guides/physics.md": few_items,
 }
 """What makes the code of a page shorter, by the page."""
 

@@ -1,7 +1,5 @@
 """The features extractor for stable-baselines3, and PackNN as its policy."""
 
-from collections.abc import Iterator
-
 import gymnasium
 import numpy as np
 import pytest
@@ -26,15 +24,6 @@ from packit_sim.game.episode import Episode, Stage
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=1)
 TINY = {"n_steps": 32, "batch_size": 32, "n_epochs": 1, "seed": 0, "device": "cpu"}
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks as small as these are slower on more."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def observed(env: PackItEnv, steps: int) -> dict[str, np.ndarray]:

@@ -24,12 +24,14 @@ from packit_sim.core.memory import limit_memory
 from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
+from packit_sim.libraries import importer
 from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate
 from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes
+from tests.runs import PoolOfNone
 from tests.runs import run_packit as packit
 
 MEASURED = """
@@ -62,6 +64,7 @@ class Trouble:
         raise RuntimeError("what no one thought of")
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_import_is_a_library_with_a_report(tmp_path: Path) -> None:
     block = creation.box((1, 2, 3))
     flipped = trimesh.Trimesh(
@@ -111,6 +114,7 @@ def test_a_limit_of_the_shell_is_not_raised() -> None:
     assert process.exitcode == 0
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_no_library_is_stored_before_its_report(tmp_path: Path) -> None:
     def stop(outcomes: list[Outcome]) -> None:
         raise KeyboardInterrupt(outcomes[0].info)
@@ -137,20 +141,24 @@ def test_the_error_bound_is_valid(tmp_path: Path) -> None:
         assert gaps.reshape(len(points), -1).min(axis=1).max() <= info.error_bound
 
 
-def test_an_import_is_the_same_to_the_bit_with_any_number_of_workers(tmp_path: Path) -> None:
+def test_an_import_is_the_same_to_the_bit_in_one_process_and_in_two(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     candidates = [
         candidate(f"thing/{n}", creation.icosphere(subdivisions=3).apply_scale((1, 1, n + 1)))
         for n in range(3)
     ]
     settings = replace(QUICK, simplification=Simplification(max_triangles=500))
-    for name, workers in (("one", 1), ("two", 2)):
-        import_library(candidates, tmp_path / name, "mine", "", replace(settings, workers=workers))
+    import_library(candidates, tmp_path / "two", "mine", "", replace(settings, workers=2))
+    monkeypatch.setattr(importer, "ProcessPool", PoolOfNone)
+    import_library(candidates, tmp_path / "one", "mine", "", settings)
     files = [f.relative_to(tmp_path / "one") for f in (tmp_path / "one").rglob("*") if f.is_file()]
     assert len(files) == 5
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_the_same_object_is_one_group_and_in_one_split(tmp_path: Path) -> None:
     ball, turned = creation.capsule(2, 1), creation.capsule(2, 1)
     turned.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
@@ -189,6 +197,7 @@ def test_too_costly_meshes_are_refused_and_the_rest_is_imported(tmp_path: Path) 
     assert ShapeLibrary.open(tmp_path / "lib").ids == ("good",)
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_what_cannot_be_reduced_closely_enough_is_refused(tmp_path: Path) -> None:
     settings = replace(QUICK, simplification=Simplification(max_triangles=20, max_error=0.001))
     (outcome,) = import_library([candidate("ball", BALL)], tmp_path / "lib", "mine", "", settings)
@@ -203,6 +212,7 @@ def test_what_cannot_be_reduced_closely_enough_is_refused(tmp_path: Path) -> Non
     assert outcome.problem == "it is 0.014 of its diagonal thick: at least 0.05"
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_ids_that_cannot_be_stored_are_changed_and_stay_apart(tmp_path: Path) -> None:
     names = ["a b", "a-b", "A-B", "../up", "...", "ü/ß"]
     blocks = [candidate(name, creation.box((1, 2, 3 + n))) for n, name in enumerate(names)]
@@ -262,6 +272,7 @@ def test_the_command_imports_a_folder_of_anything(tmp_path: Path) -> None:
     assert f"{len(bad_meshes.BAD)} refused" in done.stdout
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_the_command_says_what_is_wrong(tmp_path: Path) -> None:
     bad_meshes.write(tmp_path, ["nan.stl"])
     refused = packit("shapes", "import", f"folder:{tmp_path}", "--out", tmp_path / "lib")

@@ -7,7 +7,7 @@ import re
 import resource
 import signal
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -56,16 +56,6 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.rules import End, Rules
 from tests.zoo import cube_of
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks as small as these are slower on more."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
 
 SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2)
 

@@ -63,6 +63,7 @@ def test_evaluation_logs_what_is_resumed(tmp_path: Path, caplog: pytest.LogCaptu
     assert "1 results exist, 0 to play" in caplog.text
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_import_logs_what_is_skipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     meshes = tmp_path / "meshes"
     meshes.mkdir()

@@ -150,13 +150,14 @@ def _earlier(
     nx, ny = ((outer.shape[axis] - item.cells[axis]) // STEP + 1 for axis in (0, 1))
     z, x, y = np.unravel_index(np.arange((k * nx + i) * ny + j), (k + 1, nx, ny))
     left = np.column_stack([x, y, z])
+    corners = np.ravel_multi_index(tuple(left.T * STEP), outer.shape)
     rng = np.random.default_rng(0)
-    for own, theirs in ((item.inner, outer), (item.outer, inner)):
+    for own, theirs in ((item.inner, outer.ravel()), (item.outer, inner.ravel())):
         cells = rng.permutation(np.argwhere(own))[:WITNESSES]
-        offsets = np.ravel_multi_index(tuple(cells.T), theirs.shape)
-        for some in np.array_split(offsets, range(8, len(offsets), 8)):
-            base = np.ravel_multi_index(tuple(left.T * STEP), theirs.shape)
-            left = left[~theirs.ravel()[base[:, None] + some].any(axis=1)]
+        offsets = np.ravel_multi_index(tuple(cells.T), outer.shape)
+        for some in np.array_split(offsets, 2 ** np.arange(9)):  # more at once, as fewer are left
+            free = ~theirs[corners + some[:, None]].any(axis=0)
+            corners, left = corners[free], left[free]
     asked = list(placed)
     for x, y, z in left.tolist():
         at = PlacedItem(item, (x, y, z))
