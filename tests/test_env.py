@@ -558,8 +558,7 @@ def test_a_page_shows_the_box_as_it_fills(tasks, caplog) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "PackIt-v0",
+    [  # and PackIt-v0 in test_imports.py
         pytest.param("PackItEasy-v0", marks=pytest.mark.slow),
         pytest.param("PackItPhysics-v0", marks=pytest.mark.slow),
     ],

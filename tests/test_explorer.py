@@ -480,6 +480,7 @@ def test_a_busy_port_is_reported() -> None:
     assert f"port {port}" in error and "choose another port" in error and error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_results_are_shown_with_their_tasks(packit, packs, library, tmp_path) -> None:
     path = tmp_path / "results.jsonl"
     write_packs(path, [result(packs[0], library, 0, 5, "a/b/c")])

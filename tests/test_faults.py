@@ -12,6 +12,7 @@ import pytest
 from campaigns import injector
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.evaluation.results import opened, read_results, write_results
+from tests.runs import run_packit
 
 EVALUATE = [
     *("-m", "packit_sim", "evaluate", "starter", "--tasks", "2", "--workers", "1"),
@@ -33,7 +34,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="names files by 
 def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two results of one agent."""
     folder = tmp_path_factory.mktemp("played")
-    done = injector.run([*EVALUATE, str(folder / "res.jsonl")], folder, fault="none")
+    done = run_packit(*EVALUATE[2:], folder / "res.jsonl")
     assert done.returncode == 0, done.stderr
     return folder / "res.jsonl"
 

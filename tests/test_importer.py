@@ -249,6 +249,7 @@ def test_the_command_imports_a_folder_of_anything(tmp_path: Path) -> None:
     bad_meshes.write(meshes, list(bad_meshes.BAD))
     bad_meshes.write(meshes / "good", list(bad_meshes.GOOD))
     arguments = ["shapes", "import", f"folder:{meshes}", "--out", tmp_path / "lib", "--memory", "2"]
+    arguments += ["--workers", "1"]
     done = subprocess.run(
         [sys.executable, "-c", MEASURED, *map(str, arguments)], capture_output=True, text=True
     )

@@ -6,8 +6,10 @@ import sys
 
 PLAY = """
 import json, sys
-import gymnasium, packit_sim
-env = gymnasium.make("PackIt-v0")
+import gymnasium
+assert "packit_sim" not in sys.modules
+env = gymnasium.make("packit_sim:PackIt-v0")
+assert (type(env.unwrapped).__name__, env.spec.id) == ("PackItEnv", "PackIt-v0")
 _, info = env.reset(seed=1)
 for _ in range(3):
     _, _, _, _, info = env.step(int(info["action_mask"].argmax()))

@@ -534,7 +534,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
 @pytest.mark.parametrize(
     "change",
     [
-        {"observation": "features"},
+        pytest.param({"observation": "features"}, marks=pytest.mark.slow),
         pytest.param(
             {"observation": "placement-features", "augmented": True}, marks=pytest.mark.slow
         ),

@@ -1,7 +1,7 @@
 """Format 1 of packs and results, as version 0.1.0 wrote it: still read, rewritten as format 2."""
 
 import json
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -127,15 +127,16 @@ def test_a_dataset_in_the_old_format_is_valid() -> None:
     assert report.holds, report.problems
 
 
-def test_the_script_rewrites_a_folder(tmp_path: Path) -> None:
+def test_the_script_rewrites_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = Path(__file__).parents[1] / "scripts" / "migrate_packs.py"
     before = {}
     for name in ("history", "other"):
         source = RECORDS / "packs" / f"{name}.jsonl"
         before[name] = read_packs(source)
         (tmp_path / f"{name}.jsonl").write_bytes(source.read_bytes())
+    monkeypatch.setattr(sys, "argv", [script.name, str(tmp_path)])
     for _ in ("once", "again"):
-        subprocess.run([sys.executable, script, tmp_path], check=True, capture_output=True)
+        runpy.run_path(str(script), run_name="__main__")
         for name, packs in before.items():
             file = tmp_path / f"{name}.jsonl"
             assert read_packs(file) == packs and '{"format":2,' in file.read_text()
