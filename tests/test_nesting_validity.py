@@ -80,12 +80,12 @@ def common_volume(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
     return float((bodies[0] ^ bodies[1]).volume())
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_conflicts_are_those_of_the_intersection_of_the_solids(seed) -> None:
     """Random pairs that cross, that touch almost, that are nested and that are apart."""
     rng = np.random.default_rng(seed)
     found = {True: 0, False: 0}
-    for _ in range(60):
+    for _ in range(40):
         meshes = [solids()[n] for n in rng.integers(len(solids()), size=2)]
         poses = [at(5, 5, 5, turn_of(rng)), at(*(5 + rng.uniform(-1.6, 1.6, 3)), turn_of(rng))]
         packing = packed(*zip(meshes, poses, strict=True))
@@ -99,7 +99,7 @@ def test_conflicts_are_those_of_the_intersection_of_the_solids(seed) -> None:
             assert common > 0, (seed, problems)
         else:  # what is common lies within the tolerance of the surfaces
             assert common <= 1e-3 * min(mesh.area for mesh in meshes), seed
-    assert min(found.values()) >= 15
+    assert min(found.values()) >= 8
 
 
 def test_a_small_item_fits_in_the_hole_of_another_but_not_in_its_solid() -> None:
@@ -157,30 +157,26 @@ def test_items_may_touch_within_the_tolerance(overlap, valid, turned) -> None:
 
 
 def test_surfaces_in_contact_are_never_in_the_voxels_of_the_other() -> None:
-    """Bodies of any shape at a gap of 0: no voxel is enclosed that the tolerance reaches."""
+    """Bodies of any shape at a gap of 0: no voxel is enclosed that the tolerance reaches.
+
+    The same for their triangles alone, which are no shells.
+    """
     rng = np.random.default_rng(5)
-    for mesh in solids():
-        for _ in range(3):
-            turn, other_turn = turn_of(rng), turn_of(rng)
-            ball = solids()[1]
-            triangle = mesh.triangles[rng.integers(len(mesh.faces))] @ turn.T
-            normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-            normal /= np.linalg.norm(normal)
-            points = ball.vertices @ other_turn.T
-            shift = triangle.mean(axis=0) - points[(points @ normal).argmin()]
-            packing = packed((mesh, at(5, 5, 5, turn)), (ball, at(*(5 + shift), other_turn)))
-            moved = [
-                packing.types[p.type].vertices @ p.pose[:3, :3].T + p.pose[:3, 3]
-                for p in packing.placements
-            ]
-            common = common_volume(
-                *(
-                    trimesh.Trimesh(v, t.faces, process=False)
-                    for v, t in zip(moved, packing.types, strict=True)
-                )
-            )
-            if common < 1e-9:
-                assert packing.problems() == []
+    touching = 0
+    for mesh in solids() * 3:
+        turn, other_turn = turn_of(rng), turn_of(rng)
+        ball = solids()[1]
+        triangle = mesh.triangles[rng.integers(len(mesh.faces))] @ turn.T
+        normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
+        points = ball.vertices @ other_turn.T
+        shift = triangle.mean(axis=0) - points[(points @ normal).argmin()]
+        poses = at(5, 5, 5, turn), at(*(5 + shift), other_turn)
+        bodies = [m.copy().apply_transform(p) for m, p in zip((mesh, ball), poses, strict=True)]
+        if common_volume(*bodies) < 1e-9:
+            touching += 1
+            assert packed((mesh, poses[0]), (ball, poses[1])).problems() == []
+            assert packed((_with_a_slit(mesh), poses[0]), (ball, poses[1])).problems() == []
+    assert touching >= 9
 
 
 def brute_distance(one: Floats, other: Floats) -> float:

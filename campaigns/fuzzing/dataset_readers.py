@@ -20,6 +20,7 @@ from packit_sim.datasets.original import read_original
 from packit_sim.datasets.pack_files import dataset_library, read_packs, write_packs
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.results import check_results, read_results
+from packit_sim.nesting.instances import ITEM_ORIGINS, read_instance, read_solution
 from packit_sim.nesting.packing_files import verify_packing
 from tests import bad_meshes
 
@@ -117,6 +118,40 @@ def _read_packing(data: bytes) -> None:
         world.require_clean(str(problem))
 
 
+def _instance(folder: str) -> None:
+    """Write an instance and its meshes, which solutions refer to."""
+    for name, mesh in (("box.stl", creation.box((1, 2, 3))), ("cone.stl", creation.cone(1, 2))):
+        world.written(f"{folder}/parts/{name}", world.exported(mesh, "stl"))
+    world.written(f"{folder}/given.json", _instances()[0])
+
+
+def _instances() -> list[bytes]:
+    types = [{"path": f"parts/{name}.stl", "demand": 2} for name in ("box", "cone")]
+    content = {"name": "two", "container": {"size-x": 9, "size-y": 8.5}, "item-types": types}
+    return [json.dumps(content).encode()]
+
+
+def _read_instance(data: bytes) -> None:
+    _instance("instance")
+    read_instance(world.written("instance/changed.json", data))
+
+
+def _solutions() -> list[bytes]:
+    matrix = np.eye(4)
+    matrix[3, :3] = 2.0
+    pose = {"position": [2, 2, 2], "yaw": 0, "pitch": 0, "roll": 0, "matrix": matrix.tolist()}
+    items = [{"name": "box.stl", "transformation": pose}] * 2
+    content = {"instancePath": "given.json", "totalHeight": 3.5, "items": items}
+    return [json.dumps(content | {"itemOrigin": origin}).encode() for origin in ITEM_ORIGINS]
+
+
+def _read_solution(data: bytes) -> None:
+    _instance("solution")
+    packing = read_solution(world.written("solution/changed.json", data))
+    for problem in packing.problems():
+        world.require_clean(problem)
+
+
 READERS = (
     Reader("packs", "packs of format 2", lambda: _lines(world.packs()), _read_packs, json_tree),
     Reader("packs-1", "packs of format 1", lambda: _former("packs"), _read_packs, json_tree),
@@ -128,5 +163,7 @@ READERS = (
     Reader("manifests", "manifests", _manifests, _read_manifest, json_tree),
     Reader("original", "packs of the original PackIt", _originals, _read_original, json_tree),
     Reader("packings", "packings of other tools", _packings, _read_packing, json_tree),
+    Reader("instances", "strip-packing instances", _instances, _read_instance, json_tree),
+    Reader("solutions", "solutions of instances", _solutions, _read_solution, json_tree),
 )
 """The readers of this module."""

@@ -10,7 +10,7 @@ import json
 import math
 from collections import defaultdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -37,6 +37,11 @@ __all__ = [
 
 MAX_ITEMS = 100_000
 """Most items of an instance."""
+
+ItemOrigin = Literal["Original", "AlignToMinimum", "AlignToCenter"]
+
+ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
+"""The points of a mesh that may be the origin for its poses in a solution."""
 
 Extent = Annotated[float, Meta(gt=MIN_LENGTH, lt=MAX_LENGTH)]
 Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
@@ -182,7 +187,7 @@ def write_solution(packing: Packing, path: Path | str, instance: str = "") -> No
     replace_text(Path(path), json.dumps(solution, indent=1, ensure_ascii=False) + "\n")
 
 
-def _origin(item_type: ItemType, name: str) -> Floats:
+def _origin(item_type: ItemType, name: ItemOrigin) -> Floats:
     """Return the point (3,) of a mesh that is the origin for the poses of a solution."""
     if name == "AlignToMinimum":
         return item_type.low
@@ -249,4 +254,4 @@ class _Solution(Struct, rename="camel"):
 
     instance_path: str
     items: Annotated[tuple[_SolutionItem, ...], Meta(min_length=1, max_length=MAX_ITEMS)]
-    item_origin: Literal["Original", "AlignToMinimum", "AlignToCenter"] = "Original"
+    item_origin: ItemOrigin = "Original"

@@ -6,7 +6,6 @@ The check is independent of every search. It decides about original meshes at th
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import combinations
 
 import numpy as np
 
@@ -168,7 +167,12 @@ def problems(bodies: Iterable[Body], container: Container, clearance: float = 0.
     """
     bodies = list(bodies)
     found = [sentence for body in bodies for sentence in outside(body, container)]
-    for one, other in combinations(bodies, 2):
-        if one.box == other.box:
-            found += conflicts(one, other, clearance)
+    low, high = (np.array([getattr(b, end) for b in bodies]) for end in ("low", "high"))
+    boxes = np.array([body.box for body in bodies])
+    for n, one in enumerate(bodies[:-1]):
+        rest = slice(n + 1, None)
+        gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
+        near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
+        for m in np.flatnonzero(near).tolist():
+            found += conflicts(one, bodies[n + 1 + m], clearance)
     return found
