@@ -192,7 +192,7 @@ def test_the_same_again_and_in_another_order() -> None:
 def test_many_shapes_need_more_than_one_world(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tiles = [(shape.id, shape) for shape in ZOO[:5]]
+    tiles = [(shape.id, shape) for shape in ZOO[:3]]
     in_one = contact_sheet(tiles, side=SIDE)
     monkeypatch.setattr(scene, "_MAX_SHAPES", 1)
     in_three = contact_sheet(tiles, side=SIDE)

@@ -187,7 +187,7 @@ def test_episodes_are_played_again_in_an_environment_that_observes_more(
     settings = {"order": order, "max_shapes": 40, **fixed}
     agent = Agent.from_name("random/random/blbf")
     with gym.make("PackIt-v0", observation="none", **settings) as env:
-        dataset = record(env, tmp_path / "r", agent, episodes=3, seed=5)
+        dataset = record(env, tmp_path / "r", agent, episodes=2, seed=5)
     finer = gym.make("PackIt-v0", observation="features", **settings)
     finer.reset(seed=0)  # leaves tasks in turn elsewhere
     recorded = list(stage_steps(dataset, Stage.LOCATION))

@@ -1,6 +1,7 @@
 """Stable-Baselines3 and sb3-contrib play the environments as they are."""
 
 import functools
+import multiprocessing
 
 import gymnasium as gym
 import numpy as np
@@ -53,6 +54,7 @@ def test_the_checker_is_content_where_there_are_no_grids(name) -> None:
 @pytest.mark.parametrize("vectorized", [DummyVecEnv, SubprocVecEnv])
 def test_vector_environments_play_like_single_ones(vectorized) -> None:
     settings = {"observation": "features", **SHAPE_ONLY}
+    multiprocessing.set_forkserver_preload(["packit_sim.envs.env"])  # once, not in each process
     envs = vectorized([functools.partial(gym.make, "packit_sim:PackIt-v0", **settings)] * 2)
     singles = [PackItEnv(**settings) for _ in range(2)]
     finished = 0
