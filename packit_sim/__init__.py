@@ -42,6 +42,11 @@ if TYPE_CHECKING:
     from packit_sim.geometry.shapes import Item as Item
     from packit_sim.geometry.shapes import Shape as Shape
     from packit_sim.libraries.library import ShapeLibrary as ShapeLibrary
+    from packit_sim.nesting.containers import BoxContainer as BoxContainer
+    from packit_sim.nesting.item_types import ItemType as ItemType
+    from packit_sim.nesting.nest import NestSettings as NestSettings
+    from packit_sim.nesting.nest import nest as nest
+    from packit_sim.nesting.packing import Packing as Packing
     from packit_sim.physics.quality import pack_quality as pack_quality
     from packit_sim.physics.settings import DecompositionSettings as DecompositionSettings
     from packit_sim.physics.settings import PhysicsSettings as PhysicsSettings
@@ -74,6 +79,10 @@ _HOMES = {
     "generation.evolution": ("evolve",),
     "geometry.shapes": ("Item", "Shape"),
     "libraries.library": ("ShapeLibrary",),
+    "nesting.containers": ("BoxContainer",),
+    "nesting.item_types": ("ItemType",),
+    "nesting.nest": ("NestSettings", "nest"),
+    "nesting.packing": ("Packing",),
     "physics.quality": ("pack_quality",),
     "physics.settings": ("DecompositionSettings", "PhysicsSettings"),
     "physics.settling": ("settle",),

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from packit_sim.core.checks import Range, check_range
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import BackendName, Workers
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
@@ -20,13 +20,15 @@ from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.cost_kernels import box_of
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.knapsacks import KnapsackSearch
-from packit_sim.nesting.packing import OBJECTIVES, Packing
+from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
-from packit_sim.nesting.problem import Problem, candidates
+from packit_sim.nesting.problem import DRAWN_IN, Problem, candidates
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.strips import StripSearch
 from packit_sim.nesting.tasks import SearchSettings, Solution, Task
+
+_log = plain_logger("packit_sim.nesting")
 
 SEARCHES: dict[str, Callable[[Task, int], Search]] = {
     "strip": StripSearch,
@@ -34,6 +36,10 @@ SEARCHES: dict[str, Callable[[Task, int], Search]] = {
     "bins": BinsSearch,
 }
 """The search for each objective."""
+
+
+class NestingError(PackItError, RuntimeError):
+    """A search that found no valid packing."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +85,12 @@ def nest(
     items : sequence of ItemType, Item, Path or str
         The items; an `Item` or a mesh file stands for one of it, in the 24 rotations.
     container : BoxContainer or sequence of float
-        The box, or its sides; a strip's height is `math.inf`.
+        The box, or its sides; the height of a strip is `math.inf`.
     objective : str
         "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
         fewest boxes.
     time : float
-        Seconds, from the call on. The first answer can take longer.
+        Seconds, from the call on. The first packing may take longer.
     seed : int
         The seed.
     clearance : float
@@ -97,8 +103,7 @@ def nest(
     Returns
     -------
     Packing
-        The best packing that was found; it is valid by `Packing.problems`. Ctrl-C ends the search
-        early.
+        The best packing that was found; it has no `Packing.problems`. Ctrl-C ends the search early.
 
     Raises
     ------
@@ -108,74 +113,93 @@ def nest(
         If a mesh can't be used.
     WorkersError
         If the processes can't be started.
+    NestingError
+        If no packing that was found is valid.
     """
     start = clock.perf_counter()
-    types = tuple(_item_type(each) for each in items)
+    types = _item_types(items)
     if not isinstance(container, BoxContainer):
-        container = BoxContainer(tuple(container))  # type: ignore[arg-type]
-    _check(types, container, objective, time, clearance)
+        container = BoxContainer(container)  # type: ignore[arg-type]
+    check_range("time", time, POSITIVE)
+    check_range("seed", as_integer("seed", seed), Range(0))
+    if settings.iterations is not None:
+        check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
+    empty = Packing(types, container, (), clearance, objective)
+    _check(empty)
     problems = Problems(types, container.longest, clearance)
     count = np.array([each.demand for each in types])
     numbers = np.arange(len(types)).repeat(count)
     volumes = np.array([each.volume for each in types])[numbers]
     values = np.array([each.volume if each.value is None else each.value for each in types])
     task = Task(numbers, volumes, values[numbers], container.size, settings.search)
-    best = Packing(types, container, (), clearance, objective)
+
+    def checked(solution: Solution) -> Packing | None:
+        packing = _packing(problems.get(), task, solution, empty)
+        found = packing.problems()
+        if objective != "knapsack" and any(packing.left_out):
+            found.append("not all items are placed")
+        if found:
+            _log.info("a packing is dropped, since it is not valid: %s", "; ".join(found))
+        return None if found else packing
+
+    best: Packing | None = None
     with Workers(settings.workers, settings.backend, settings.address) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
         limits = Limits(start + time - clock.perf_counter(), settings.iterations)
-        with suppress(KeyboardInterrupt):
-            for solution in rounds(problems, searches, limits, workers):
-                found = _packing(problems.get(), task, solution, best)
-                if found.problems():
-                    continue
-                best = found
+        try:
+            for best in rounds(problems, searches, limits, workers, checked):
                 if callback is not None:
                     callback(best, clock.perf_counter() - start)
+        except KeyboardInterrupt:
+            if best is None:
+                raise
+    if best is None:
+        raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
 
 
-def _item_type(item: ItemType | Item | Path | str) -> ItemType:
+def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:
+    if isinstance(items, (str, Path, Item, ItemType)):
+        raise ArgumentError(f"items {items!r} is not possible: it must be a sequence of items")
+    types = tuple(_item_type(n, each) for n, each in enumerate(items))
+    if not types:
+        raise ArgumentError("items is empty: there must be at least one item to pack")
+    return types
+
+
+def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
     if isinstance(item, ItemType):
         return item
-    return ItemType.from_item(item) if isinstance(item, Item) else ItemType.from_file(item)
+    if isinstance(item, Item):
+        return ItemType.from_item(item)
+    if isinstance(item, (str, Path)):
+        return ItemType.from_file(item)
+    raise ArgumentError(
+        f"items[{number}] is of type {type(item).__name__}: "
+        "choose an ItemType, an Item or the path of a mesh file"
+    )
 
 
-def _check(
-    types: tuple[ItemType, ...],
-    container: BoxContainer,
-    objective: str,
-    time: float,
-    clearance: float,
-) -> None:
-    """Raise ArgumentError if an argument is not possible."""
-    if not types:
-        raise ArgumentError("there are no items to pack")
-    if objective not in OBJECTIVES:
-        raise ArgumentError(
-            f"objective {objective!r} is not known: choose from {', '.join(OBJECTIVES)}"
-        )
+def _check(packing: Packing) -> None:
+    """Raise ArgumentError if an objective does not fit a container, or an item doesn't."""
+    types, container, objective = packing.types, packing.container, packing.objective
     if container.is_strip != (objective == "strip"):
         needs = "no height (math.inf)" if objective == "strip" else "a height"
-        raise ArgumentError(f"objective {objective!r} needs a box with {needs}")
-    check_range("time", time, Range(0, ends="()"))
-    check_range("clearance", clearance, Range(0, ends="[)"))
-    if objective != "knapsack":
-        for each in types:
-            if not _fits(each, container):
-                raise ArgumentError(
-                    f"item type {each.name!r} of {_size(each.extents)} does not fit into a "
-                    f"container of {_size(container.size)} in any of its rotations "
-                    f"({each.rotations})"
-                )
-
-
-def _fits(item_type: ItemType, container: BoxContainer) -> bool:
-    """Return whether an item fits into the container in one of its rotations."""
-    sides = (np.ptp(item_type.vertices @ turn.T, axis=0) for turn in candidates(item_type))
-    slack = validity.tolerance(container.longest, float(item_type.extents.max())) / 2
-    return any((each <= np.array(container.size) + slack).all() for each in sides)
+        raise ArgumentError(
+            f"objective {objective!r} needs a box with {needs}, not one of {_size(container.size)}"
+        )
+    if objective == "knapsack":
+        return
+    longest = [float(each.extents.max()) for each in types]
+    slack = DRAWN_IN / 2 * min(validity.tolerance(container.longest, each) for each in longest)
+    for each in types:
+        sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in candidates(each))
+        if not any((side <= np.array(container.size) + slack).all() for side in sides):
+            raise ArgumentError(
+                f"item type {each.name!r} of {_size(each.extents)} does not fit into a "
+                f"container of {_size(container.size)} in any of its rotations ({each.rotations})"
+            )
 
 
 def _size(sides: Iterable[float]) -> str:

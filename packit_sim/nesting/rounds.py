@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 
 from packit_sim.core.parallel import Workers
 from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.problem import Problem, build
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.tasks import Budget, Solution
@@ -71,9 +73,16 @@ class Limits:
 
 
 def rounds(
-    problems: Problems, searches: Sequence[Search], limits: Limits, workers: Workers
-) -> Iterator[Solution]:
+    problems: Problems,
+    searches: Sequence[Search],
+    limits: Limits,
+    workers: Workers,
+    check: Callable[[Solution], Packing | None],
+) -> Iterator[Packing]:
     """Search in rounds.
+
+    The first packing is constructed in this process. If the time is limited, this process also
+    searches for a second: small problems need no others.
 
     Parameters
     ----------
@@ -85,35 +94,59 @@ def rounds(
         When to end.
     workers : Workers
         Where they run.
+    check : callable
+        Returns the packing of a solution, or None if it is not valid.
 
     Yields
     ------
-    Solution
-        Each solution that is better than all before, after the round that found it.
+    Packing
+        Each valid packing that is better than all before, after the round that found it.
     """
     end = time.perf_counter() + limits.seconds
-    length = min(max(limits.seconds / ROUNDS, SECONDS[0]), SECONDS[1])
+    longest = min(max(limits.seconds / ROUNDS, SECONDS[0]), SECONDS[1])
     passes = limits.passes
     best: Solution | None = None
-    while time.perf_counter() < end if passes is None else passes > 0:
+    for number in count():
+        is_alone = number < (2 if passes is None else 1)
+        length = 0.0 if number == 0 else SECONDS[0] if is_alone else longest
         seconds = min(length, end - time.perf_counter())
-        share = None if passes is None else min(PASSES, passes)
-        jobs = [(problems, each, seconds, share) for each in searches]
-        searches = workers.map(_advance, jobs) if len(jobs) > 1 else [_advance(*jobs[0])]
+        share = None if passes is None else min(PASSES, passes) if number else 0
+        jobs = [(problems, each, seconds, share) for each in searches[: 1 if is_alone else None]]
+        found = workers.map(_advance, jobs) if len(jobs) > 1 else [_advance(*jobs[0])]
+        searches = [*found, *searches[len(jobs) :]]
+        for solution in sorted((each.best for each in found if each.best), key=_score):
+            if best is not None and solution.score >= best.score:
+                break
+            packing = check(solution)
+            if packing is not None:
+                best = solution
+                yield packing
+                break
+        for each in searches:
+            if best is None or (each.best is not None and each.best.score < best.score):
+                each.restart()
+            if best is not None and (each.best is None or each.best.score > best.score):
+                each.adopt(problems.get(), best)
         if passes is not None and share is not None:
             passes -= share
-        found = min((each.best for each in searches if each.best), key=lambda each: each.score)
-        if best is None or found.score < best.score:
-            best = found
-            yield best
-        for each in searches:
-            if each.best is None or found.score < each.best.score:
-                each.adopt(problems.get(), found)
-        if all(each.is_done for each in searches):
+        is_over = time.perf_counter() >= end if passes is None else passes <= 0
+        if is_over or all(each.is_done for each in searches):
             return
 
 
+def _score(solution: Solution) -> tuple[float, ...]:
+    return solution.score
+
+
 def _advance(problems: Problems, search: Search, seconds: float, passes: int | None) -> Search:
-    budget = Budget(seconds, passes)
-    search.advance(problems.get(), budget)
+    problem = problems.get()
+    if passes is not None:
+        forget_fields(problem)
+    search.advance(problem, Budget(seconds, passes))
     return search
+
+
+def forget_fields(problem: Problem) -> None:
+    """Drop all fields: what a pass finds depends on those that were refined before it."""
+    problem.lookup.numbers.fill(-1)
+    problem.lookup.used.fill(0)

@@ -69,6 +69,12 @@ class Search(ABC):
         """
         self.best = solution
 
+    def restart(self) -> None:
+        """Forget what was found, which is not valid: begin again with a construction."""
+        self.best = None
+        self.is_done = False
+        self._attempt = None
+
     @abstractmethod
     def _constructed(self, problem: Problem) -> Solution:
         """Return a first solution."""

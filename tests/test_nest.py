@@ -1,0 +1,430 @@
+"""The nester: its packings are valid by independent checks, repeatable, and better over time."""
+
+import hashlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import cache, partial
+from itertools import combinations, pairwise
+from typing import Any
+
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+from trimesh import creation
+
+from packit_sim import (
+    BoxContainer,
+    Item,
+    ItemType,
+    NestSettings,
+    Packing,
+    PackItError,
+    ShapeLibrary,
+    nest,
+)
+from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.parallel import WorkersError
+from packit_sim.nesting import nest as nest_module
+from packit_sim.nesting.nest import NestingError
+from packit_sim.nesting.rotation_sets import matrices
+from packit_sim.nesting.validity import tolerance
+
+OPEN = math.inf
+
+
+def of(mesh: trimesh.Trimesh, name: str = "item", **settings: Any) -> ItemType:
+    return ItemType(name, mesh.vertices, mesh.faces, **settings)
+
+
+@cache
+def cube() -> trimesh.Trimesh:
+    return creation.box((1, 1, 1))
+
+
+@cache
+def angle() -> trimesh.Trimesh:
+    """An L of three unit cubes."""
+    return trimesh.boolean.union(
+        [creation.box((2, 1, 1)), creation.box((1, 2, 1)).apply_translation((-0.5, 0.5, 0))],
+        engine="manifold",
+    )
+
+
+@cache
+def bowl() -> trimesh.Trimesh:
+    """A box with walls of 0.1, open above."""
+    return trimesh.boolean.difference(
+        [creation.box((2, 2, 1.2)), creation.box((1.8, 1.8, 1.2)).apply_translation((0, 0, 0.1))],
+        engine="manifold",
+    )
+
+
+@cache
+def hollow() -> trimesh.Trimesh:
+    """A closed box with walls of 0.1 around an empty inside."""
+    inner = creation.box((1.8, 1.8, 1.8))
+    inner.invert()
+    return trimesh.util.concatenate([creation.box((2, 2, 2)), inner])
+
+
+def ball(radius: float = 0.5) -> trimesh.Trimesh:
+    return creation.icosphere(subdivisions=1, radius=radius)
+
+
+def few() -> list[ItemType]:
+    return [of(angle(), "angle", demand=2), of(creation.box((0.4, 0.9, 1.7)), "box", demand=2)]
+
+
+def mixed(rotations: str) -> list[ItemType]:
+    return [
+        of(angle(), "angle", demand=2, rotations=rotations),
+        of(bowl(), "bowl", demand=1, rotations=rotations),
+        of(ball(), "ball", demand=2, rotations=rotations),
+        of(creation.box((0.4, 0.9, 1.7)), "box", demand=3, rotations=rotations),
+    ]
+
+
+def quick(iterations: int = 60, workers: int = 1) -> NestSettings:
+    return NestSettings(workers=workers, iterations=iterations)
+
+
+def placed(packing: Packing) -> list[tuple[int, trimesh.Trimesh]]:
+    """The number of its box and the mesh of each item."""
+    return [
+        (p.box, trimesh.Trimesh(packing.vertices(p), packing.types[p.type].faces, process=False))
+        for p in packing.placements
+    ]
+
+
+def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    body = manifold3d.Manifold(manifold3d.Mesh64(mesh.vertices, np.asarray(mesh.faces, np.uint64)))
+    assert body.status() == manifold3d.Error.NoError
+    return body
+
+
+def check(packing: Packing) -> None:
+    """Compare a packing with the definition, without the code that checked it before."""
+    assert packing.problems() == []
+    size = np.array(packing.container.size)
+    bodies = placed(packing)
+    slacks = [
+        tolerance(packing.container.longest, float(packing.types[p.type].extents.max()))
+        for p in packing.placements
+    ]
+    for (_, mesh), slack in zip(bodies, slacks, strict=True):
+        assert (mesh.vertices >= -slack).all() and (mesh.vertices <= size + slack).all()
+    for (one, slack), (other, less) in combinations(zip(bodies, slacks, strict=True), 2):
+        if one[0] != other[0]:
+            continue
+        common = (solid(one[1]) ^ solid(other[1])).volume()
+        assert common <= min(slack, less) * min(one[1].area, other[1].area)
+    for placement in packing.placements:
+        item_type = packing.types[placement.type]
+        turns = matrices("cube" if item_type.rotations == "free" else item_type.rotations)
+        if item_type.rotations != "free":
+            assert np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2)).min() < 1e-9
+
+
+def text(packing: Packing) -> bytes:
+    return b"".join(
+        bytes(f"{p.type} {p.box} ", "ascii") + p.pose.tobytes() for p in packing.placements
+    )
+
+
+@pytest.mark.parametrize("rotations", ["fixed", "yaw-8", "free"])
+def test_strips_are_valid_complete_and_improve(rotations) -> None:
+    heights: list[float] = []
+    packing = nest(
+        mixed(rotations),
+        (3, 3, OPEN),
+        callback=lambda found, _: heights.append(found.height),
+        settings=quick(40),
+    )
+    check(packing)
+    assert packing.left_out == (0, 0, 0, 0)
+    assert all(later < earlier for earlier, later in pairwise(heights))
+    assert heights[-1] == packing.height and (len(heights) > 1 or rotations == "fixed")
+
+
+def test_knapsacks_are_valid_and_gain_value() -> None:
+    values: list[float] = []
+    packing = nest(
+        mixed("axis-3"),
+        (2.5, 2.5, 2.5),
+        "knapsack",
+        callback=lambda found, _: values.append(found.volume),
+        settings=quick(20),
+    )
+    check(packing)
+    assert values == sorted(set(values)) and values[-1] == packing.volume
+    assert packing.density == pytest.approx(packing.volume / 2.5**3)
+    assert sum(packing.left_out) + len(packing.placements) == 8
+
+
+def test_a_knapsack_prefers_value_and_leaves_out_what_does_not_fit() -> None:
+    items = [
+        of(cube(), "cheap", demand=3, value=1),
+        of(creation.box((1, 1, 1.001)), "dear", demand=1, value=10),
+        of(creation.box((5, 5, 5)), "huge", value=1000),
+    ]
+    packing = nest(items, (1.1, 1.1, 1.1), "knapsack", settings=quick(300))
+    check(packing)
+    assert packing.left_out == (3, 0, 1)
+
+
+def test_a_knapsack_may_stay_empty() -> None:
+    packing = nest([of(cube())], (0.5, 0.5, 0.5), "knapsack", settings=quick())
+    assert packing.placements == () and packing.left_out == (1,)
+
+
+def test_bins_are_valid_complete_and_never_more() -> None:
+    used: list[int] = []
+    packing = nest(
+        mixed("yaw-4"),
+        (2.2, 2.2, 2.2),
+        "bins",
+        callback=lambda found, _: used.append(found.boxes),
+        settings=quick(25),
+    )
+    check(packing)
+    assert packing.left_out == (0, 0, 0, 0)
+    assert used == sorted(used, reverse=True) and used[-1] == packing.boxes
+    assert {p.box for p in packing.placements} == set(range(packing.boxes))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_cubes_fill_a_strip_and_boxes(seed) -> None:
+    cubes = [of(cube(), demand=8)]
+    strip = nest(cubes, (2, 2, OPEN), seed=seed, settings=quick(3000))
+    check(strip)
+    assert strip.height == pytest.approx(2, abs=1e-3) and len(strip.placements) == 8
+    knapsack = nest(cubes, (2, 2, 1.5), "knapsack", seed=seed, settings=quick(300))
+    check(knapsack)
+    assert len(knapsack.placements) == 4
+    bins = nest(cubes, (2, 1, 1), "bins", seed=seed, settings=quick(3000))
+    check(bins)
+    assert bins.boxes == 4 and bins.density == pytest.approx(1)
+
+
+@pytest.mark.parametrize("objective", ["strip", "bins"])
+def test_a_clearance_holds(objective) -> None:
+    clearance = 0.07
+    size = (3, 3, OPEN) if objective == "strip" else (2.4, 2.4, 2.4)
+    items = [*few(), of(bowl(), "bowl"), of(ball(), "ball", demand=2)]
+    packing = nest(items, size, objective, clearance=clearance, settings=quick(15))
+    check(packing)
+    bodies = placed(packing)
+    least = math.inf
+    for (box, one), (other_box, other) in combinations(bodies, 2):
+        if box == other_box:
+            least = min(least, solid(one).min_gap(solid(other), 1.0))
+    slack = tolerance(packing.container.longest, 1.0)
+    assert clearance - slack <= least < 2 * clearance
+
+
+def test_nothing_is_put_into_a_closed_body_but_into_an_open_one() -> None:
+    """The small boxes fit into either body; only the strip with bowls gets as low as that."""
+    small = of(creation.box((0.8, 0.8, 0.8)), "small", demand=4)
+    shut = nest([of(hollow(), "hollow"), small], (2.01, 2.01, OPEN), settings=quick(100))
+    assert shut.problems() == [] and shut.height >= 2.8 - 1e-3
+    into = nest(
+        [of(bowl(), "bowl", rotations="fixed"), small], (2.01, 2.01, OPEN), settings=quick(700)
+    )
+    check(into)
+    assert into.height < 1.25
+
+
+def test_the_same_seed_gives_the_same_packing_in_every_process() -> None:
+    code = (
+        "from tests.test_nest import few, quick, text\n"
+        "import hashlib, math, packit_sim\n"
+        "found = packit_sim.nest(few(), (2.5, 2.5, math.inf), seed=5, settings=quick(60))\n"
+        "print(hashlib.sha256(text(found)).hexdigest())"
+    )
+    environment = os.environ | {"PYTHONHASHSEED": "7"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True
+    )
+    run = partial(nest, few(), (2.5, 2.5, OPEN), settings=quick(60))
+    found = text(run(seed=5))
+    assert text(run(seed=5)) == found  # with the fields of the run before
+    assert text(run(seed=6)) != found
+    output, _ = process.communicate(timeout=300)
+    assert output.strip() == hashlib.sha256(found).hexdigest()
+
+
+@pytest.mark.slow
+def test_two_workers_exchange_the_best_and_are_repeatable() -> None:
+    def run() -> Packing:
+        return nest(mixed("axis-4"), (3, 3, OPEN), seed=1, settings=quick(250, workers=2))
+
+    packing = run()
+    check(packing)
+    assert text(run()) == text(packing)
+    first: list[float] = []
+    nest(
+        mixed("axis-4"),
+        (3, 3, OPEN),
+        seed=1,
+        callback=lambda found, _: first.append(found.height),
+        settings=quick(1),
+    )
+    assert packing.height < first[0]
+
+
+def test_a_short_time_gives_a_constructed_packing_without_other_processes(monkeypatch) -> None:
+    monkeypatch.setattr(nest_module.Workers, "map", pytest.fail)
+    found = []
+    settings = NestSettings(workers=2)
+    packing = nest(
+        mixed("cube"),
+        (3, 3, OPEN),
+        time=1e-9,
+        callback=lambda each, seconds: found.append((each, seconds)),
+        settings=settings,
+    )
+    check(packing)
+    ((first, seconds),) = found
+    assert first is packing and seconds > 0
+    done = nest([of(cube(), demand=8)], (2, 2, OPEN), time=60, settings=settings)
+    assert done.height == pytest.approx(2, abs=1e-3)
+
+
+def interrupt(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_returns_the_best_so_far() -> None:
+    packing = nest(mixed("cube"), (3, 3, OPEN), callback=interrupt, settings=quick())
+    check(packing)
+    assert packing.left_out == (0, 0, 0, 0)
+
+
+def test_an_interrupt_before_the_first_packing_is_one(monkeypatch) -> None:
+    monkeypatch.setattr(nest_module.Problems, "get", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        nest([of(cube())], (3, 3, OPEN), settings=quick())
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_workers_and_returns_the_best() -> None:
+    code = (
+        "from tests.test_nest import mixed, text\n"
+        "import math, packit_sim\n"
+        "settings = packit_sim.NestSettings(workers=2)\n"
+        "print('ready', flush=True)\n"
+        "found = packit_sim.nest(mixed('cube'), (3, 3, math.inf), time=300, settings=settings)\n"
+        "print(found.problems(), len(found.placements))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(10)
+    os.killpg(process.pid, signal.SIGINT)
+    sent = time.monotonic()
+    output, _ = process.communicate(timeout=60)
+    assert output == "[] 8\n" and process.returncode == 0
+    assert time.monotonic() - sent < 5
+
+
+def test_a_packing_that_is_not_valid_is_dropped(monkeypatch) -> None:
+    """Every second packing fails the check: only those that passed are reported and returned."""
+    passed: list[float] = []
+    real = Packing.problems
+
+    def sometimes(packing: Packing) -> list[str]:
+        sometimes.calls += 1  # type: ignore[attr-defined]
+        return real(packing) if sometimes.calls % 2 == 0 else ["wrong"]  # type: ignore[attr-defined]
+
+    sometimes.calls = 0  # type: ignore[attr-defined]
+    monkeypatch.setattr(Packing, "problems", sometimes)
+    packing = nest(
+        few(),
+        (2.5, 2.5, OPEN),
+        callback=lambda found, _: passed.append(found.height),
+        settings=quick(150),
+    )
+    assert passed == sorted(set(passed), reverse=True) and passed[-1] == packing.height
+    monkeypatch.setattr(Packing, "problems", lambda packing: ["wrong"])
+    with pytest.raises(NestingError, match="no valid packing"):
+        nest(few(), (3, 3, OPEN), settings=quick(20))
+
+
+def test_items_can_be_mesh_files_and_items_of_libraries(tmp_path) -> None:
+    cube().export(tmp_path / "cube.stl")
+    library = ShapeLibrary.open("everyday")
+    item = Item(library[next(iter(library))], 0.1)
+    packing = nest(
+        [tmp_path / "cube.stl", str(tmp_path / "cube.stl"), item], (2, 2, OPEN), settings=quick(3)
+    )
+    assert packing.problems() == [] and len(packing.placements) == 3
+    packing.write(tmp_path / "packing.json")
+
+
+NAN = np.where(np.arange(24).reshape(8, 3) == 5, np.nan, cube().vertices)
+
+WRONG: list[tuple[Callable[[], object], type[PackItError], str]] = [
+    (lambda: nest([], (1, 1, OPEN)), ArgumentError, "items is empty"),
+    (lambda: nest("cube.stl", (1, 1, OPEN)), ArgumentError, "'cube.stl'.*sequence"),
+    (lambda: nest([cube()], (2, 2, OPEN)), ArgumentError, r"items\[0\] is of type Trimesh.*Item"),  # type: ignore[list-item]
+    (
+        lambda: nest([of(creation.box((3, 3, 1)), "plate")], (2, 2, OPEN)),
+        ArgumentError,
+        "'plate' of 3 x 3 x 1 does not fit.* 2 x 2 x inf in any of its rotations .cube",
+    ),
+    (
+        lambda: nest([of(creation.box((1, 1, 3)), "rod", rotations="yaw-4")], (2, 2, 2), "bins"),
+        ArgumentError,
+        "'rod' of 1 x 1 x 3 does not fit.* 2 x 2 x 2",
+    ),
+    (lambda: of(cube(), demand=0), ArgumentError, "demand of 0.*at least 1"),
+    (lambda: of(cube(), rotations="some"), ArgumentError, "'some'.*fixed, yaw-N.*cube, free"),
+    (lambda: of(cube(), value=-1), ArgumentError, "value of -1.*at least 0"),
+    (lambda: of(trimesh.Trimesh()), MeshError, "no triangles|empty"),
+    (lambda: ItemType("nan", NAN, cube().faces), MeshError, "finite"),
+]
+
+ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
+    ({"clearance": -0.1}, ArgumentError, "clearance -0.1.*at least 0"),
+    ({"clearance": math.nan}, ArgumentError, "clearance nan"),
+    ({"time": 0}, ArgumentError, "time 0.*above 0"),
+    ({"time": -3.0}, ArgumentError, "time -3.0"),
+    ({"time": math.nan}, ArgumentError, "time nan"),
+    ({"time": math.inf}, ArgumentError, "time inf.*finite"),
+    ({"seed": -1}, ArgumentError, "seed -1.*at least 0"),
+    ({"seed": 0.5}, ArgumentError, "seed 0.5.*integer"),
+    ({"objective": "tower"}, ArgumentError, "'tower'.*strip, knapsack, bins"),
+    ({"container": (2, 2, 2)}, ArgumentError, "'strip' needs a box with no height.*2 x 2 x 2"),
+    ({"objective": "knapsack"}, ArgumentError, "'knapsack' needs a box with a height"),
+    ({"objective": "bins"}, ArgumentError, "'bins' needs a box with a height"),
+    ({"container": (2, 2)}, ArgumentError, r"\(2, 2\).*three numbers"),
+    ({"container": 2}, ArgumentError, "2 is not possible.*three numbers"),
+    ({"container": (0, 2, OPEN)}, ArgumentError, "side 0.0 along x"),
+    ({"settings": NestSettings(iterations=0)}, ArgumentError, "iterations 0.*at least 1"),
+    ({"settings": NestSettings(iterations=-2)}, ArgumentError, "iterations -2"),
+    ({"settings": NestSettings(iterations=1.5)}, ArgumentError, "iterations 1.5.*integer"),  # type: ignore[arg-type]
+    ({"settings": NestSettings(workers=-1)}, WorkersError, "-1 workers.*0 for one per core"),
+    ({"settings": NestSettings(backend="ssh")}, WorkersError, "'ssh'.*loky, ray"),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("call", "kind", "message"), WRONG, ids=lambda each: str(each)[:30])
+def test_items_that_are_not_possible_are_one_error(call, kind, message) -> None:
+    with pytest.raises(kind, match=message) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("changed", "kind", "message"), ARGUMENTS, ids=str)
+def test_arguments_that_are_not_possible_are_one_error(changed, kind, message) -> None:
+    arguments = {"items": [of(cube())], "container": BoxContainer((2, 2, OPEN)), **changed}
+    with pytest.raises(kind, match=message) as raised:
+        nest(**arguments)
+    assert "\n" not in str(raised.value)
