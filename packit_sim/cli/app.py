@@ -19,6 +19,7 @@ from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
 from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import generate_command
 from packit_sim.cli.help import document
+from packit_sim.cli.nest_command import nest_command
 from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
@@ -37,6 +38,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
     BENCHMARK: (
         "shapes",
+        "nest",
         "generate",
         "verify",
         "selftest",
@@ -75,6 +77,7 @@ for _name, _group in (
     app.add_typer(_group, name=_name, rich_help_panel=_panel(_name))
 for _function in (
     demo_command,
+    nest_command,
     verify_command,
     selftest_command,
     generate_command,

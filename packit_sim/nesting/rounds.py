@@ -66,7 +66,15 @@ def _built(problems: Problems) -> Problem:
 
 @dataclass(frozen=True)
 class Limits:
-    """When a search ends: after some seconds, or after some passes of each worker."""
+    """When a search ends.
+
+    Attributes
+    ----------
+    seconds : float
+        After so many seconds,
+    passes : int, optional
+        or after so many passes of each worker.
+    """
 
     seconds: float
     passes: int | None = None

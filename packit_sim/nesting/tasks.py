@@ -70,7 +70,17 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Where items are: inside (n,), rotations' numbers turned (n,), places (n, 3) of origins."""
+    """Where items are.
+
+    Attributes
+    ----------
+    inside : ndarray of uint8, shape (n,)
+        Whether an item is in a box.
+    turned : ndarray of int64, shape (n,)
+        The numbers of their rotations.
+    places : ndarray of float64, shape (n, 3)
+        The places of their origins.
+    """
 
     inside: Ints
     turned: Ints

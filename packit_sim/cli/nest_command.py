@@ -1,0 +1,145 @@
+"""`packit nest`: the search for the lowest packing of an instance."""
+
+from __future__ import annotations
+
+import time as clock
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from packit_sim.cli.console import (
+    AddressOption,
+    BackendOption,
+    SeedOption,
+    WorkersOption,
+    console,
+    prepare_folder,
+    progress_bars,
+)
+from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
+from packit_sim.core.errors import ArgumentError
+from packit_sim.nesting import rotation_sets
+from packit_sim.nesting.instances import builtin_instances, read_instance, write_solution
+from packit_sim.nesting.mesh_paths import MAX_LEVELS
+from packit_sim.nesting.nest import NestSettings, nest
+from packit_sim.nesting.packing import Packing
+
+EXAMPLE = "Liu et al. 2015/Experiment1"
+"""A built-in instance that messages name."""
+
+
+def nest_command(
+    instance: Annotated[
+        str,
+        typer.Argument(
+            metavar="INSTANCE",
+            help="Strip-packing instance: a .json file, or the name of a built-in one.",
+        ),
+    ],
+    rotations: Annotated[
+        str,
+        typer.Option(help="Rotations of the items: fixed, yaw-N, axis-N, cube or free."),
+    ] = "cube",
+    time: Annotated[float, typer.Option(help="Seconds to search.")] = 60.0,
+    iterations: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Passes over the items in each process, instead of --time; repeatable."
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    clearance: Annotated[
+        float, typer.Option(help="Smallest distance between two items, in the instance's unit.")
+    ] = 0.0,
+    workers: WorkersOption = 0,
+    backend: BackendOption = "loky",
+    address: AddressOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File for the solution, in the instances' format."),
+    ] = None,
+    packing: Annotated[
+        Path | None,
+        typer.Option(help="File for the packing, as `packit verify` reads it (.json)."),
+    ] = None,
+) -> None:
+    """Pack meshes into a strip of least height, without a grid.
+
+    The packing is checked by its meshes before it is printed or written. Ctrl-C ends the search
+    early and keeps the best packing so far.
+
+    The instances' format and the names of the built-in instances are described at
+    https://packit-sim.readthedocs.io (Reference, Strip-packing instances). In Python,
+    `packit_sim.nest` also fills one box or several.
+
+    Example: packit nest "Stoyan et al. 2005/Example1" --rotations axis-4 --time 10
+
+    Example: packit nest parts.json --clearance 1 --out solution.json --packing packing.json
+    """
+    rotation_sets.check(rotations)
+    for file in (out, packing):
+        if file is not None:
+            if file.is_dir():
+                raise ArgumentError(f"{file} is a folder: choose a file to write")
+            prepare_folder(file)
+    if packing is not None and packing.suffix != ".json":
+        raise ArgumentError(f"--packing {packing} is not possible: choose a .json file")
+    path = _instance_file(instance)
+    types, container = read_instance(path, rotations)
+    settings = NestSettings(workers, backend, address, iterations)
+    start = clock.perf_counter()
+    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+        bar = progress.add_task("nesting", total=None, note="")
+
+        def show(better: Packing, _: float) -> None:
+            note = f"height {better.height:.6g}, density {better.density:.3f}"
+            progress.update(bar, advance=1, note=note)
+
+        found = nest(
+            types,
+            container,
+            time=time,
+            seed=seed,
+            clearance=clearance,
+            callback=show,
+            settings=settings,
+        )
+    table = simple_table("height", "density", "items", "seconds", "valid")
+    table.add_row(
+        f"{found.height:.6g}",
+        f"{found.density:.4f}",
+        f"{len(found.placements)}",
+        f"{clock.perf_counter() - start:.1f}",
+        "no" if found.problems() else "yes",
+    )
+    console.print(table)
+    if out is not None:
+        write_solution(found, out, _instance_path(instance, path, out))
+        print_written(out)
+    if packing is not None:
+        found.write(packing)
+        print_written(packing)
+
+
+def _instance_file(instance: str) -> Path:
+    """Return the file of an instance: a path, or the name of a built-in one."""
+    known = builtin_instances()
+    if Path(instance).is_file() or instance not in known:
+        if Path(instance).suffix == ".json":
+            return Path(instance)
+        raise ArgumentError(
+            f"no instance {instance!r}: choose a .json file, or one of the {len(known)} built-in "
+            f"instances, such as {EXAMPLE!r} (they are listed in the reference)"
+        )
+    return known[instance]
+
+
+def _instance_path(instance: str, path: Path, out: Path) -> str:
+    """Return the path of an instance as its solution stores it."""
+    if path != Path(instance):
+        return f"{instance}.json"
+    folders = out.absolute().parents[: MAX_LEVELS + 1]
+    near = (folder for folder in folders if path.absolute().is_relative_to(folder))
+    folder = next(near, path.absolute().parent)
+    return path.absolute().relative_to(folder).as_posix()
