@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 import sys
 from collections import defaultdict
@@ -73,7 +74,7 @@ def test_the_examples_in_help_are_command_lines(name: str) -> None:
     """Each is parsed with the options of its command; nothing runs."""
     epilog = commands()[name].epilog or ""
     for line in re.findall(r"\$ (packit .*)", epilog):
-        words = line.split()[1:]
+        words = shlex.split(line)[1:]
         assert words[: len(name.split())] == name.split()
         commands()[name].make_context(name, words[len(name.split()) :])
 

@@ -1,0 +1,1 @@
+"""The benchmark of `packit_sim.nest`; see `__main__`."""

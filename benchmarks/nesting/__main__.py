@@ -1,0 +1,76 @@
+"""Measure `packit_sim.nest`: the literature's strips, two tasks in a strip or box, and bins.
+
+    .venv/bin/python -m benchmarks.nesting literature --rotations fixed --seeds 0 1 2
+    .venv/bin/python -m benchmarks.nesting literature --rotations fixed --seconds 600
+    .venv/bin/python -m benchmarks.nesting strips --rotations cube axis-4
+    .venv/bin/python -m benchmarks.nesting knapsacks
+    .venv/bin/python -m benchmarks.nesting bins
+    .venv/bin/python -m benchmarks.nesting speed --workers 1 --seconds 20
+    .venv/bin/python -m benchmarks.nesting --verify
+    .venv/bin/python -m benchmarks.nesting --table
+
+Each result is written to `benchmarks/results/nesting.json` at once, and its packing to a file in
+`benchmarks/results/nesting/`: what has a result is not searched again. `--rotations axis` stands
+for the set that others used: axis-4, for Liu's instance axis-8. `--verify` checks all packings
+again by their meshes. `--table` writes `docs/benchmarks/nesting.md` and its picture.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from benchmarks.common import argument_parser
+from benchmarks.nesting.cases import CASES, names
+from benchmarks.nesting.report import write_report
+from benchmarks.nesting.runs import Results, Search, run_all
+
+AXIS = "axis"
+"""Stands for the `axis-n` of the literature."""
+
+
+def main() -> None:
+    parser = argument_parser(__doc__, "JSON, packings and, unless it is the default, the page")
+    parser.add_argument("kind", nargs="?", choices=CASES, help="what is searched")
+    parser.add_argument("--instances", nargs="+", help="their names; by default all")
+    parser.add_argument("--rotations", nargs="+", default=["cube"], help="rotation sets")
+    parser.add_argument("--seconds", nargs="+", type=float, default=[60.0])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--verify", action="store_true", help="check all packings again")
+    parser.add_argument("--table", action="store_true", help="write the page and its picture")
+    arguments = parser.parse_args()
+    if not (arguments.kind or arguments.verify or arguments.table):
+        parser.error("choose what is searched, --verify or --table")
+    results = Results(arguments.out)
+    if arguments.kind:
+        known = names(arguments.kind)
+        chosen = arguments.instances or known
+        if unknown := sorted(set(chosen) - set(known)):
+            parser.error(f"no instances {', '.join(unknown)}: choose from {', '.join(known)}")
+        searches = [
+            Search(arguments.kind, name, _rotations(name, rotations), seed, seconds)
+            for seconds in arguments.seconds
+            for rotations in arguments.rotations
+            for seed in arguments.seeds
+            for name in chosen
+        ]
+        run_all(searches, results, arguments.workers)
+    if arguments.verify:
+        problems = results.verify()
+        for problem in problems:
+            print(problem)
+        print(f"{len(results.read())} packings, {len(problems)} problems")
+        if problems:
+            sys.exit(1)
+    if arguments.table:
+        write_report(results.read(), arguments.out)
+
+
+def _rotations(name: str, rotations: str) -> str:
+    if rotations != AXIS:
+        return rotations
+    return "axis-8" if name.startswith("Liu") else "axis-4"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""What is packed: the literature's strips, two tasks in a strip or a box, and library items."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+
+from packit_sim import Box, BoxContainer, Item, ItemType, ShapeLibrary, load_tasks
+from packit_sim.geometry import rotations as grid_rotations
+from packit_sim.libraries.library import assets_folder
+from packit_sim.nesting.instances import builtin_instances, read_instance
+from packit_sim.placement import PlacedItem
+
+DATASET, SPLIT = "everyday-v1", "test"
+
+BOXES = 6
+"""How many boxes two test tasks each make."""
+
+BIN_ITEMS = 60
+
+SETS_OF_ITEMS = 10
+
+UNIT_BOX = BoxContainer((1.0, 1.0, 1.0))
+
+UNIT_STRIP = BoxContainer((1.0, 1.0, math.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A nesting problem with what others reached.
+
+    Attributes
+    ----------
+    kind, name, rotations : str
+        Which problem it is.
+    types : tuple of ItemType
+        The items.
+    container : BoxContainer
+        The box or strip.
+    objective : str
+        The objective of `nest`.
+    others : dict of str to float
+        The results of others, by their names.
+    """
+
+    kind: str
+    name: str
+    rotations: str
+    types: tuple[ItemType, ...]
+    container: BoxContainer
+    objective: str
+    others: dict[str, float] = field(default_factory=dict)
+
+
+def published() -> dict[tuple[str, str], dict[str, float]]:
+    """Read the heights that others published, by instance and rotation set."""
+    found = {}
+    for row in _rows("published.csv"):
+        steps = row["rotations"]
+        key = row["instance"].removesuffix(".json"), "fixed" if steps == "1" else f"axis-{steps}"
+        found[key] = {
+            "sparrow-3d, 60 s": float(row["sparrow3d_60s_2cores"] or math.nan),
+            "sparrow-3d, 10 min": float(row["mean_10min"]),
+            "record before": float(row["record_before"]),
+        }
+    return found
+
+
+def literature_names() -> list[str]:
+    """List the instances that others published heights of."""
+    return list(dict.fromkeys(name for name, _ in published()))
+
+
+def literature(name: str, rotations: str) -> Case:
+    """Read an instance of the literature."""
+    types, container = read_instance(builtin_instances()[name], rotations)
+    others = published().get((name, rotations), {})
+    return Case("literature", name, rotations, types, container, "strip", others)
+
+
+def speed(name: str, rotations: str) -> Case:
+    """Read an instance of the literature, to count what one process computes."""
+    types, container = read_instance(builtin_instances()[name], rotations)
+    return Case("speed", name, rotations, types, container, "strip")
+
+
+def strips(name: str, rotations: str) -> Case:
+    """Put the items of two test tasks into a strip."""
+    row = next(row for row in _rows("two-task-strips.csv") if row["box"] == name)
+    others = {
+        "sparrow-3d, 60 s": float(row["sparrow3d_density"]),
+        "greedy": float(row["greedy_density"]),
+    }
+    types = _types(_two_tasks(int(name)), rotations)
+    return Case("strips", name, rotations, types, UNIT_STRIP, "strip", others)
+
+
+def knapsacks(name: str, rotations: str) -> Case:
+    """Put the items of two test tasks into the unit box."""
+    types = _types(_two_tasks(int(name)), rotations)
+    return Case("knapsacks", name, rotations, types, UNIT_BOX, "knapsack")
+
+
+def bins(name: str, rotations: str) -> Case:
+    """Draw items of the test tasks for unit boxes; the greedy rule packs them as well."""
+    items = [item for task in _tasks() for item in task]
+    drawn = np.random.default_rng(int(name)).choice(len(items), BIN_ITEMS, replace=False)
+    chosen = [items[n] for n in drawn]
+    others = {"greedy": float(first_fit_decreasing(chosen))}
+    return Case("bins", name, rotations, _types(chosen, rotations), UNIT_BOX, "bins", others)
+
+
+CASES: dict[str, Callable[[str, str], Case]] = {
+    "literature": literature,
+    "strips": strips,
+    "knapsacks": knapsacks,
+    "bins": bins,
+    "speed": speed,
+}
+"""The kinds of problems, by name."""
+
+
+def names(kind: str) -> list[str]:
+    """List the problems of a kind."""
+    if kind in ("literature", "speed"):
+        return literature_names()
+    return [str(n) for n in range(SETS_OF_ITEMS if kind == "bins" else BOXES)]
+
+
+def first_fit_decreasing(items: Sequence[Item]) -> int:
+    """Count the boxes that a greedy rule needs.
+
+    The largest item comes first, into the first box that has a place for it, in the rotation with
+    the lowest top at its BLBF location.
+    """
+    boxes: list[Box] = []
+    for item in sorted(items, key=lambda each: -each.volume):
+        placed = next((found for box in boxes if (found := _lowest(box, item))), None)
+        if placed is None:
+            boxes.append(Box())
+            placed = _lowest(boxes[-1], item)
+            assert placed is not None, f"{item} does not fit into an empty box"
+        box, turned, location = placed
+        box.place(turned, location)
+    return len(boxes)
+
+
+def _lowest(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | None:
+    """Return the lowest placement in a box, as the rotation policy `lowest` chooses it."""
+    best, lowest = None, box.cells[2] + 1
+    for rotation in grid_rotations.by_alignment(item.extents):
+        turned = item.turned(rotation)
+        if turned.cells[2] >= lowest:
+            continue
+        location = box.blbf(turned)
+        if location is not None and (top := PlacedItem(turned, location).stop[2]) < lowest:
+            best, lowest = (box, turned, location), top
+    return best
+
+
+@cache
+def _tasks() -> tuple[tuple[Item, ...], ...]:
+    library = ShapeLibrary.open("everyday")
+    return tuple(tuple(task.items) for task in load_tasks(DATASET, library, SPLIT))
+
+
+def _two_tasks(number: int) -> list[Item]:
+    tasks = _tasks()
+    return [*tasks[2 * number], *tasks[2 * number + 1]]
+
+
+def _types(items: Sequence[Item], rotations: str) -> tuple[ItemType, ...]:
+    return tuple(ItemType.from_item(item, rotations=rotations) for item in items)
+
+
+def _rows(file: str) -> list[dict[str, str]]:
+    with (assets_folder() / "instances" / file).open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))

@@ -1,0 +1,225 @@
+"""The page and the picture of the results."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from benchmarks.common import RESULTS, plot_file
+from packit_sim.core.files import replace_text
+
+PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "nesting.md"
+
+SHORT, LONG = 60.0, 600.0
+"""The times, in seconds, that the tables have."""
+
+KNAPSACKS_OF_OTHERS = {
+    "largest-first/lowest/maximal-contact": 0.688,
+    "spectral packing": 0.691,
+    "best agent with 30 s of LNS": 0.709,
+}
+"""Mean densities of the same six boxes, measured once with the agents and `benchmarks.peers`."""
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+"""Of Okabe and Ito, safe for the colour-blind."""
+
+Runs = Sequence[dict[str, Any]]
+
+HEAD = """# Nesting
+
+Written by `python -m benchmarks.nesting --table` from `benchmarks/results/nesting.json`. The
+packings are in `benchmarks/results/nesting/`, and `python -m benchmarks.nesting --verify` checks
+all of them again by their meshes. The [guide](../guides/nesting.md) explains the rotation sets.
+"""
+
+
+def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
+    """Write the page and its picture.
+
+    Parameters
+    ----------
+    runs : dict
+        The results by their keys.
+    out : Path
+        The folder of the results; with the default folder, the page is the documentation's.
+    """
+    by_kind = defaultdict(list)
+    for run in runs.values():
+        by_kind[run["kind"]].append(run)
+    picture = plot_file(out, "nesting")
+    draw(by_kind["literature"], picture)
+    parts = [
+        HEAD,
+        *_literature(by_kind["literature"]),
+        f"![Heights over time](../images/{picture.name})\n",
+        *_tasks("Two tasks in a strip", by_kind["strips"], {}),
+        *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
+        *_bins(by_kind["bins"]),
+        *_speed(by_kind["speed"]),
+    ]
+    page = PAGE if out == RESULTS else out / "nesting.md"
+    replace_text(page, "\n".join(parts))
+    print(f"wrote {page} and {picture}")
+
+
+def draw(runs: Runs, file: Path) -> None:
+    """Plot the best height over time, relative to sparrow-3d's after 60 s, of each search."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    shown = [run for run in runs if run["others"].get("sparrow-3d, 60 s", math.nan) > 0]
+    for rotations, color in zip(sorted({run["rotations"] for run in shown}), COLORS, strict=False):
+        own = [run for run in shown if run["rotations"] == rotations]
+        for n, run in enumerate(own):
+            least = run["others"]["sparrow-3d, 60 s"]
+            times = [seconds for seconds, _ in run["curve"]] + [run["elapsed"]]
+            heights = [height / least for _, height in run["curve"]]
+            label = rotations if n == 0 else None
+            axes.step(
+                times, [*heights, heights[-1]], where="post", color=color, label=label, lw=0.9
+            )
+    axes.axhline(1, color="black", linestyle=":", label="sparrow-3d, 60 s")
+    axes.set(xscale="log", xlabel="seconds", ylabel="height / sparrow-3d's after 60 s")
+    axes.set_ylim(top=1.6)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=110)
+
+
+def _literature(runs: Runs) -> Iterator[str]:
+    """Yield the table of the literature's instances, and the mean ratios."""
+    yield "## Strips of the literature\n"
+    rows = []
+    ratios: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for (name, rotations), own in _grouped(runs, "name", "rotations"):
+        short = [run["score"] for run in own if run["seconds"] == SHORT]
+        long = [run["score"] for run in own if run["seconds"] == LONG]
+        others = own[0]["others"]
+        rival, published = others.get("sparrow-3d, 60 s"), others.get("sparrow-3d, 10 min")
+        ratio = _ratio(short, rival)
+        long_ratio = _ratio(long, published)
+        ratios["60 s, to sparrow-3d after 60 s", _set(rotations)].append(ratio)
+        ratios["600 s, to the published 10 minutes", _set(rotations)].append(long_ratio)
+        rows.append(
+            [
+                f"`{name}`",
+                rotations,
+                f"{_mean(short)} ({len(short)})",
+                _number(min(short, default=None)),
+                _mean(long),
+                _number(rival),
+                _number(published),
+                _number(others.get("record before")),
+                _number(ratio, 3),
+                _number(long_ratio, 3),
+                _yes(own),
+            ]
+        )
+    yield _table(
+        "instance, rotations, mean after 60 s (seeds), best after 60 s, mean after 600 s, "
+        "sparrow-3d after 60 s, published after 10 min, record before, ratio at 60 s, "
+        "ratio at 600 s, valid",
+        rows,
+    )
+    yield "Heights; lower is better. Mean ratios of the heights:\n"
+    means = []
+    for (what, rotations), values in ratios.items():
+        known = [value for value in values if not math.isnan(value)]
+        if known:
+            means.append([what, rotations, f"{statistics.mean(known):.3f}", str(len(known))])
+    yield _table("time, rotations, mean ratio, instances", means)
+
+
+def _tasks(title: str, runs: Runs, others: dict[str, float]) -> Iterator[str]:
+    """Yield the table of the densities of two tasks in a strip or a box."""
+    if not runs:
+        return
+    yield f"## {title}\n"
+    rows = []
+    for (rotations, seconds), own in _grouped(runs, "rotations", "seconds"):
+        name = f"`nest`, {rotations}, {seconds:g} s"
+        rows.append([name, *_densities(run["density"] for run in own), _yes(own)])
+    for name in runs[0]["others"]:
+        known = {run["name"]: run["others"][name] for run in runs}
+        rows.append([name, *_densities(known.values()), ""])
+    rows += [[f"`{name}`" if "/" in name else name, f"{value:.3f}", "", "", ""]
+             for name, value in others.items()]  # fmt: skip
+    yield _table("packer, mean density, least to largest, searches, valid", rows)
+
+
+def _bins(runs: Runs) -> Iterator[str]:
+    """Yield the table of the boxes that sets of items need."""
+    if not runs:
+        return
+    yield "## Bins: 60 items into unit boxes\n"
+    rows = []
+    for (rotations, seconds), own in _grouped(runs, "rotations", "seconds"):
+        ours = [run["score"] for run in own]
+        greedy = [run["others"]["greedy"] for run in own]
+        fewer = sum(one < other for one, other in zip(ours, greedy, strict=True))
+        more = sum(one > other for one, other in zip(ours, greedy, strict=True))
+        rows.append([f"{rotations}, {seconds:g} s", _mean(ours), _mean(greedy), str(fewer),
+                     str(more), str(len(own)), _yes(own)])  # fmt: skip
+    yield _table("rotations, mean boxes, first-fit decreasing, fewer, more, searches, valid", rows)
+
+
+def _speed(runs: Runs) -> Iterator[str]:
+    """Yield the table of what one process computes in a second."""
+    measured = [run for run in runs if "per second" in run]
+    if not measured:
+        return
+    yield "## What one process computes in a second\n"
+    measures = list(measured[0]["per second"])
+    rows = [
+        [f"`{run['name']}`", run["rotations"],
+         *(f"{run['per second'][each]:,.0f}" for each in measures)]
+        for run in measured
+    ]  # fmt: skip
+    yield _table(", ".join(["instance", "rotations", *measures]), rows)
+
+
+def _grouped(runs: Runs, *fields: str) -> Iterator[tuple[tuple[Any, ...], Runs]]:
+    found = defaultdict(list)
+    for run in runs:
+        found[tuple(run[field] for field in fields)].append(run)
+    yield from sorted(found.items())
+
+
+def _set(rotations: str) -> str:
+    """Return the name under which ratios are averaged: Liu's instance has axis-8."""
+    return "axis-4 (Liu: axis-8)" if rotations.startswith("axis") else rotations
+
+
+def _ratio(values: Sequence[float], other: float | None) -> float:
+    return statistics.mean(values) / other if values and other else math.nan
+
+
+def _mean(values: Sequence[float]) -> str:
+    return _number(statistics.mean(values)) if values else "-"
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _densities(values: Iterable[float]) -> list[str]:
+    known = list(values)
+    spread = f"{min(known):.3f} to {max(known):.3f}"
+    return [f"{statistics.mean(known):.3f}", spread, str(len(known))]
+
+
+def _yes(runs: Runs) -> str:
+    return "yes" if all(run["valid"] for run in runs) else "NO"
+
+
+def _table(head: str, rows: Iterable[Sequence[str]]) -> str:
+    """Write a table in Markdown."""
+    columns = head.split(", ")
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)

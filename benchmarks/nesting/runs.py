@@ -1,0 +1,184 @@
+"""Finished searches: their numbers, and their packings in files."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import machine, write_json
+from benchmarks.nesting.cases import CASES, Case
+from packit_sim import NestSettings, Packing, nest
+from packit_sim.nesting.placements import Placement
+from packit_sim.nesting.rounds import Problems
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, and for how long.
+
+    Attributes
+    ----------
+    kind, name, rotations : str
+        The problem (see `cases`).
+    seed : int
+        The seed.
+    seconds : float
+        The time.
+    """
+
+    kind: str
+    name: str
+    rotations: str
+    seed: int
+    seconds: float
+
+    @property
+    def key(self) -> str:
+        """The name of its result."""
+        return f"{self.kind}, {self.name}, {self.rotations}, {self.seed}, {self.seconds:g} s"
+
+    @property
+    def file(self) -> str:
+        """The name of the file of its packing."""
+        return re.sub(r"[^A-Za-z0-9-]+", "-", self.key) + ".json.gz"
+
+
+class Results:
+    """The results in a folder; each is written at once.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "nesting.json"
+        self.packings = folder / "nesting"
+
+    def read(self) -> dict[str, dict[str, Any]]:
+        """Return the finished searches by their keys."""
+        if not self.file.exists():
+            return {}
+        runs: dict[str, dict[str, Any]] = json.loads(self.file.read_text())["runs"]
+        return runs
+
+    def add(self, search: Search, result: dict[str, Any], packing: Packing) -> None:
+        """Add a finished search and its packing."""
+        self.packings.mkdir(parents=True, exist_ok=True)
+        placements = [[p.type, p.box, *p.pose[:3].ravel().tolist()] for p in packing.placements]
+        text = json.dumps({"search": asdict(search), "placements": placements})
+        (self.packings / search.file).write_bytes(gzip.compress(text.encode(), mtime=0))
+        runs = {**self.read(), search.key: {**asdict(search), **result}}
+        content = {"command": "python -m benchmarks.nesting", "machine": machine()}
+        write_json(self.file, {**content, "runs": dict(sorted(runs.items()))})
+
+    def verify(self) -> list[str]:
+        """Check all packings again by their meshes; return a sentence for each problem."""
+        found = []
+        for key, run in self.read().items():
+            search = Search(**{name: run[name] for name in Search.__dataclass_fields__})
+            found += [f"{key}: {problem}" for problem in self._problems(search, run)]
+        return found
+
+    def _problems(self, search: Search, run: dict[str, Any]) -> list[str]:
+        file = self.packings / search.file
+        if not file.exists():
+            return [f"{file} is missing"]
+        content = json.loads(gzip.decompress(file.read_bytes()))
+        placements = []
+        for item_type, box, *numbers in content["placements"]:
+            pose = np.vstack((np.reshape(numbers, (3, 4)), (0, 0, 0, 1)))
+            placements.append(Placement(item_type, pose, box))
+        case = CASES[search.kind](search.name, search.rotations)
+        packing = replace(_empty(case), placements=tuple(placements))
+        found = _checked(packing)
+        if abs(score(packing) - run["score"]) > 1e-9:
+            found.append(f"the score is {score(packing)}, not {run['score']}")
+        return found
+
+
+def score(packing: Packing) -> float:
+    """Return the number that counts: a strip's height, a knapsack's density, or the boxes."""
+    if packing.objective == "strip":
+        return packing.height
+    return packing.density if packing.objective == "knapsack" else float(packing.boxes)
+
+
+def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
+    """Search.
+
+    Parameters
+    ----------
+    search : Search
+        What is searched.
+    workers : int
+        The number of processes.
+
+    Returns
+    -------
+    result : dict
+        Its numbers; `curve` has the seconds and the score of each better packing. With one process
+        there are also costs, surface tests, passes and nodes a second.
+    packing : Packing
+        The packing.
+    """
+    case = CASES[search.kind](search.name, search.rotations)
+    curve: list[tuple[float, float]] = []
+    before = time.perf_counter()
+    packing = nest(
+        case.types,
+        case.container,
+        case.objective,
+        search.seconds,
+        search.seed,
+        callback=lambda found, seconds: curve.append((round(seconds, 2), score(found))),
+        settings=NestSettings(workers=workers),
+    )
+    elapsed = time.perf_counter() - before
+    result: dict[str, Any] = {
+        "workers": workers,
+        "score": score(packing),
+        "density": packing.density,
+        "items": len(packing.placements),
+        "valid": not _checked(packing),
+        "elapsed": elapsed,
+        "curve": curve,
+        "others": case.others,
+    }
+    if workers == 1:
+        counts = Problems(case.types, case.container.longest, 0.0).get().counts / elapsed
+        measures = ("costs", "surface tests", "passes", "nodes")
+        result["per second"] = dict(zip(measures, counts.round(1).tolist(), strict=True))
+    return result, packing
+
+
+def run_all(searches: Sequence[Search], results: Results, workers: int) -> None:
+    """Search what has no result yet, and print each result."""
+    for search in searches:
+        if search.key in results.read():
+            print(f"{search.key}: done before")
+            continue
+        result, packing = run(search, workers)
+        results.add(search, result, packing)
+        others = ", ".join(f"{name} {value:g}" for name, value in result["others"].items())
+        print(f"{search.key}: {result['score']:.4f} (density {result['density']:.3f}); {others}")
+
+
+def _empty(case: Case) -> Packing:
+    return Packing(case.types, case.container, (), 0.0, case.objective)
+
+
+def _checked(packing: Packing) -> list[str]:
+    found = packing.problems()
+    if packing.objective != "knapsack" and any(packing.left_out):
+        found.append("not all items are placed")
+    return found
