@@ -6,6 +6,7 @@ import numpy as np
 
 from packit_sim.core.compilation import kernel
 from packit_sim.nesting.cost_kernels import (
+    ALL,
     NO_LIMIT,
     clamp,
     fine_cost,
@@ -80,7 +81,7 @@ def construct(problem, state, order, box, samples, rng):
                 break
             o = turned[k]
             p[:] = places[k]
-            if fine_cost(problem, state, i, o, p, NO_LIMIT, True) > 0:
+            if fine_cost(problem, state, i, o, p, NO_LIMIT, ALL) > 0:
                 continue
             _lower(problem, state, i, o, p, box)
             if p[2] + lookup.boxes[a, o, 5] < least:
@@ -91,7 +92,7 @@ def construct(problem, state, order, box, samples, rng):
         if least < NO_LIMIT:
             placed += 1
             top = max(top, least)
-            update_overlaps(problem, state, i)
+            update_overlaps(problem, state, i, ALL)
     return placed
 
 
@@ -136,7 +137,7 @@ def _lower(problem, state, i, o, p, box):
             trial[:] = p
             trial[d] -= step
             clamp(lookup, a, o, trial, box)
-            if trial[d] < p[d] and fine_cost(problem, state, i, o, trial, NO_LIMIT, True) == 0:
+            if trial[d] < p[d] and fine_cost(problem, state, i, o, trial, NO_LIMIT, ALL) == 0:
                 p[:] = trial
                 moved = True
         if not moved:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inlined, kernel
+from packit_sim.nesting.distance_kernels import least_distance
 from packit_sim.nesting.overlap_kernels import (
     FLOOR,
-    FREE,
     add_field,
     in_conflict,
     interpolated,
@@ -15,6 +15,15 @@ from packit_sim.nesting.overlap_kernels import (
     settle,
     settled,
 )
+
+NONE, ALL = 0.0, 1.5
+"""Reaches of the surfaces, in voxels of distance by fields or points.
+
+With none, these alone decide. With `ALL`, a cost of 0 is certain, unless a field is wrong by more.
+"""
+
+GRAZE = 0.3
+"""Voxels that the depth of items in conflict is more than fields or points say."""
 
 NO_LIMIT = 1e300
 """A cost that is never reached."""
@@ -114,7 +123,7 @@ def rough_cost(lookup, state, i, o, p, limit):
 
 
 @kernel
-def fine_cost(problem, state, i, o, p, limit, sure):
+def fine_cost(problem, state, i, o, p, limit, reach):
     """Compute the weighted overlap of an item at a pose, near contact by the surfaces.
 
     Parameters
@@ -131,8 +140,8 @@ def fine_cost(problem, state, i, o, p, limit, sure):
         (3,) float64, its place.
     limit : float
         The cost from which on it does not matter.
-    sure : bool
-        Whether surfaces decide wherever fields don't rule a conflict out: a cost of 0 is certain.
+    reach : float
+        Voxels of distance up to which the surfaces decide, from `NONE` to `ALL`.
 
     Returns
     -------
@@ -160,13 +169,20 @@ def fine_cost(problem, state, i, o, p, limit, sure):
         if problem.refined and not settled(lookup, number, at):
             settle(problem, first, other, rel, at)
         distance = interpolated(lookup, number, at, fx, fy, fz)
-        if distance > (FREE if sure else problem.near):
+        if distance > ALL:
             continue
-        if distance >= -problem.near:
-            maybe_nested = sure and distance < 0.5
+        if not problem.refined:
+            turn = problem.relative_turns[rel]
+            distance = least_distance(problem.distances, first, other, turn, sx, sy, sz)
+            distance = (distance - lookup.clearance) / lookup.voxel
+        if distance >= 0 and distance >= reach and reach < ALL:
+            continue
+        found = -distance
+        if reach > 0 and distance >= -problem.deep:
+            maybe_nested = distance < 0.5
             if not in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
                 continue
-        found = max(FLOOR, -distance)
+            found = max(FLOOR, GRAZE - distance)
         state.depths[j] = found
         total += found * state.weights[i, j] * lookup.sizes[first] * lookup.sizes[other]
         if total >= limit:
@@ -198,9 +214,9 @@ def take_out(state, i):
 
 
 @kernel
-def update_overlaps(problem, state, i):
-    """Compute the overlaps of an item with all others again, with certainty."""
-    fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT, True)
+def update_overlaps(problem, state, i, reach):
+    """Compute the overlaps of an item with all others again; see `fine_cost` for the reach."""
+    fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT, reach)
     state.overlaps[i] = state.depths
     state.overlaps[:, i] = state.depths
 

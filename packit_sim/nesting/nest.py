@@ -16,13 +16,14 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
+from packit_sim.nesting.build import DRAWN_IN, candidates
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.cost_kernels import box_of
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.knapsacks import KnapsackSearch
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
-from packit_sim.nesting.problem import DRAWN_IN, Problem, candidates
+from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.strips import StripSearch

@@ -12,9 +12,6 @@ from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
 FLOOR = 0.02
 """Least depth, in voxels, of items in conflict."""
 
-FREE = 1.5
-"""Voxels of distance in a field beyond which items are not in conflict."""
-
 _REACH = 3.0
 """Voxels up to which nodes hold distances that surfaces have."""
 

@@ -10,9 +10,10 @@ from functools import lru_cache
 from itertools import count
 
 from packit_sim.core.parallel import Workers
+from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.problem import Problem, build
+from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.tasks import Budget, Solution
 

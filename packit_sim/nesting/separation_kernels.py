@@ -7,6 +7,7 @@ import numpy as np
 from packit_sim.core.compilation import kernel
 from packit_sim.nesting.cost_kernels import (
     NO_LIMIT,
+    NONE,
     clamp,
     fine_cost,
     put,
@@ -18,7 +19,10 @@ from packit_sim.nesting.cost_kernels import (
 )
 
 KEPT = 4
-"""Samples of a move that are improved."""
+"""Samples of a move that are improved by the fields as they are, besides the present pose."""
+
+REFINED = 2
+"""The best of these, which are improved by the surfaces."""
 
 
 @kernel
@@ -70,7 +74,7 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
 
 
 @kernel
-def _fine_descent(problem, state, i, o, p, found, boxes, sure, rng):
+def _fine_descent(problem, state, i, o, p, found, boxes, reach, rng):
     """Improve a place by coordinate descent of the fine cost; return its cost."""
     lookup = problem.lookup
     trials = np.empty((4, 3))
@@ -81,7 +85,7 @@ def _fine_descent(problem, state, i, o, p, found, boxes, sure, rng):
         best = -1
         for n in range(count):
             clamp(lookup, a, o, trials[n], boxes)
-            other = fine_cost(problem, state, i, o, trials[n], found, sure)
+            other = fine_cost(problem, state, i, o, trials[n], found, reach)
             if other < found:
                 found = other
                 best = n
@@ -133,7 +137,7 @@ def _keep(costs, places, turned, found, o, p, spread):
 
 
 @kernel
-def move(problem, state, i, boxes, samples, rng):
+def move(problem, state, i, boxes, samples, reach, rng):
     """Move an item to the pose of least weighted overlap that is found.
 
     Poses near the present one and all over the container are sampled; the best few are improved,
@@ -151,6 +155,8 @@ def move(problem, state, i, boxes, samples, rng):
         (b, 4) float64, the boxes (see `boxes_of`).
     samples : int
         The number of samples.
+    reach : float
+        As for `fine_cost`.
     rng : ndarray
         (1,) uint64, the state of the generator.
 
@@ -161,13 +167,13 @@ def move(problem, state, i, boxes, samples, rng):
     """
     lookup = problem.lookup
     a = state.types[i]
-    costs = np.full(KEPT, NO_LIMIT)
-    kept = np.empty((KEPT, 3))
-    kept_turned = np.zeros(KEPT, np.int64)
+    costs = np.full(KEPT + 1, NO_LIMIT)
+    kept = np.empty((KEPT + 1, 3))
+    kept_turned = np.zeros(KEPT + 1, np.int64)
     p = np.empty(3)
     current = state.places[i].copy()
     turned = state.turned[i]
-    before = fine_cost(problem, state, i, turned, current, NO_LIMIT, True)
+    before = fine_cost(problem, state, i, turned, current, NO_LIMIT, reach)
     for n in range(samples):
         near = n % 3 == 0
         o = turned
@@ -183,28 +189,28 @@ def move(problem, state, i, boxes, samples, rng):
         found = rough_cost(lookup, state, i, o, p, costs[KEPT - 1])
         if found < costs[KEPT - 1]:
             _keep(costs, kept, kept_turned, found, o, p, 2 * lookup.voxel)
+    kept[KEPT], kept_turned[KEPT] = current, turned
+    costs[KEPT] = rough_cost(lookup, state, i, turned, current, NO_LIMIT)
+    for k in range(KEPT + 1):
+        if 0 < costs[k] < NO_LIMIT:
+            o = kept_turned[k]
+            costs[k] = _rough_descent(lookup, state, i, o, kept[k], costs[k], boxes, rng)
     least, least_turned = before, turned
     best = current.copy()
-    for k in range(KEPT + 1):
-        o = turned
-        p[:] = current
-        if k < KEPT:
-            if costs[k] >= NO_LIMIT:
-                continue
-            o = kept_turned[k]
-            p[:] = kept[k]
-            found = costs[k]
-            if found > 0:
-                found = _rough_descent(lookup, state, i, o, p, found, boxes, rng)
-            if found > least * 1.5:
-                continue
-        found = fine_cost(problem, state, i, o, p, NO_LIMIT, False)
+    order = np.argsort(costs)
+    for n in range(REFINED):
+        k = order[n]
+        if costs[k] == NO_LIMIT:
+            break
+        o = kept_turned[k]
+        p[:] = kept[k]
+        found = fine_cost(problem, state, i, o, p, NO_LIMIT, NONE)
         if found > 0:
-            found = _fine_descent(problem, state, i, o, p, found, boxes, False, rng)
+            found = _fine_descent(problem, state, i, o, p, found, boxes, NONE, rng)
         if found == 0:
-            found = fine_cost(problem, state, i, o, p, NO_LIMIT, True)
+            found = fine_cost(problem, state, i, o, p, NO_LIMIT, reach)
             if found > 0:
-                found = _fine_descent(problem, state, i, o, p, found, boxes, True, rng)
+                found = _fine_descent(problem, state, i, o, p, found, boxes, reach, rng)
         if found < least:
             least, least_turned = found, o
             best[:] = p
@@ -216,7 +222,7 @@ def move(problem, state, i, boxes, samples, rng):
 
 
 @kernel
-def separate(problem, state, best, boxes, samples, passes, rng):
+def separate(problem, state, best, boxes, samples, passes, reach, rng):
     """Move overlapping items in passes; the weights of pairs that overlap grow.
 
     Parameters
@@ -233,13 +239,15 @@ def separate(problem, state, best, boxes, samples, passes, rng):
         Samples of a move.
     passes : int
         The most passes.
+    reach : float
+        As for `fine_cost`.
     rng : ndarray
         (1,) uint64, the state of the generator.
 
     Returns
     -------
     float
-        The least total overlap; 0 only if no two items are in conflict.
+        The least total overlap.
     """
     count = len(state.types)
     least = total_overlap(problem, state)
@@ -254,8 +262,8 @@ def separate(problem, state, best, boxes, samples, passes, rng):
             order[n], order[m] = order[m], order[n]
         for i in order:
             if state.overlaps[i].max() > 0:
-                move(problem, state, i, boxes, samples, rng)
-                update_overlaps(problem, state, i)
+                move(problem, state, i, boxes, samples, reach, rng)
+                update_overlaps(problem, state, i, reach)
         total = total_overlap(problem, state)
         if total < least:
             least = total

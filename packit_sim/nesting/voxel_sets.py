@@ -5,10 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import FINE_PER_CELL
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
+
+BIAS = 0.45
+"""Cells by which the distance to touched cells is on average less than that to the surface."""
 
 
 def voxelized(triangles: Floats, voxel: float) -> Any:
@@ -28,6 +32,96 @@ def voxelized(triangles: Floats, voxel: float) -> Any:
     """
     touched, inner = _cells(triangles, voxel)
     return np.ascontiguousarray(touched | inner).view(np.uint8)
+
+
+def turned_voxels(triangles: Floats, turns: Floats, voxel: float) -> list[Any]:
+    """Return the voxels of a solid in several rotations.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+        The corners of its surface.
+    turns : ndarray of float64, shape (r, 3, 3)
+        The rotations, the identity first.
+    voxel : float
+        The side of the voxels.
+
+    Returns
+    -------
+    list of ndarray of uint8, shape (x, y, z)
+        See `voxelized`.
+    """
+    first = voxelized(triangles, voxel)
+    found = []
+    for turn in turns:
+        axes = np.abs(turn).argmax(axis=1)
+        signs = turn[np.arange(3), axes]
+        if (np.abs(signs) == 1).all():
+            moved = np.flip(first.transpose(axes), tuple(np.flatnonzero(signs < 0)))
+            found.append(np.ascontiguousarray(moved))
+        else:
+            found.append(voxelized(triangles @ turn.T, voxel))
+    return found
+
+
+def signed_distances(triangles: Floats, cell: float, margin: float) -> Floats:
+    """Return the distances of a grid's nodes to a solid's surface, negative inside.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+        The corners of its surface.
+    cell : float
+        The distance of the nodes, which are symmetric to the origin.
+    margin : float
+        How far the grid reaches beyond the solid's bounding box.
+
+    Returns
+    -------
+    ndarray of float64, shape (x, y, z)
+        The distances, with the error of about half a cell that voxels have.
+    """
+    around = int(np.ceil(margin / cell)) + 1
+    touched, inner = (np.pad(each, around) for each in _cells(triangles, cell))
+    outside = distance_transform_edt(~(touched | inner)) - 0.5
+    inside = distance_transform_edt(touched | inner) - 0.5
+    found = np.where(touched | inner, BIAS - inside, outside + BIAS)
+    return np.asarray(found * cell)
+
+
+def spread_points(triangles: Floats, count: int) -> Floats:
+    """Return points of a surface, each as far from those before as can be.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+        The corners of its triangles.
+    count : int
+        The number of points.
+
+    Returns
+    -------
+    ndarray of float64, shape (count, 3)
+        The points.
+    """
+    corners = triangles.reshape(-1, 3)
+    areas = np.linalg.norm(
+        np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+    )
+    rng = np.random.default_rng(0)
+    some = rng.choice(len(triangles), 8 * count, p=areas / areas.sum())
+    shares = rng.random((8 * count, 2))
+    shares = np.where(shares.sum(axis=1, keepdims=True) > 1, 1 - shares, shares)
+    own = triangles[some]
+    points = own[:, 0] + np.einsum("nk,nkd->nd", shares, own[:, 1:] - own[:, :1])
+    points = np.concatenate((np.unique(corners, axis=0), points))
+    chosen = np.empty(min(count, len(points)), np.int64)
+    chosen[0] = (points**2).sum(axis=1).argmax()
+    gaps = ((points - points[chosen[0]]) ** 2).sum(axis=1)
+    for n in range(1, len(chosen)):
+        chosen[n] = gaps.argmax()
+        gaps = np.minimum(gaps, ((points - points[chosen[n]]) ** 2).sum(axis=1))
+    return np.asarray(points[chosen])
 
 
 def enclosed(triangles: Floats, voxel: float) -> Any:

@@ -1,0 +1,272 @@
+"""The computation of a nesting problem's arrays from its types of items."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from packit_sim.engine.containment import PartArrays
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.deviation import tree_of
+from packit_sim.geometry.parts import Parts
+from packit_sim.nesting import validity
+from packit_sim.nesting.distance_kernels import STEPS
+from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.problem import Closed, Distances, Lookup, Problem, Solids, Surfaces
+from packit_sim.nesting.rotation_sets import FREE, matrices
+from packit_sim.nesting.surface_kernels import STACK
+from packit_sim.nesting.voxel_sets import enclosed, signed_distances, spread_points, turned_voxels
+
+VOXELS = 16, 8
+"""Voxels of the fields along the longest side of an item of median size.
+
+More where the surfaces compute their nodes than where fields only choose among samples.
+"""
+
+FIELD_VALUES = 200_000_000
+"""Most nodes of all fields together, of two bytes; when they are full, all are dropped."""
+
+MAX_FIELDS = 200_000
+"""Most fields at a time."""
+
+SETTLED_FIELDS = 3000
+"""Most fields of a problem for which the surfaces compute nodes; else only offsets."""
+
+SOLID_VOXELS = 200
+"""Voxels along the longest side of an item for what it encloses without being closed."""
+
+NEAR = 1.5, 0.3
+"""Voxels of distance up to which the surfaces are asked, where fields and where points decide."""
+
+DEEP = 0.3, 0.1
+"""Voxels of depth from which on they are not, as there is a conflict."""
+
+DISTANCE_CELLS = 50
+"""Cells of the grids of signed distances along an item's longest side."""
+
+MARGIN = 3.0
+"""Cells around an item, besides the clearance, in which distances to it are known."""
+
+POINTS = 128
+"""Points of an item's surface whose depth in others counts."""
+
+FARTHEST = 8
+"""Vertices farthest from the centre, which tell most rotations apart."""
+
+DRAWN_IN = 0.9
+"""Share of the tolerance by which surfaces are drawn in: less than a check allows."""
+
+
+def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
+    """Compute the arrays of a problem.
+
+    Parameters
+    ----------
+    types : sequence of ItemType
+        The types of items.
+    unit : float
+        The longest fixed side of the container.
+    clearance : float
+        The distance to keep.
+
+    Returns
+    -------
+    Problem
+        The problem; its fields are still empty.
+    """
+    tolerance = min(validity.tolerance(unit, float(each.extents.max())) for each in types)
+    turns, own_turns = _turns(types)
+    relative, relative_turns = _relative(turns)
+    centred = [each.vertices - (each.low + each.high) / 2 for each in types]
+    turned = [vertices @ turns.transpose(0, 2, 1) for vertices in centred]
+    boxes = np.array([np.hstack((v.min(axis=1), v.max(axis=1))) for v in turned])
+    allowed = np.zeros((len(types), len(turns)), np.int64)
+    counts = np.zeros(len(types), np.int64)
+    for n, own in enumerate(own_turns):
+        kept = _distinct(centred[n], turns, own, tolerance)
+        allowed[n, : len(kept)] = kept
+        counts[n] = len(kept)
+    longest = np.array([each.extents.max() for each in types])
+    fields = len(types) * (len(types) + 1) // 2 * len(relative_turns)
+    refined = fields <= SETTLED_FIELDS
+    voxel = _voxel(types, len(relative_turns), VOXELS[0 if refined else 1])
+    voxels = [
+        turned_voxels(vertices[each.faces], relative_turns, voxel)
+        for vertices, each in zip(centred, types, strict=True)
+    ]
+    flat = [each.ravel() for row in voxels for each in row]
+    shapes = [each.shape for row in voxels for each in row]
+    voxel_fields = np.column_stack((_starts(flat)[:-1], shapes))
+    lookup = Lookup(
+        voxel=voxel,
+        clearance=clearance,
+        slack=0.5 * DRAWN_IN * tolerance,
+        identity=int(relative[0, 0]),
+        turns=turns,
+        relative=relative,
+        boxes=boxes,
+        sizes=np.sqrt(longest / longest.mean()),
+        numbers=np.full((len(types), len(types), len(relative_turns)), -1, np.int64),
+        fields=np.zeros((min(fields, MAX_FIELDS) + 1, 4), np.int64),
+        values=np.zeros(FIELD_VALUES, np.int16),
+        used=np.zeros(3, np.int64),
+        voxels=np.concatenate(flat),
+        voxel_fields=voxel_fields.reshape(len(types), -1, 4).astype(np.int64),
+    )
+    return Problem(
+        lookup,
+        least_step=0.3 * tolerance,
+        refined=refined,
+        near=NEAR[0 if refined else 1],
+        deep=DEEP[0 if refined else 1],
+        relative_turns=relative_turns,
+        allowed=allowed,
+        allowed_counts=counts,
+        reach=longest * 0.5,
+        surfaces=_surfaces(types, centred, DRAWN_IN * tolerance),
+        closed=_closed(types, centred),
+        solids=_solids(types, centred),
+        distances=_distances(types, centred, clearance),
+        counts=np.zeros(4, np.int64),
+        shift=np.zeros(3),
+        waiting=np.zeros((STACK, 2), np.int64),
+        triangle=np.zeros((3, 3)),
+    )
+
+
+def candidates(item_type: ItemType) -> Floats:
+    """Return the rotations (m, 3, 3) that are searched for a type: for `free`, the 24 of `cube`."""
+    return matrices("cube" if item_type.rotations == FREE else item_type.rotations)
+
+
+def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:
+    """Return all rotations (m, 3, 3), the identity first, and the numbers of each type's."""
+    found: list[Floats] = []
+    own = [[_number(found, turn) for turn in candidates(each)] for each in types]
+    return np.array(found), own
+
+
+def _relative(turns: Floats) -> tuple[Ints, Floats]:
+    """Return the numbers (m, m) of all relative rotations, and these (r, 3, 3)."""
+    found: list[Floats] = []
+    numbers = [[_number(found, one.T @ other) for other in turns] for one in turns]
+    return np.array(numbers, np.int64), np.array(found)
+
+
+def _number(found: list[Floats], turn: Floats) -> int:
+    """Return the number of a rotation in a list, to which it is added if it is new."""
+    for n, each in enumerate(found):
+        if np.abs(each - turn).max() < 1e-9:
+            return n
+    found.append(turn)
+    return len(found) - 1
+
+
+def _distinct(vertices: Floats, turns: Floats, own: list[int], tolerance: float) -> list[int]:
+    """Return the rotations that differ by more than a symmetry of the vertices."""
+    tree = cKDTree(vertices)
+    far = vertices[np.argsort(-(vertices**2).sum(axis=1), kind="stable")[:FARTHEST]]
+    kept: list[int] = []
+
+    def same(turn: Floats) -> bool:
+        return all(
+            tree.query(points @ turn.T)[0].max() < 0.01 * tolerance for points in (far, vertices)
+        )
+
+    for n in own:
+        if not any(same(turns[k].T @ turns[n]) for k in kept):
+            kept.append(n)
+    return kept
+
+
+def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
+    """Return the side of the voxels: small, but so that all fields have room."""
+    longest = np.array([each.extents.max() for each in types])
+    voxel = float(np.median(longest)) / count
+    extents = np.array([each.extents for each in types])
+    while True:
+        cells = extents / voxel
+        nodes = (cells[:, None] + cells[None] + 7).prod(axis=2).sum() / 2 * relative
+        if nodes <= FIELD_VALUES or voxel > longest.min() / 4:
+            return voxel
+        voxel *= 1.1
+
+
+def _surfaces(types: Sequence[ItemType], centred: list[Floats], less: float) -> Surfaces:
+    trees = []
+    for each, vertices in zip(types, centred, strict=True):
+        drawn_in = vertices * (np.maximum(each.extents - less, 0) / each.extents)
+        triangles = drawn_in[each.faces]
+        order, boxes, leaves = tree_of(triangles)
+        trees.append((np.ascontiguousarray(triangles[order]), boxes, leaves))
+    return Surfaces(*_joined(*zip(*trees, strict=True)))
+
+
+def _closed(types: Sequence[ItemType], centred: list[Floats]) -> Closed:
+    found = [
+        PartArrays.of(vertices, Parts.of(vertices, each.faces))
+        for each, vertices in zip(types, centred, strict=True)
+    ]
+    triangles, starts, boxes, box_starts, leaves, leaf_starts = _joined(
+        [each.triangles for each in found],
+        [each.boxes for each in found],
+        [each.starts for each in found],
+    )
+    part = np.concatenate([each.part for each in found])
+    return Closed(triangles, part, starts, boxes, box_starts, leaves, leaf_starts)
+
+
+def _solids(types: Sequence[ItemType], centred: list[Floats]) -> Solids:
+    points, inner = [], []
+    dims = np.zeros((len(types), 3), np.int64)
+    voxels = np.ones(len(types))
+    for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
+        parts = Parts.of(vertices, each.faces)
+        points.append(vertices[parts.vertices])
+        found = np.empty(0, np.uint8)
+        if len(parts.closed) < len(each.faces):
+            voxels[n] = each.extents.max() / SOLID_VOXELS
+            cells = enclosed(vertices[each.faces], voxels[n])
+            dims[n] = cells.shape
+            found = cells.ravel()
+        inner.append(found)
+    return Solids(
+        np.concatenate(points), _starts(points), np.concatenate(inner), _starts(inner), dims, voxels
+    )
+
+
+def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: float) -> Distances:
+    values, points = [], []
+    dims = np.zeros((len(types), 3), np.int64)
+    cells = np.array([each.extents.max() / DISTANCE_CELLS for each in types])
+    margin = clearance + MARGIN * float(cells.max())
+    for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
+        triangles = vertices[each.faces]
+        found = signed_distances(triangles, cells[n], margin)
+        dims[n] = found.shape
+        values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
+        points.append(spread_points(triangles, POINTS))
+    flat = [each.ravel() for each in values]
+    return Distances(
+        np.concatenate(flat),
+        _starts(flat),
+        dims,
+        cells,
+        np.concatenate(points),
+        _starts(points),
+        margin,
+    )
+
+
+def _joined(*columns: Any) -> Iterator[Any]:
+    """Yield arrays joined, each followed by where its parts start."""
+    for parts in columns:
+        yield np.concatenate(parts)
+        yield _starts(parts)
+
+
+def _starts(parts: Sequence[Any]) -> Ints:
+    return np.concatenate(([0], np.cumsum([len(part) for part in parts]))).astype(np.int64)

@@ -1,0 +1,76 @@
+"""Kernels for how deep points of one surface are in another item, by its signed distances."""
+
+from __future__ import annotations
+
+from packit_sim.core.compilation import kernel
+
+STEPS = 64.0
+"""Steps of the stored distances per cell."""
+
+
+@kernel
+def least_distance(distances, first, other, turn, sx, sy, sz):
+    """Return the least signed distance of points of two surfaces to the other item.
+
+    Parameters
+    ----------
+    distances : Distances
+        The distances of all types, and points of their surfaces.
+    first, other : int
+        The types.
+    turn : ndarray
+        (3, 3) float64, the other's rotation in the first's frame.
+    sx, sy, sz : float
+        The other's origin in the first's frame.
+
+    Returns
+    -------
+    float
+        The distance, negative inside; at most the margin of the grids.
+    """
+    found = distances.margin
+    points = distances.points
+    xa, xb, xc, xs = turn[0, 0], turn[0, 1], turn[0, 2], sx
+    ya, yb, yc, ys = turn[1, 0], turn[1, 1], turn[1, 2], sy
+    za, zb, zc, zs = turn[2, 0], turn[2, 1], turn[2, 2], sz
+    for side in range(2):
+        around, inside = (first, other) if side == 0 else (other, first)
+        values = distances.values
+        start = distances.starts[around]
+        u, v, w = distances.dims[around, 0], distances.dims[around, 1], distances.dims[around, 2]
+        cell = distances.cells[around]
+        scale = cell / STEPS
+        per_cell = 1 / cell
+        if side == 1:
+            xa, xb, xc, ya, yb, yc, za, zb, zc = xa, ya, za, xb, yb, zb, xc, yc, zc
+            xs, ys, zs = (
+                -(xa * sx + xb * sy + xc * sz),
+                -(ya * sx + yb * sy + yc * sz),
+                -(za * sx + zb * sy + zc * sz),
+            )
+        for n in range(distances.point_starts[inside], distances.point_starts[inside + 1]):
+            a, b, c = points[n, 0], points[n, 1], points[n, 2]
+            x = (xa * a + xb * b + xc * c + xs) * per_cell + (u - 1) * 0.5
+            if not 0 <= x < u - 1:
+                continue
+            y = (ya * a + yb * b + yc * c + ys) * per_cell + (v - 1) * 0.5
+            if not 0 <= y < v - 1:
+                continue
+            z = (za * a + zb * b + zc * c + zs) * per_cell + (w - 1) * 0.5
+            if not 0 <= z < w - 1:
+                continue
+            i, j, k = int(x), int(y), int(z)
+            at = start + (i * v + j) * w + k
+            if (values[at] - 2 * STEPS) * scale >= found:
+                continue
+            fx, fy, fz = x - i, y - j, z - k
+            gx, gy, gz = 1 - fx, 1 - fy, 1 - fz
+            low = (values[at] * gz + values[at + 1] * fz) * gy + (
+                values[at + w] * gz + values[at + w + 1] * fz
+            ) * fy
+            at += v * w
+            high = (values[at] * gz + values[at + 1] * fz) * gy + (
+                values[at + w] * gz + values[at + w + 1] * fz
+            ) * fy
+            found = min(found, (low * gx + high * fx) * scale)
+    return found
