@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from trimesh import creation
 
+pytest.importorskip("matplotlib")
 from benchmarks.nesting import cases, report
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all

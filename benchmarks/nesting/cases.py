@@ -77,9 +77,12 @@ def literature_names() -> list[str]:
 
 
 def literature(name: str, rotations: str) -> Case:
-    """Read an instance of the literature."""
+    """Read an instance of the literature; for `cube` and `free`, others have `axis-n`."""
     types, container = read_instance(builtin_instances()[name], rotations)
-    others = published().get((name, rotations), {})
+    known = {own: heights for (each, own), heights in published().items() if each == name}
+    others = known.get(rotations, {})
+    if rotations in ("cube", "free"):
+        others = next(known[own] for own in ("axis-8", "axis-4", "fixed") if own in known)
     return Case("literature", name, rotations, types, container, "strip", others)
 
 
