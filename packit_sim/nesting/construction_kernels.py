@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.nesting.cost_kernels import (
     ALL,
     NO_LIMIT,
@@ -96,7 +96,7 @@ def construct(problem, state, order, box, samples, rng):
     return placed
 
 
-@kernel
+@inner_kernel
 def _top(lookup, state, box):
     """Return how high the items in a box (1, 4) reach."""
     top = 0.0
@@ -106,7 +106,7 @@ def _top(lookup, state, box):
     return top
 
 
-@kernel
+@inner_kernel
 def _put_on_top(problem, state, i, height, box):
     """Put an item at a height, if that is inside the box; return how high it reaches."""
     lookup = problem.lookup
@@ -124,7 +124,7 @@ def _put_on_top(problem, state, i, height, box):
     return NO_LIMIT
 
 
-@kernel
+@inner_kernel
 def _lower(problem, state, i, o, p, box):
     """Lower an item, and move it to the left and back, as far as steps without conflict lead."""
     lookup = problem.lookup

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.nesting.distance_kernels import least_distance
 from packit_sim.nesting.overlap_kernels import (
     FLOOR,
@@ -29,7 +29,7 @@ NO_LIMIT = 1e300
 """A cost that is never reached."""
 
 
-@kernel
+@inner_kernel
 def random(state):
     """Return a number in [0, 1), and advance the state (1,) uint64 of the generator."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -75,7 +75,7 @@ def _offset(lookup, state, i, o, p, j):
     )
 
 
-@kernel
+@inner_kernel
 def rough_cost(lookup, state, i, o, p, limit):
     """Compute the weighted overlap of an item at a pose, by the fields as they are.
 
@@ -122,7 +122,7 @@ def rough_cost(lookup, state, i, o, p, limit):
     return total
 
 
-@kernel
+@inner_kernel
 def fine_cost(problem, state, i, o, p, limit, reach):
     """Compute the weighted overlap of an item at a pose, near contact by the surfaces.
 
@@ -221,7 +221,7 @@ def update_overlaps(problem, state, i, reach):
     state.overlaps[:, i] = state.depths
 
 
-@kernel
+@inner_kernel
 def total_overlap(problem, state):
     """Return the sum of all overlaps, unweighted."""
     sizes = problem.lookup.sizes
@@ -258,7 +258,7 @@ def clamp(lookup, a, o, p, boxes):
     return True
 
 
-@kernel
+@inner_kernel
 def sample(lookup, a, o, p, box, rng):
     """Write a random place in a box (4,) to `p` (3,); for an item that is too large, its corner."""
     for d in range(3):

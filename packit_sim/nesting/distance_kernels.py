@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel
 
 STEPS = 64.0
 """Steps of the stored distances per cell."""
 
 
-@kernel
+@inner_kernel
 def least_distance(distances, first, other, turn, sx, sy, sz):
     """Return the least signed distance of points of two surfaces to the other item.
 

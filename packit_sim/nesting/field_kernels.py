@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel
 
 SCALE = 128.0
 """Steps of the stored distances per voxel."""
@@ -19,13 +19,13 @@ _BAND = -4.0, 2.0
 """Distances in voxels between which nodes may be computed by the surfaces."""
 
 
-@kernel
+@inner_kernel
 def padding(clearance):
     """Return the nodes of a field around the offsets at which voxels overlap."""
     return int(np.ceil(clearance)) + REACH
 
 
-@kernel
+@inner_kernel
 def fill_field(one, other, clearance, out):
     """Compute the signed distance to the offsets at which two sets of voxels overlap.
 
@@ -56,7 +56,7 @@ def fill_field(one, other, clearance, out):
                 out[x, y, z] = encoded(found, not _BAND[0] < found < _BAND[1])
 
 
-@kernel
+@inner_kernel
 def _overlaps(one, other, around, shape):
     """Return the offsets (u, v, w) uint8 at which two sets of voxels overlap."""
     ax, ay, az = one.shape
@@ -117,7 +117,7 @@ def _overlaps(one, other, around, shape):
     return found
 
 
-@kernel
+@inner_kernel
 def _dilate(rows, one, length):
     """Add to the rows of words the voxels, shifted up by length - 1."""
     ax, ay, az = one.shape
@@ -129,7 +129,7 @@ def _dilate(rows, one, length):
                     rows[x, y, t >> 6] |= np.uint64(1) << np.uint64(t & 63)
 
 
-@kernel
+@inner_kernel
 def _squared_distances(cells, value, limit):
     """Return the squared distance (u, v, w) of each cell to the next one of a value, bounded."""
     u, v, w = cells.shape
@@ -175,14 +175,14 @@ def _squared_distances(cells, value, limit):
     return first
 
 
-@kernel
+@inner_kernel
 def encoded(distance, settled):
     """Return a distance in voxels as an int16; its lowest bit says that it stays as it is."""
     steps = round(distance * SCALE)
     return np.int16(2 * max(-16000, min(16000, steps)) + settled)
 
 
-@kernel
+@inner_kernel
 def decoded(value):
     """Return the distance of a stored value, in voxels."""
     return (value >> 1) / SCALE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, kernel
+from packit_sim.core.compilation import inlined, inner_kernel
 from packit_sim.engine.containment_kernels import holds
 from packit_sim.nesting.field_kernels import SCALE, encoded, fill_field, padding
 from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
@@ -69,7 +69,7 @@ def settled(lookup, number, at):
     )
 
 
-@kernel
+@inner_kernel
 def add_field(lookup, first, other, rel):
     """Compute the field of two types and a relative rotation, and return its number."""
     one = _voxels(lookup, first, lookup.identity)
@@ -96,14 +96,14 @@ def add_field(lookup, first, other, rel):
     return number
 
 
-@kernel
+@inner_kernel
 def _voxels(lookup, a, rel):
     """Return the voxels (x, y, z) of a type in one of the relative rotations."""
     start, x, y, z = lookup.voxel_fields[a, rel]
     return lookup.voxels[start : start + x * y * z].reshape((x, y, z))
 
 
-@kernel
+@inner_kernel
 def settle(problem, first, other, rel, at):
     """Compute the eight nodes from a place on by the surfaces."""
     lookup = problem.lookup
@@ -121,7 +121,7 @@ def settle(problem, first, other, rel, at):
                     field[x, y, z] = encoded(found, True)
 
 
-@kernel
+@inner_kernel
 def _node(problem, first, other, rel, field, x, y, z):
     """Return the signed distance at a node, less the clearance, by the surfaces, in voxels."""
     u, v, w = field.shape
@@ -161,7 +161,7 @@ def _node(problem, first, other, rel, field, x, y, z):
     return -high - clearance
 
 
-@kernel
+@inner_kernel
 def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
     """Return whether items at an offset cross, are too close, or one is in the other, if it may."""
     problem.shift[0], problem.shift[1], problem.shift[2] = sx, sy, sz
@@ -175,7 +175,7 @@ def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
     )
 
 
-@kernel
+@inner_kernel
 def _cross(problem, first, other, rel):
     """Return whether the surfaces of two types cross at `problem.shift`."""
     problem.counts[1] += 1
@@ -195,7 +195,7 @@ def _cross(problem, first, other, rel):
     )
 
 
-@kernel
+@inner_kernel
 def _distance(problem, first, other, rel, limit):
     """Return the distance of the surfaces of two types at `problem.shift`, or the limit."""
     if _cross(problem, first, other, rel):
@@ -217,7 +217,7 @@ def _distance(problem, first, other, rel, limit):
     )
 
 
-@kernel
+@inner_kernel
 def _nested(problem, first, other, rel):
     """Return whether a part of one of two items at `problem.shift` is inside the other."""
     turn = problem.relative_turns[rel]
@@ -227,7 +227,7 @@ def _nested(problem, first, other, rel):
     )
 
 
-@kernel
+@inner_kernel
 def _holds(problem, around, inside, turn, inside_turn, shift):
     """Return whether a closed part of an item holds a part of another one, or its solid does."""
     s, c = problem.solids, problem.closed

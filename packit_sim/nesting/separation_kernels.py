@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel, kernel
 from packit_sim.nesting.cost_kernels import (
     NO_LIMIT,
     NONE,
@@ -25,7 +25,7 @@ REFINED = 2
 """The best of these, which are improved by the surfaces."""
 
 
-@kernel
+@inner_kernel
 def _next_trials(p, steps, trials, rng):
     """Write the places around one that a step of descent tries to `trials` (4, 3).
 
@@ -52,7 +52,7 @@ def _next_trials(p, steps, trials, rng):
     return count, d, e
 
 
-@kernel
+@inner_kernel
 def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
     """Improve a place by coordinate descent of the rough cost; return its cost."""
     trials = np.empty((4, 3))
@@ -73,7 +73,7 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
     return found
 
 
-@kernel
+@inner_kernel
 def _fine_descent(problem, state, i, o, p, found, boxes, reach, rng):
     """Improve a place by coordinate descent of the fine cost; return its cost."""
     lookup = problem.lookup
@@ -95,7 +95,7 @@ def _fine_descent(problem, state, i, o, p, found, boxes, reach, rng):
     return found
 
 
-@kernel
+@inner_kernel
 def _scale_steps(steps, d, e, better):
     """Let the steps along two axes grow after an improvement, and shrink without one."""
     factor = 1.1 if better else 0.5
@@ -104,7 +104,7 @@ def _scale_steps(steps, d, e, better):
         steps[e] *= factor
 
 
-@kernel
+@inner_kernel
 def _keep(costs, places, turned, found, o, p, spread):
     """Insert a sample into the sorted list of the best, unless a better one is close."""
     for k in range(KEPT):
@@ -136,7 +136,7 @@ def _keep(costs, places, turned, found, o, p, spread):
     turned[k] = o
 
 
-@kernel
+@inner_kernel
 def move(problem, state, i, boxes, samples, reach, rng):
     """Move an item to the pose of least weighted overlap that is found.
 
@@ -272,14 +272,14 @@ def separate(problem, state, best, boxes, samples, passes, reach, rng):
     return least
 
 
-@kernel
+@inner_kernel
 def _copy_poses(state, other):
     other.inside[:] = state.inside
     other.turned[:] = state.turned
     other.places[:] = state.places
 
 
-@kernel
+@inner_kernel
 def _reweight(state):
     """Let the weights of pairs that overlap grow, the deeper the more, and the others decay."""
     most = state.overlaps.max()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inner_kernel
 
 STACK = 512
 """Pairs of nodes that can wait."""
 
 
-@kernel
+@inner_kernel
 def surfaces_cross(
     one, one_boxes, one_starts, other, other_boxes, other_starts, turn, shift, waiting, triangle
 ):
@@ -65,7 +65,7 @@ def surfaces_cross(
     return False
 
 
-@kernel
+@inner_kernel
 def _diagonal(box):
     """Return the squared diagonal of a box (2, 3)."""
     return (
@@ -73,7 +73,7 @@ def _diagonal(box):
     )
 
 
-@kernel
+@inner_kernel
 def _boxes_apart(one, other, turn, shift):
     """Return whether the axes of the one's frame separate its box (2, 3) from the other's."""
     for d in range(3):
@@ -87,7 +87,7 @@ def _boxes_apart(one, other, turn, shift):
     return False
 
 
-@kernel
+@inner_kernel
 def _transform(corners, turn, shift, out):
     """Write the rotated and translated corners (3, 3) of a triangle to `out`."""
     for c in range(3):
@@ -97,7 +97,7 @@ def _transform(corners, turn, shift, out):
             )
 
 
-@kernel
+@inner_kernel
 def triangles_cross(one, other):
     """Return whether an edge of one of two triangles (3, 3) passes through the other."""
     for d in range(3):
@@ -108,7 +108,7 @@ def triangles_cross(one, other):
     return _edges_pass(one, other) or _edges_pass(other, one)
 
 
-@kernel
+@inner_kernel
 def _edges_pass(one, other):
     """Return whether an edge of a triangle passes through another triangle."""
     ux, uy, uz = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1], other[1, 2] - other[0, 2]
@@ -126,13 +126,13 @@ def _edges_pass(one, other):
     )
 
 
-@kernel
+@inner_kernel
 def _height(point, origin, nx, ny, nz):
     """Return the height of a point above a plane, times the length of its normal."""
     return (point[0] - origin[0]) * nx + (point[1] - origin[1]) * ny + (point[2] - origin[2]) * nz
 
 
-@kernel
+@inner_kernel
 def _passes(start, end, s, e, triangle, nx, ny, nz):
     """Return whether a segment with ends of heights s and e passes through a triangle."""
     if (s > 0) == (e > 0) or s == e:
@@ -151,7 +151,7 @@ def _passes(start, end, s, e, triangle, nx, ny, nz):
     return True
 
 
-@kernel
+@inner_kernel
 def surfaces_distance(
     one,
     one_boxes,
@@ -208,7 +208,7 @@ def surfaces_distance(
     return np.sqrt(best)
 
 
-@kernel
+@inner_kernel
 def _boxes_gap(one, other, turn, shift):
     """Return at most the squared distance between a box and another one, rotated."""
     total = 0.0
@@ -223,7 +223,7 @@ def _boxes_gap(one, other, turn, shift):
     return total
 
 
-@kernel
+@inner_kernel
 def triangles_gap(one, other):
     """Return the squared distance of two triangles (3, 3) that don't cross."""
     best = 1e300
@@ -235,7 +235,7 @@ def triangles_gap(one, other):
     return best
 
 
-@kernel
+@inner_kernel
 def _face_gap(point, triangle):
     """Return the squared distance of a point above the inside of a triangle, else a large one."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -254,7 +254,7 @@ def _face_gap(point, triangle):
     return height * height / square
 
 
-@kernel
+@inner_kernel
 def segments_gap(p, q, r, s):
     """Return the squared distance of two segments, from p to q and from r to s."""
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
