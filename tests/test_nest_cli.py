@@ -31,7 +31,7 @@ def _instance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_an_instance_is_packed_written_and_verified(instance) -> None:
     output = packit(
-        *("nest", instance, "--rotations", "fixed", "--iterations", 100, "--workers", 1),
+        *("nest", instance, "--rotations", "fixed", "--iterations", 2000, "--workers", 1),
         *("--out", "out/solution.json", "--packing", "packing.json"),
     )
     row = next(line.split() for line in output.splitlines() if line.endswith("yes  "))
