@@ -137,7 +137,9 @@ def text(packing: Packing) -> bytes:
     )
 
 
-@pytest.mark.parametrize("rotations", ["fixed", "yaw-8", "free"])
+@pytest.mark.parametrize(
+    "rotations", ["fixed", pytest.param("yaw-8", marks=pytest.mark.slow), "free"]
+)
 def test_strips_are_valid_complete_and_improve(rotations) -> None:
     heights: list[float] = []
     packing = nest(
@@ -212,7 +214,7 @@ def test_cubes_fill_a_strip_and_boxes(seed) -> None:
     assert bins.boxes == 4 and bins.density == pytest.approx(1)
 
 
-@pytest.mark.parametrize("objective", ["strip", "bins"])
+@pytest.mark.parametrize("objective", ["strip", pytest.param("bins", marks=pytest.mark.slow)])
 def test_a_clearance_holds(objective) -> None:
     clearance = 0.07
     size = (3, 3, OPEN) if objective == "strip" else (2.4, 2.4, 2.4)
