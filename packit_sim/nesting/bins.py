@@ -64,7 +64,7 @@ class BinsSearch(Search):
             others,
             self._choices,
         )
-        return Separation(self._task, mixed, others)
+        return Separation(self._task, mixed, others, self._task.settings.patience)
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
         if not is_apart:

@@ -86,7 +86,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     allowed = np.zeros((len(types), len(turns)), np.int64)
     counts = np.zeros(len(types), np.int64)
     for n, own in enumerate(own_turns):
-        kept = _distinct(centred[n], turns, own, tolerance)
+        kept = _distinct(centred[n], boxes[n], turns, own, 0.01 * tolerance)
         allowed[n, : len(kept)] = kept
         counts[n] = len(kept)
     longest = np.array([each.extents.max() for each in types])
@@ -165,19 +165,22 @@ def _number(found: list[Floats], turn: Floats) -> int:
     return len(found) - 1
 
 
-def _distinct(vertices: Floats, turns: Floats, own: list[int], tolerance: float) -> list[int]:
+def _distinct(
+    vertices: Floats, boxes: Floats, turns: Floats, own: list[int], least: float
+) -> list[int]:
     """Return the rotations that differ by more than a symmetry of the vertices."""
     tree = cKDTree(vertices)
     far = vertices[np.argsort(-(vertices**2).sum(axis=1), kind="stable")[:FARTHEST]]
     kept: list[int] = []
 
-    def same(turn: Floats) -> bool:
-        return all(
-            tree.query(points @ turn.T)[0].max() < 0.01 * tolerance for points in (far, vertices)
-        )
-
     for n in own:
-        if not any(same(turns[k].T @ turns[n]) for k in kept):
+        for k in kept:
+            if np.abs(boxes[n] - boxes[k]).max() < least and all(
+                tree.query(points @ (turns[k].T @ turns[n]).T)[0].max() < least
+                for points in (far, vertices)
+            ):
+                break
+        else:
             kept.append(n)
     return kept
 

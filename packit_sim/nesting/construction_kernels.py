@@ -81,10 +81,11 @@ def construct(problem, state, order, box, samples, rng):
                 break
             o = turned[k]
             p[:] = places[k]
-            if fine_cost(problem, state, i, o, p, NO_LIMIT, ALL) > 0:
+            if fine_cost(problem, state, i, o, p, NO_LIMIT, problem.near) > 0:
                 continue
             _lower(problem, state, i, o, p, box)
-            if p[2] + lookup.boxes[a, o, 5] < least:
+            height = p[2] + lookup.boxes[a, o, 5]
+            if height < least and fine_cost(problem, state, i, o, p, NO_LIMIT, ALL) == 0:
                 least = p[2] + lookup.boxes[a, o, 5]
                 put(lookup, state, i, o, p)
         if least == NO_LIMIT:
@@ -137,7 +138,10 @@ def _lower(problem, state, i, o, p, box):
             trial[:] = p
             trial[d] -= step
             clamp(lookup, a, o, trial, box)
-            if trial[d] < p[d] and fine_cost(problem, state, i, o, trial, NO_LIMIT, ALL) == 0:
+            if (
+                trial[d] < p[d]
+                and fine_cost(problem, state, i, o, trial, NO_LIMIT, problem.near) == 0
+            ):
                 p[:] = trial
                 moved = True
         if not moved:

@@ -22,8 +22,8 @@ NONE, ALL = 0.0, 1.5
 With none, these alone decide. With `ALL`, a cost of 0 is certain, unless a field is wrong by more.
 """
 
-GRAZE = 0.3
-"""Voxels that the depth of items in conflict is more than fields or points say."""
+GRAZE = 0.15
+"""Voxels that the depth of items in conflict is more than points say."""
 
 NO_LIMIT = 1e300
 """A cost that is never reached."""
@@ -182,7 +182,7 @@ def fine_cost(problem, state, i, o, p, limit, reach):
             maybe_nested = distance < 0.5
             if not in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
                 continue
-            found = max(FLOOR, GRAZE - distance)
+            found = max(FLOOR, (0.0 if problem.refined else GRAZE) - distance)
         state.depths[j] = found
         total += found * state.weights[i, j] * lookup.sizes[first] * lookup.sizes[other]
         if total >= limit:

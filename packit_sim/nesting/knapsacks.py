@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
-from packit_sim.nesting.separation import Separation, constructed
+from packit_sim.nesting.separation import Separation, constructed, repaired
 from packit_sim.nesting.tasks import Poses, Solution, Task
 
-_GROWTH, _DECAY = 1.2, 0.8
-"""Factors of the share of value to gain, after a success and after a failure."""
-
-_MOST, _LEAST = 0.1, 0.001
-"""Largest and smallest share of value to gain at a time."""
+_MOST_IN = 3
+"""Most items that are put in at a time."""
 
 _MOST_OUT = 2
-"""Most items that are taken out for others."""
+"""Most items that are taken out for others at a time."""
+
+_WORSE = 0.02
+"""Share of the value by which a box may be worse than the best to go on from it."""
 
 
 class KnapsackSearch(Search):
@@ -34,26 +35,28 @@ class KnapsackSearch(Search):
     def __init__(self, task: Task, seed: int) -> None:
         super().__init__(task, seed)
         self._boxes = boxes_of([task.size])
-        self._share = _MOST
+        self._current: Poses | None = None
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
         self.best = solution
-        self.is_done = bool(solution.poses.inside.all())
+        fits = fitting(problem, self._task.size)[self._task.numbers]
+        self.is_done = bool((solution.poses.inside.astype(bool) | ~fits).all())
 
     def _constructed(self, problem: Problem) -> Solution:
         return self._solution(constructed(problem, self._task, [self._task.size], self._rng))
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        return Separation(self._task, self._exchanged(problem, best.poses), self._boxes)
+        poses = self._exchanged(problem, self._current or best.poses)
+        return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
-        factor = _GROWTH if is_apart else _DECAY
-        self._share = min(max(self._share * factor, _LEAST), _MOST)
-        if is_apart:
-            found = self._solution(attempt.least)
-            if found.score < best.score:
-                self.adopt(problem, found)
+        poses = repaired(problem, self._task, attempt.least, self._boxes, self._rng)
+        found = self._solution(poses)
+        if found.score < best.score:
+            self.adopt(problem, found)
+        is_good = self._value(poses) >= (1 - _WORSE * self._choices.random()) * -best.score[0]
+        self._current = poses if is_good else best.poses
 
     def _value(self, poses: Poses) -> float:
         return float(self._task.values[poses.inside.astype(bool)].sum())
@@ -62,24 +65,29 @@ class KnapsackSearch(Search):
         return Solution((-self._value(poses),), poses, self._boxes)
 
     def _exchanged(self, problem: Problem, old: Poses) -> Poses:
-        """Take out a few items, at random, and put others in at random poses, of more value."""
-        task = self._task
+        """Take out a few items, at random, and put others in at random poses."""
         inside = old.inside.copy()
-        out = self._choices.integers(_MOST_OUT + 1)
-        inside[self._choices.permutation(np.flatnonzero(inside))[:out]] = 0
-        most = float(np.prod(task.size)) - task.volumes[inside == 1].sum()
-        goal = (1 + self._share) * self._value(old) - task.values[inside == 1].sum()
-        added = []
-        for i in self._choices.permutation(np.flatnonzero(inside == 0)):
-            if goal <= 0:
-                break
-            if task.volumes[i] <= most:
-                added.append(int(i))
-                most -= task.volumes[i]
-                goal -= task.values[i]
+        fits = fitting(problem, self._task.size)[self._task.numbers]
+        left_out = self._choices.permutation(np.flatnonzero(fits & (inside == 0)))
+        out = self._choices.permutation(np.flatnonzero(inside))
+        inside[out[: self._choices.integers(_MOST_OUT + 1)]] = 0
         return with_random_poses(
-            problem, task, Poses(inside, old.turned, old.places), added, self._boxes, self._choices
+            problem,
+            self._task,
+            Poses(inside, old.turned, old.places),
+            left_out[: 1 + self._choices.integers(_MOST_IN)].tolist(),
+            self._boxes,
+            self._choices,
         )
+
+
+def fitting(problem: Problem, size: tuple[float, float, float]) -> npt.NDArray[np.bool_]:
+    """Return whether each type (t,) fits into a box in one of its rotations."""
+    lookup = problem.lookup
+    sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
+    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
+    columns = np.arange(problem.allowed.shape[1]) < problem.allowed_counts[:, None]
+    return np.asarray((np.take_along_axis(fits, problem.allowed, axis=1) & columns).any(axis=1))
 
 
 def with_random_poses(

@@ -108,6 +108,41 @@ def constructed(
     return Poses.of(state)
 
 
+def repaired(
+    problem: Problem, task: Task, poses: Poses, boxes: Floats, rng: npt.NDArray[np.uint64]
+) -> Poses:
+    """Take out items until none is in conflict, then put others in where they fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : Task
+        The task.
+    poses : Poses
+        Where the items are.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses, without conflicts.
+    """
+    state = state_of(task.numbers.tolist())
+    load(problem, state, poses, boxes)
+    while state.overlaps.any():
+        worst = int((state.overlaps.sum(axis=1) / np.maximum(task.values, 1e-300)).argmax())
+        take_out(state, worst)
+    order = np.argsort(-task.volumes, kind="stable")
+    for k in range(len(boxes)):
+        left = order[state.inside[order] == 0]
+        construct(problem, state, left, boxes[k : k + 1], task.settings.construction_samples, rng)
+    return Poses.of(state)
+
+
 class Separation:
     """An attempt to move overlapping items apart, which can be interrupted.
 
@@ -119,6 +154,8 @@ class Separation:
         Where the items are at first.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
+    patience : int
+        Passes without a gain after which it gives up.
 
     Attributes
     ----------
@@ -128,10 +165,11 @@ class Separation:
         The boxes.
     """
 
-    def __init__(self, task: Task, poses: Poses, boxes: Floats) -> None:
+    def __init__(self, task: Task, poses: Poses, boxes: Floats, patience: int) -> None:
         self.least = poses
         self.boxes = boxes
         self._task = task
+        self._patience = patience
         self._idle = 0
         self._overlap = math.inf
         self._reach = NONE
@@ -164,10 +202,11 @@ class Separation:
             self._reach = problem.near
             self._state = state_of(self._task.numbers.tolist())
             if not load(problem, self._state, self.least, self.boxes, self._reach):
+                budget.take()
                 return False
         found = state_of(self._task.numbers.tolist())
         samples = self._task.settings.samples * (1 if problem.refined else FIELD_ONLY)
-        while self._idle < self._task.settings.patience:
+        while self._idle < self._patience:
             if self._overlap == 0:
                 if self._reach == ALL:
                     return True

@@ -53,9 +53,10 @@ class StripSearch(Search):
         self._target = max(best.score[0] * (1 - self._shrink), least)
         boxes = boxes_of([(x, y, self._target)])
         if self._failed is None:
-            return Separation(self._task, best.poses, boxes)
+            return Separation(self._task, best.poses, boxes, self._task.settings.patience)
         from_best = self._choices.random() < _FROM_BEST
-        attempt = Separation(self._task, best.poses if from_best else self._failed, boxes)
+        start = best.poses if from_best else self._failed
+        attempt = Separation(self._task, start, boxes, self._task.settings.patience)
         largest = np.argsort(-self._task.volumes)[: max(2, len(self._task.volumes) // 2)]
         if len(largest) > 1:
             i, j = self._choices.choice(largest, 2, replace=False)

@@ -22,6 +22,8 @@ class SearchSettings:
         Samples of a move.
     patience : int
         Passes without a gain after which a separation gives up.
+    exchange_patience : int
+        The same, after an exchange of items of a knapsack.
     construction_samples : int
         Samples for each item of a construction.
     shrink : float
@@ -30,11 +32,12 @@ class SearchSettings:
         Smallest share.
     """
 
-    samples: int = 60
+    samples: int = 90
     patience: int = 60
+    exchange_patience: int = 15
     construction_samples: int = 300
     shrink: float = 0.04
-    least_shrink: float = 0.001
+    least_shrink: float = 0.0002
 
 
 class Budget:
