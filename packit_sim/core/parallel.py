@@ -88,6 +88,7 @@ class Workers:
             self.count = count or joblib.effective_n_jobs(-1)
         processes = max(2, self.count) if is_ray else self.count  # one would be this process
         self._settings = {"n_jobs": processes, "backend": backend, "batch_size": 1}
+        self._settings["max_nbytes"] = None  # large arrays would arrive as read-only files
         if not is_ray:  # Ray ends its processes itself
             self._settings |= {"initializer": end_with, "initargs": (os.getpid(),)}
         self._ahead = self.count * (2 if is_ray and count == 0 else 1)

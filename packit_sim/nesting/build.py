@@ -56,8 +56,18 @@ POINTS = 128
 FARTHEST = 8
 """Vertices farthest from the centre, which tell most rotations apart."""
 
-DRAWN_IN = 0.9
-"""Share of the tolerance by which surfaces are drawn in: less than a check allows."""
+DRAWN_IN = 0.95, 0.6
+"""Shares of the tolerance by which the surfaces of the first and other item of a pair are drawn in.
+
+Less than a check allows; not equal, so that no faces of equal items at one place coincide: they
+cross, or one item is inside the other.
+"""
+
+SLACK = min(DRAWN_IN) / 2
+"""Share of the tolerance by which bounding boxes may overlap."""
+
+INWARD = 2e-4
+"""Share of its distance by which a point that stands for a part is nearer to the item's origin."""
 
 
 def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
@@ -103,7 +113,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     lookup = Lookup(
         voxel=voxel,
         clearance=clearance,
-        slack=0.5 * DRAWN_IN * tolerance,
+        slack=SLACK * tolerance,
         identity=int(relative[0, 0]),
         turns=turns,
         relative=relative,
@@ -126,7 +136,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         allowed=allowed,
         allowed_counts=counts,
         reach=longest * 0.5,
-        surfaces=_surfaces(types, centred, DRAWN_IN * tolerance),
+        surfaces=_surfaces(types, centred, tolerance),
         closed=_closed(types, centred),
         solids=_solids(types, centred),
         distances=_distances(types, centred, clearance),
@@ -198,14 +208,18 @@ def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
         voxel *= 1.1
 
 
-def _surfaces(types: Sequence[ItemType], centred: list[Floats], less: float) -> Surfaces:
+def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float) -> Surfaces:
     trees = []
     for each, vertices in zip(types, centred, strict=True):
-        drawn_in = vertices * (np.maximum(each.extents - less, 0) / each.extents)
-        triangles = drawn_in[each.faces]
-        order, boxes, leaves = tree_of(triangles)
-        trees.append((np.ascontiguousarray(triangles[order]), boxes, leaves))
-    return Surfaces(*_joined(*zip(*trees, strict=True)))
+        first, other = (
+            vertices * (np.maximum(each.extents - share * tolerance, 0) / each.extents)
+            for share in DRAWN_IN
+        )
+        order, boxes, leaves = tree_of(other[each.faces])  # around the first, which is smaller
+        faces = each.faces[order]
+        trees.append((first[faces], other[faces], boxes, leaves))
+    columns = list(zip(*trees, strict=True))
+    return Surfaces(np.concatenate(columns[0]), *_joined(*columns[1:]))
 
 
 def _closed(types: Sequence[ItemType], centred: list[Floats]) -> Closed:
@@ -228,7 +242,7 @@ def _solids(types: Sequence[ItemType], centred: list[Floats]) -> Solids:
     voxels = np.ones(len(types))
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         parts = Parts.of(vertices, each.faces)
-        points.append(vertices[parts.vertices])
+        points.append(vertices[parts.vertices] * (1 - INWARD))
         found = np.empty(0, np.uint8)
         if len(parts.closed) < len(each.faces):
             voxels[n] = each.extents.max() / SOLID_VOXELS

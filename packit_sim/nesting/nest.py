@@ -16,7 +16,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
-from packit_sim.nesting.build import DRAWN_IN, candidates
+from packit_sim.nesting.build import SLACK, candidates
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.cost_kernels import box_of
 from packit_sim.nesting.item_types import ItemType
@@ -193,7 +193,7 @@ def _check(packing: Packing) -> None:
     if objective == "knapsack":
         return
     longest = [float(each.extents.max()) for each in types]
-    slack = DRAWN_IN / 2 * min(validity.tolerance(container.longest, each) for each in longest)
+    slack = SLACK * min(validity.tolerance(container.longest, each) for each in longest)
     for each in types:
         sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in candidates(each))
         if not any((side <= np.array(container.size) + slack).all() for side in sides):

@@ -182,10 +182,10 @@ def _cross(problem, first, other, rel):
     s = problem.surfaces
     a, b = first, other
     return surfaces_cross(
-        s.triangles[s.triangle_starts[a] : s.triangle_starts[a + 1]],
+        s.first[s.triangle_starts[a] : s.triangle_starts[a + 1]],
         s.boxes[s.box_starts[a] : s.box_starts[a + 1]],
         s.leaves[s.leaf_starts[a] : s.leaf_starts[a + 1]],
-        s.triangles[s.triangle_starts[b] : s.triangle_starts[b + 1]],
+        s.other[s.triangle_starts[b] : s.triangle_starts[b + 1]],
         s.boxes[s.box_starts[b] : s.box_starts[b + 1]],
         s.leaves[s.leaf_starts[b] : s.leaf_starts[b + 1]],
         problem.relative_turns[rel],
@@ -203,10 +203,10 @@ def _distance(problem, first, other, rel, limit):
     s = problem.surfaces
     a, b = first, other
     return surfaces_distance(
-        s.triangles[s.triangle_starts[a] : s.triangle_starts[a + 1]],
+        s.first[s.triangle_starts[a] : s.triangle_starts[a + 1]],
         s.boxes[s.box_starts[a] : s.box_starts[a + 1]],
         s.leaves[s.leaf_starts[a] : s.leaf_starts[a + 1]],
-        s.triangles[s.triangle_starts[b] : s.triangle_starts[b + 1]],
+        s.other[s.triangle_starts[b] : s.triangle_starts[b + 1]],
         s.boxes[s.box_starts[b] : s.box_starts[b + 1]],
         s.leaves[s.leaf_starts[b] : s.leaf_starts[b + 1]],
         problem.relative_turns[rel],

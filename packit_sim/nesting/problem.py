@@ -15,8 +15,9 @@ class Surfaces(NamedTuple):
 
     Attributes
     ----------
-    triangles : ndarray
-        (n, 3, 3) float64, corners; those of type t from triangle_starts[t] on.
+    first, other : ndarray
+        (n, 3, 3) float64, corners for the first and other item of a pair, which are drawn in by
+        unequal lengths; those of type t from triangle_starts[t] on.
     triangle_starts, box_starts, leaf_starts : ndarray
         (t + 1,) int64.
     boxes : ndarray
@@ -25,7 +26,8 @@ class Surfaces(NamedTuple):
         (l,) int64, where each leaf's triangles start.
     """
 
-    triangles: Any
+    first: Any
+    other: Any
     triangle_starts: Any
     boxes: Any
     box_starts: Any
