@@ -26,7 +26,7 @@ class Placement:
         The number of its type in the packing.
     pose : ndarray of float64, shape (4, 4)
         From the coordinates of the type's mesh to those of the container: a rotation, a translation
-        and one scale for all axes, which is 1 in every packing that `packit_sim.nesting` finds.
+        and one scale for all axes, which is 1 in every packing that `nest` finds.
     box : int
         The number of its container, from 0.
 
