@@ -1,0 +1,1 @@
+"""People's own parts, packed into boxes at their real sizes."""
