@@ -169,7 +169,7 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
         take seconds: see `decompose_all` for many.
     """
     settings = settings or PhysicsSettings()
-    items, cut = _pieces(box.placed, settings)
+    items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
         free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
         return _simulate(world, box, settings, cut, free, [])
@@ -199,7 +199,7 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
         If an item can't be decomposed into convex pieces.
     """
     settings = settings or PhysicsSettings()
-    items, cut = _pieces(box.placed, settings)
+    items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
         held = [world.add(pieces, 0.0) for pieces in items]
         free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
@@ -220,10 +220,25 @@ def _masses(box: Contents[ItemInBox], settings: PhysicsSettings) -> list[float]:
     return [max(mass, least) for mass in masses]
 
 
-def _pieces(
+def fitted_pieces(
     items: Sequence[ItemInBox], settings: PhysicsSettings
 ) -> tuple[list[list[Piece]], float]:
-    """Compute the pieces of items where they are, and the share of their volume that is cut off."""
+    """Compute the convex pieces of items where they are, cut so that those of no two overlap.
+
+    Parameters
+    ----------
+    items : sequence of ItemInBox
+        The items.
+    settings : PhysicsSettings
+        How they are decomposed, and whether pieces are cut.
+
+    Returns
+    -------
+    pieces : list of list of Piece
+        The pieces of each item, in box units.
+    cut : float
+        The share of their volume that is cut off.
+    """
     whole = [
         _parts(placed, decompose(placed.item.shape, settings.decomposition)) for placed in items
     ]

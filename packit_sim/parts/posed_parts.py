@@ -1,0 +1,90 @@
+"""The parts of a packing as items of the engine: for pictures and for physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.nesting.packing import Packing
+from packit_sim.placement import PosedItem
+
+
+@dataclass(frozen=True)
+class PosedContents:
+    """The contents of a box off the grid, as `Scene` shows them.
+
+    Attributes
+    ----------
+    cells : Triple
+        The cells of the box along x, y and z, rounded.
+    placed : tuple of PosedItem
+        The items.
+    """
+
+    cells: Triple
+    placed: tuple[PosedItem, ...]
+
+
+def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
+    """Return the parts of a packing where they are, as items of the engine.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+    side : float, default: 1.0
+        The container's longest side that is not infinite, in box units.
+
+    Returns
+    -------
+    list of PosedItem
+        An item for each placement; equal types share their shapes.
+    """
+    scale = side / packing.container.longest
+    shapes = [
+        Shape.from_mesh(trimesh.Trimesh(one.vertices, one.faces, process=False), one.name)
+        for one in packing.types
+    ]
+    found = []
+    for placement in packing.placements:
+        item_type = packing.types[placement.type]
+        diagonal = float(np.linalg.norm(item_type.extents))
+        pose = placement.pose
+        middle = (item_type.low + item_type.high) / 2
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose[:3, :3] * (diagonal * scale)
+        matrix[:3, 3] = (pose[:3, :3] @ middle + pose[:3, 3]) * scale
+        volume = (diagonal * scale * placement.scale) ** 3
+        found.append(PosedItem(Item(shapes[placement.type], volume), matrix))
+    return found
+
+
+def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> PosedContents:
+    """Return a box with some of the parts of a packing.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+    numbers : sequence of int
+        The numbers of the placements.
+    side : float, default: 4.0
+        The box's longest side that is not infinite, in box units: the more, the less its sides
+        are rounded.
+
+    Returns
+    -------
+    PosedContents
+        The box, and the parts in this order. A strip is as high as its highest part.
+    """
+    x, y, z = packing.container.size
+    height = packing.height if packing.container.is_strip else z
+    unit = CELL * packing.container.longest / side
+    a, b, c = (max(1, round(one / unit)) for one in (x, y, height))
+    items = posed(packing, side)
+    return PosedContents((a, b, c), tuple(items[n] for n in numbers))
