@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 from packit_sim.cli import agent_commands, dataset_commands, shape_commands
 from packit_sim.cli.console import PlainConsole
 from packit_sim.cli.demo_command import demo_command
+from packit_sim.cli.doctor_command import doctor_command
 from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
 from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import generate_command
@@ -48,7 +49,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "report",
     ),
     LEARN: ("train",),
-    LOOK: ("view", "render", "film", "export", "figures"),
+    LOOK: ("view", "render", "film", "export", "figures", "doctor"),
 }
 """The commands in the order of use, by their panels in `--help`; those of others follow."""
 
@@ -92,6 +93,7 @@ for _function in (
     figures_command,
     compact_command,
     score_command,
+    doctor_command,
 ):
     _name = _function.__name__.removesuffix("_command")
     app.command(_name, rich_help_panel=_panel(_name))(_function)

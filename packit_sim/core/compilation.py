@@ -111,7 +111,7 @@ def _probe() -> None:
 
 
 @cache
-def _folder() -> Path | None:
+def kernel_folder() -> Path | None:
     """Return the folder of this module's cache; None if none is writable."""
     try:
         return Path(numba.njit(cache=True)(_probe).stats.cache_path)
@@ -165,13 +165,13 @@ class _ProcessLock:
 
 @cache
 def _lock() -> AbstractContextManager[None]:
-    folder = _folder()
+    folder = kernel_folder()
     return nullcontext() if folder is None else _ProcessLock(folder / "packit-sim.lock")
 
 
 def _is_first() -> bool:
     """Whether this process is the first that compiles here, with these versions."""
-    folder = _folder()
+    folder = kernel_folder()
     if folder is None:
         return True
     versions = f"{__version__}-{numba.__version__}-{sys.implementation.cache_tag}"

@@ -61,6 +61,9 @@ class PartSweeps:
         The container's sides; that along z is inf for a strip.
     low, high : ndarray of float64, shape (n, 3)
         The corners of the parts' bounding boxes.
+    held : dict
+        The parts that hold a part, by its number, a number of moves, and whether sides are open:
+        while all of them are there, it can't be taken out (see `removal`).
     """
 
     def __init__(self, packing: Packing) -> None:
@@ -79,6 +82,7 @@ class PartSweeps:
         self._surfaces: dict[tuple[int, bytes, float, Axis], Surface] = {}
         self._distances: dict[tuple[int, int, Axis, bytes], float] = {}
         self._meetings: dict[tuple[int, int, Axis, bytes], bool] = {}
+        self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
 
     def __len__(self) -> int:
         return len(self.packing.placements)
@@ -130,7 +134,7 @@ class PartSweeps:
 
     def in_the_way(
         self, mover: int, others: Iterable[int], direction: Direction, shift: Floats = _HERE
-    ) -> list[int]:
+    ) -> list[tuple[int, float]]:
         """Return those of other parts whose bounding boxes are in the way of a part's.
 
         Parameters
@@ -146,8 +150,8 @@ class PartSweeps:
 
         Returns
         -------
-        list of int
-            Their numbers, the nearest first.
+        list of (int, float)
+            Their numbers and the distances to their boxes, the nearest first.
         """
         axis, sign = AXES[direction]
         numbers = np.array([n for n in others if n != mover], dtype=int)
@@ -165,7 +169,8 @@ class PartSweeps:
             ahead = self.low[numbers, axis] < high[axis]
             gaps = low[axis] - self.high[numbers, axis]
         kept = overlap.all(axis=1) & ahead
-        return numbers[kept][np.argsort(gaps[kept], kind="stable")].tolist()
+        order = np.argsort(gaps[kept], kind="stable")
+        return list(zip(numbers[kept][order].tolist(), gaps[kept][order].tolist(), strict=True))
 
     def _pair(
         self, mover: int, other: int, direction: Direction, shift: Floats

@@ -23,11 +23,11 @@ from packit_sim.parts.part_sweeps import AXES, SIDEWAYS, Direction, PartSweeps
 MOVES = 3
 """Largest number of straight moves of a part, the last of which leads out of the box."""
 
-_FRACTIONS = np.arange(1, 9) / 8
-"""Ends of a move that are tried in any case, as shares of the free way."""
+_STEP = 1 / 12
+"""Distance between places where a move may end, relative to the container's longest side."""
 
-_ENDS = 16
-"""Largest number of other ends of a move that are tried, the nearest ones."""
+_ENDS = 8
+"""Largest number of other parts past whose ends a move may end, the nearest ones."""
 
 
 @dataclass(frozen=True)
@@ -176,68 +176,104 @@ def _free(
     moves: int,
 ) -> Iterator[tuple[int, Route]]:
     """Yield parts that can be taken out, those with the fewest moves first."""
+    there = frozenset(left)
     for number in range(1, moves + 1):
         for part in loose:
-            for before, shift in _ways(sweeps, part, left, number - 1):
-                out = next((d for d in outs if _is_clear(sweeps, part, left, d, shift)), None)
-                if out is not None:
-                    yield part, Route(before, out)
-                    break
+            key = part, number, len(outs) > 1
+            if key in sweeps.held and sweeps.held[key] <= there:
+                continue
+            search = _Search(sweeps, part, left, outs)
+            route = search.route(number)
+            if route is not None:
+                yield part, route
+            else:
+                sweeps.held[key] = frozenset(search.holding)
 
 
 _Way = tuple[tuple[tuple[Direction, float], ...], Floats]
 """Moves, and the shift (3,) to which they lead, relative to the longest side."""
 
 
-def _ways(sweeps: PartSweeps, part: int, left: Sequence[int], moves: int) -> Iterator[_Way]:
-    """Yield where a part gets by exactly so many straight moves inside the box."""
-    if moves == 0:
-        yield (), np.zeros(3)
-        return
-    for before, shift in _ways(sweeps, part, left, moves - 1):
-        last = AXES[before[-1][0]][0] if before else None
-        for direction in ("up", *SIDEWAYS):
-            axis, sign = AXES[direction]
-            if axis == last or (direction == "up" and before):
-                continue  # after a slide, a lift is of use only if it leads out
-            for length in _stops(sweeps, part, left, direction, shift):
-                there = shift.copy()
-                there[axis] += sign * length
-                yield (*before, (direction, length * sweeps.unit)), there
+class _Search:
+    """The search for a way out of one part.
 
+    holding: the parts that ended a move, or were in the way out.
+    """
 
-def _stops(
-    sweeps: PartSweeps, part: int, left: Sequence[int], direction: Direction, shift: Floats
-) -> list[float]:
-    """Return the lengths of a move that are tried, for example where it passes another part."""
-    axis, sign = AXES[direction]
-    low, high = sweeps.low[part] + shift, sweeps.high[part] + shift
-    wall = float(low[axis] if sign < 0 else sweeps.size[axis] - high[axis])
-    if direction == "up":  # the box is open: as far as the part is out
-        tallest = max(float(sweeps.high[n, 2]) for n in left)
-        wall = max(tallest - float(low[2]), 0.0)
-    near = sweeps.in_the_way(part, left, direction, shift)
-    reach = min((sweeps.distance(part, n, direction, shift) for n in near), default=np.inf)
-    reach = min(reach - CONTACT_TOLERANCE / 2, wall)
-    if reach <= CONTACT_TOLERANCE:
-        return []
-    others = sweeps.in_the_way(part, left, "up", shift)
-    if direction == "up":
-        others = [n for n in left if n != part]
-    if sign > 0:
-        ends = np.r_[sweeps.high[others, axis] - low[axis], sweeps.low[others, axis] - high[axis]]
-    else:
-        ends = np.r_[high[axis] - sweeps.low[others, axis], low[axis] - sweeps.high[others, axis]]
-    ends = np.unique(ends[(ends > CONTACT_TOLERANCE) & (ends <= reach)])
-    return np.unique(np.r_[ends[:_ENDS], reach * _FRACTIONS]).tolist()
+    def __init__(
+        self, sweeps: PartSweeps, part: int, left: Sequence[int], outs: Sequence[Direction]
+    ) -> None:
+        self._sweeps = sweeps
+        self._part = part
+        self._left = left
+        self._outs = outs
+        self.holding: set[int] = set()
 
+    def route(self, moves: int) -> Route | None:
+        """Return a route of exactly so many moves, or None."""
+        for before, shift in self._ways(moves - 1):
+            for direction in self._outs:
+                if self._is_clear(direction, shift):
+                    return Route(before, direction)
+        return None
 
-def _is_clear(
-    sweeps: PartSweeps, part: int, left: Sequence[int], direction: Direction, shift: Floats
-) -> bool:
-    """Decide whether a part meets no other one on its way out."""
-    near = sweeps.in_the_way(part, left, direction, shift)
-    return not any(sweeps.meets(part, n, direction, shift) for n in near)
+    def _ways(self, moves: int) -> Iterator[_Way]:
+        """Yield where the part gets by exactly so many straight moves inside the box."""
+        if moves == 0:
+            yield (), np.zeros(3)
+            return
+        for before, shift in self._ways(moves - 1):
+            last = AXES[before[-1][0]][0] if before else None
+            for direction in ("up", *SIDEWAYS):
+                axis, sign = AXES[direction]
+                if axis == last or (direction == "up" and before):
+                    continue  # after a slide, a lift is of use only if it leads out
+                for length in self._stops(direction, shift):
+                    there = shift.copy()
+                    there[axis] += sign * length
+                    yield (*before, (direction, length * self._sweeps.unit)), there
+
+    def _stops(self, direction: Direction, shift: Floats) -> list[float]:
+        """Return the lengths of a move that are tried, for example where it passes a part."""
+        sweeps, part = self._sweeps, self._part
+        axis, sign = AXES[direction]
+        low, high = sweeps.low[part] + shift, sweeps.high[part] + shift
+        reach = float(low[axis] if sign < 0 else sweeps.size[axis] - high[axis])
+        if direction == "up":  # the box is open: as far as the part is above all others
+            reach = max(max(float(sweeps.high[n, 2]) for n in self._left) - float(low[2]), 0.0)
+        for other, gap in sweeps.in_the_way(part, self._left, direction, shift):
+            if gap >= reach or reach <= CONTACT_TOLERANCE:
+                break
+            distance = sweeps.distance(part, other, direction, shift) - CONTACT_TOLERANCE / 2
+            if distance < reach:
+                self.holding.add(other)
+                reach = distance
+        if reach <= CONTACT_TOLERANCE:
+            return []
+        others = [n for n in self._left if n != part]
+        if direction != "up":
+            others = [n for n, _ in sweeps.in_the_way(part, others, "up", shift)][:_ENDS]
+        if sign > 0:
+            ends = np.r_[
+                sweeps.high[others, axis] - low[axis], sweeps.low[others, axis] - high[axis]
+            ]
+        else:
+            ends = np.r_[
+                high[axis] - sweeps.low[others, axis], low[axis] - sweeps.high[others, axis]
+            ]
+        ends = np.sort(ends[(ends > CONTACT_TOLERANCE) & (ends <= reach)])[: 2 * _ENDS]
+        steps = np.arange(1, int(reach / _STEP) + 1) * _STEP
+        return np.unique(np.r_[ends, steps, reach]).tolist()
+
+    def _is_clear(self, direction: Direction, shift: Floats) -> bool:
+        """Decide whether the part meets no other one on its way out."""
+        near = self._sweeps.in_the_way(self._part, self._left, direction, shift)
+        numbers = sorted((n for n, _ in near), key=lambda n: n not in self.holding)
+        for other in numbers:
+            if self._sweeps.meets(self._part, other, direction, shift):
+                self.holding.add(other)
+                return False
+        return True
 
 
 def _blockers(
@@ -247,7 +283,7 @@ def _blockers(
     found = {
         n
         for direction in outs
-        for n in sweeps.in_the_way(part, left, direction)
+        for n, _ in sweeps.in_the_way(part, left, direction)
         if sweeps.meets(part, n, direction)
     }
     return tuple(sorted(found))

@@ -142,7 +142,7 @@ def stacking_of(
     for lower in kept:
         others = [n for n in kept if boxes[n] == boxes[lower]]
         above = sweeps.in_the_way(lower, others, "up")
-        found = {upper: sweeps.distance(lower, upper, "up") for upper in above}
+        found = {upper: sweeps.distance(lower, upper, "up") for upper, _ in above}
         gaps[lower] = {
             upper: max(gap - sweeps.drawn_in(lower, upper), 0.0)
             for upper, gap in found.items()

@@ -1,0 +1,58 @@
+"""`packit doctor`: what works on this machine."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from packit_sim.cli.console import console
+from packit_sim.cli.machine_checks import Check, all_checks
+from packit_sim.cli.output import simple_table
+
+_OWN = 3
+"""Checks of the installation itself, before those of packages."""
+
+_STYLES = {"ok": "green", "missing": "yellow", "problem": "red"}
+
+
+def doctor_command(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Check what works on this machine, and say how to get what does not.
+
+    It looks for the packages, imports those that may crash in other processes, draws with EGL, and
+    looks at the cores, the memory and the cache folders. Exit code 1 if something that everything
+    needs is broken.
+
+    Example: packit doctor --json > machine.json
+    """
+    checks = all_checks()
+    broken = [check for check in checks if check.required and check.status != "ok"]
+    if as_json:
+        found = {"works": not broken, "checks": [asdict(check) for check in checks]}
+        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+    else:
+        _print(checks)
+    if broken:
+        raise typer.Exit(1)
+
+
+def _print(checks: list[Check]) -> None:
+    """Print a table; required packages that work share a row."""
+    works = [check for check in checks if check.required and check.status == "ok"]
+    rows = [check for check in checks if check not in works]
+    table = simple_table("", "", "found", "remedy")
+    for column in table.columns[2:]:
+        column.overflow = "fold"
+    for check in works[:_OWN]:
+        table.add_row(check.name, "[green]ok[/]", escape(check.found), "")
+    names = ", ".join(f"{check.name} {check.found}" for check in works[_OWN:])
+    table.add_row("required packages", "[green]ok[/]", escape(names), "")
+    for check in rows:
+        status = f"[{_STYLES[check.status]}]{check.status}[/]"
+        table.add_row(check.name, status, escape(check.found), escape(check.remedy))
+    console.print(table)
