@@ -47,6 +47,11 @@ if TYPE_CHECKING:
     from packit_sim.nesting.nest import NestSettings as NestSettings
     from packit_sim.nesting.nest import nest as nest
     from packit_sim.nesting.packing import Packing as Packing
+    from packit_sim.parts.box_types import BoxType as BoxType
+    from packit_sim.parts.pack import pack as pack
+    from packit_sim.parts.packed import PackedParts as PackedParts
+    from packit_sim.parts.part import Part as Part
+    from packit_sim.parts.task import PackSettings as PackSettings
     from packit_sim.physics.quality import pack_quality as pack_quality
     from packit_sim.physics.settings import DecompositionSettings as DecompositionSettings
     from packit_sim.physics.settings import PhysicsSettings as PhysicsSettings
@@ -83,6 +88,11 @@ _HOMES = {
     "nesting.item_types": ("ItemType",),
     "nesting.nest": ("NestSettings", "nest"),
     "nesting.packing": ("Packing",),
+    "parts.box_types": ("BoxType",),
+    "parts.pack": ("pack",),
+    "parts.packed": ("PackedParts",),
+    "parts.part": ("Part",),
+    "parts.task": ("PackSettings",),
     "physics.quality": ("pack_quality",),
     "physics.settings": ("DecompositionSettings", "PhysicsSettings"),
     "physics.settling": ("settle",),

@@ -21,6 +21,7 @@ from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import generate_command
 from packit_sim.cli.help import document
 from packit_sim.cli.nest_command import nest_command
+from packit_sim.cli.pack_command import pack_command
 from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
 from packit_sim.cli.report_commands import report_command
@@ -33,9 +34,10 @@ from packit_sim.core.version import DOCUMENTATION, __version__
 
 LOGGERS = ("packit_sim", "packit_agents")
 
-PLAY, BENCHMARK, LEARN, LOOK = "Play", "Benchmark", "Learn", "Look"
+PACK, PLAY, BENCHMARK, LEARN, LOOK = "Pack", "Play", "Benchmark", "Learn", "Look"
 
 COMMANDS: dict[str, tuple[str, ...]] = {
+    PACK: ("pack",),
     PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
     BENCHMARK: (
         "shapes",
@@ -78,6 +80,7 @@ for _name, _group in (
     app.add_typer(_group, name=_name, rich_help_panel=_panel(_name))
 for _function in (
     demo_command,
+    pack_command,
     nest_command,
     verify_command,
     selftest_command,

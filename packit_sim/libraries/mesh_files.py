@@ -12,11 +12,12 @@ import re
 import struct
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 from zipfile import BadZipFile, ZipFile
 
+import numpy as np
 import trimesh
 from lxml import etree
 from trimesh.resolvers import FilePathResolver
@@ -88,6 +89,25 @@ class RawMesh:
     parts: int = 1
 
 
+@dataclass(frozen=True, eq=False)
+class RawPart:
+    """A part of a scene, as in its file, with the transform of its first instance.
+
+    Attributes
+    ----------
+    name : str
+        The name of its node.
+    raw : RawMesh
+        Its mesh, in the scene's coordinates.
+    count : int
+        How many instances of it there are, in the same orientation.
+    """
+
+    name: str
+    raw: RawMesh
+    count: int = 1
+
+
 def read(file: Path) -> RawMesh:
     """Read a mesh file.
 
@@ -107,6 +127,33 @@ def read(file: Path) -> RawMesh:
     MeshError
         If the file can't be read; the message names the file and the reason.
     """
+    return _taken(file, _Scene.joined)
+
+
+def read_parts(file: Path) -> list[RawPart]:
+    """Read each part of a mesh file's scene.
+
+    Parameters
+    ----------
+    file : Path
+        The file, with one of the `SUFFIXES`.
+
+    Returns
+    -------
+    list of RawPart
+        The scene's parts: its uppermost nodes with meshes below them. A file without a scene has
+        one part.
+
+    Raises
+    ------
+    MeshError
+        If the file can't be read; the message names the file and the reason.
+    """
+    return _taken(file, _Scene.separate)
+
+
+def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
+    """Open a file's scene and take something from it; every error is a MeshError."""
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise MeshError(f"{file}: not a mesh file: its name must end in {', '.join(SUFFIXES)}")
@@ -117,7 +164,7 @@ def read(file: Path) -> RawMesh:
         content = file.read_bytes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked
-            return _read(content, suffix, file.parent)
+            return taken(_read(content, suffix, file.parent))
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from error
     except Exception as error:  # trimesh's readers raise any error for a broken file
@@ -125,7 +172,7 @@ def read(file: Path) -> RawMesh:
         raise MeshError(f"{file}: can't be read as {suffix[1:].upper()}: {problem:.200}") from error
 
 
-def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
+def _read(content: bytes, suffix: str, folder: Path) -> _Scene:
     if not content.strip():
         raise MeshError("the file is empty")
     expected = _CHECKS[suffix](content) if suffix in _CHECKS else 0
@@ -156,11 +203,76 @@ def _read(content: bytes, suffix: str, folder: Path) -> RawMesh:
         raise MeshError(f"{triangles:,} triangles are too many: at most {MAX_TRIANGLES:,}")
     if triangles < expected:
         raise MeshError(f"only {triangles:,} of its {expected:,} triangles could be read")
-    mesh = scene.to_mesh()
-    for name, array in (("vertices", mesh.vertices), ("triangles", mesh.faces)):
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise MeshError(f"its {name} have not three numbers each, but the shape {array.shape}")
-    return RawMesh(mesh, up, unit_cm, sum(name in meshes for name in placed))
+    return _Scene(scene, up, unit_cm)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A file's scene, its up axis and its unit."""
+
+    scene: trimesh.Scene
+    up: str
+    unit_cm: float | None
+
+    def joined(self) -> RawMesh:
+        """Join all meshes."""
+        placed = [self.scene.graph[node][1] for node in self.scene.graph.nodes_geometry]
+        meshes = sum(self._is_mesh(name) for name in placed)
+        return self._raw(self.scene.to_mesh(), meshes)
+
+    def separate(self) -> list[RawPart]:
+        """Join the meshes below each of the uppermost nodes; count equal ones."""
+        graph = self.scene.graph
+        found: dict[object, RawPart] = {}
+        for name, nodes in self._groups().items():
+            meshes = []
+            for node in nodes:
+                matrix, geometry = graph[node]
+                mesh = self.scene.geometry[geometry].copy()
+                meshes.append(mesh.apply_transform(matrix))
+            key: object = name
+            if len(nodes) == 1:
+                matrix, geometry = graph[nodes[0]]
+                own = self.scene.geometry[geometry]
+                linear = np.round(matrix[:3, :3], 9) + 0.0
+                key = own.vertices.tobytes(), own.faces.tobytes(), linear.tobytes()
+            if key in found:
+                found[key] = replace(found[key], count=found[key].count + 1)
+            else:
+                mesh = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
+                found[key] = RawPart(name, self._raw(mesh, len(meshes)))
+        return list(found.values())
+
+    def _groups(self) -> dict[str, list[str]]:
+        """Return the nodes with meshes by the uppermost node that they are below of."""
+        graph = self.scene.graph
+        parents = graph.transforms.parents
+        nodes = [node for node in graph.nodes_geometry if self._is_mesh(graph[node][1])]
+        paths = []
+        for node in nodes:
+            path = [node]
+            while path[-1] in parents:
+                path.append(parents[path[-1]])
+            paths.append(path[::-1])
+        level = 0
+        shortest = min(map(len, paths))
+        while level < shortest - 1 and len({path[level] for path in paths}) == 1:
+            level += 1
+        groups: dict[str, list[str]] = {}
+        for node, path in zip(nodes, paths, strict=True):
+            groups.setdefault(str(path[level]), []).append(node)
+        return groups
+
+    def _is_mesh(self, name: object) -> bool:
+        return isinstance(self.scene.geometry[str(name)], trimesh.Trimesh)
+
+    def _raw(self, mesh: Any, parts: int) -> RawMesh:
+        for name, array in (("vertices", mesh.vertices), ("triangles", mesh.faces)):
+            if array.ndim != 2 or array.shape[1] != 3:
+                raise MeshError(
+                    f"its {name} have not three numbers each, but the shape {array.shape}"
+                )
+        return RawMesh(mesh, self.up, self.unit_cm, parts)
 
 
 class _FolderResolver(FilePathResolver):

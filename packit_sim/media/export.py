@@ -28,7 +28,7 @@ UNIT_MM = 100.0
 BOX = "box"
 """The name of the node above the items in a GLB: its frame is the box's."""
 
-_Y_UP = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)), dtype=float)
+Y_UP = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)), dtype=float)
 """Maps the box's axes to glTF's, whose y is up."""
 
 _GAMMA = 2.2
@@ -102,12 +102,12 @@ def names(placed: Sequence[ItemInBox]) -> list[str]:
 
 def _glb(box: Contents[ItemInBox], coloring: Coloring) -> bytes:
     scene = trimesh.Scene()
-    scene.graph.update(frame_from=scene.graph.base_frame, frame_to=BOX, matrix=_Y_UP)
+    scene.graph.update(frame_from=scene.graph.base_frame, frame_to=BOX, matrix=Y_UP)
     colors = coloring([placed.item for placed in box.placed]).of
     for name, placed, color in zip(names(box.placed), box.placed, colors, strict=True):
         shape = placed.item.shape
         mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
-        mesh.visual = TextureVisuals(material=_material(color))
+        mesh.visual = TextureVisuals(material=material(color))
         own = f"{_mesh_name(shape)} {hexadecimal(color)}"
         if own in scene.geometry:
             scene.graph.update(frame_from=BOX, frame_to=name, matrix=placed.matrix, geometry=own)
@@ -176,7 +176,8 @@ def _mesh_name(shape: Shape) -> str:
     return f"{plain(shape.id)} {shape.digest[:8]}"
 
 
-def _material(color: Color) -> PBRMaterial:
+def material(color: Color) -> PBRMaterial:
+    """Return a dull material of a colour, whose numbers are as on a screen."""
     light = [channel**_GAMMA for channel in color]
     return PBRMaterial(
         baseColorFactor=[*light, 1.0], metallicFactor=0.0, roughnessFactor=0.7, doubleSided=True

@@ -19,6 +19,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.pack_checks import named
 from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.datasets.verification import Problem, Report
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
@@ -58,6 +59,7 @@ def verify_packing(file: Path | str) -> Report:
                     "pose": [[1, 0, 0, 50], [0, 1, 0, 50], [0, 0, 1, 60], [0, 0, 0, 1]]}]}
 
     - `box`: its extents, from (0, 0, 0); the last is null for a strip, which has no top.
+    - `boxes`: the extents of each box, where there are boxes of several sizes; `box` is ignored.
     - `unit`: the name of the unit of length; it has no influence.
     - `clearance`: the smallest distance between the surfaces of two items; by default 0.
     - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
@@ -74,6 +76,7 @@ def verify_packing(file: Path | str) -> Report:
     packing = _read(file)
     x, y, z = packing.box
     container = BoxContainer((x, y, math.inf if z is None else z))
+    containers = dict(enumerate(map(BoxContainer, packing.boxes)))
     load = cache(lambda mesh: ItemType.from_file(file.parent / mesh))
     found: list[str] = []
     bodies: list[validity.Body] = []
@@ -86,14 +89,21 @@ def verify_packing(file: Path | str) -> Report:
             continue
         try:
             placement = Placement(0, pose, item.box)
-            bodies.append(validity.Body(name, load(item.mesh), placement, container.longest))
+            longest = containers.get(item.box, container).longest
+            bodies.append(validity.Body(name, load(item.mesh), placement, longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
-    found += validity.problems(bodies, container, packing.clearance)
-    if container.is_strip:
-        space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
+    used = sorted({item.box for item in packing.items})
+    if containers:
+        for box in used:
+            own = [body for body in bodies if body.box == box]
+            found += validity.problems(own, containers[box], packing.clearance)
+        space = plain_sum(containers[box].volume for box in used)
     else:
-        space = container.volume * len({item.box for item in packing.items})
+        found += validity.problems(bodies, container, packing.clearance)
+        space = container.volume * len(used)
+    if container.is_strip and not containers:
+        space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
     volume = plain_sum(body.volume for body in bodies)
     sentences = tuple(Problem(file, None, sentence) for sentence in found)
     return Report(sentences, 1, 1, len(packing.items), volume, space)
@@ -160,10 +170,27 @@ def _mesh_path(item_type: ItemType, path: Path) -> str:
     meshes = path.with_name(f"{path.stem}-meshes")
     meshes.mkdir(exist_ok=True)
     file = meshes / f"{item_type.digest[:16]}.obj"
-    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in item_type.vertices.tolist())
-    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (item_type.faces + 1).tolist())
-    replace_text(file, corners + faces)
+    replace_text(file, obj_text(item_type.vertices, item_type.faces))
     return f"{meshes.name}/{file.name}"
+
+
+def obj_text(vertices: Floats, faces: Ints) -> str:
+    """Write a mesh as OBJ text, without rounding.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+        The vertices.
+    faces : ndarray of int64, shape (m, 3)
+        The triangles, as indices of vertices.
+
+    Returns
+    -------
+    str
+        The text.
+    """
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist())
+    return corners + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist())
 
 
 class _PackingItem(Struct):
@@ -177,6 +204,7 @@ class _Packing(Struct):
 
     box: tuple[Extent, Extent, Extent | None]
     items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
+    boxes: Annotated[tuple[tuple[Extent, Extent, Extent], ...], Meta(max_length=10_000)] = ()
     unit: str = ""
     clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] = 0.0
 
@@ -186,6 +214,10 @@ def _read(file: Path) -> _Packing:
     with located(file, PackFormatError):
         packing = typed_json.decode(data, _Packing, PackFormatError, "a packing")
         for n, item in enumerate(packing.items):
+            if packing.boxes and item.box >= len(packing.boxes):
+                raise PackFormatError(
+                    f"field 'items[{n}].box' is {item.box}: there are {len(packing.boxes)} boxes"
+                )
             if not is_inside(item.mesh):
                 raise PackFormatError(
                     f"field 'items[{n}].mesh' is {item.mesh!r}: "

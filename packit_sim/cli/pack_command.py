@@ -1,0 +1,151 @@
+"""`packit pack`: people's own parts into boxes, at their real sizes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from packit_sim.cli.console import (
+    AddressOption,
+    BackendOption,
+    SeedOption,
+    WorkersOption,
+    console,
+    prepare_folder,
+    progress_bars,
+)
+from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.core.errors import ArgumentError
+from packit_sim.libraries.mesh_files import Unit
+from packit_sim.parts.pack import pack
+from packit_sim.parts.packed import PackedParts
+from packit_sim.parts.part_files import ReadSettings
+from packit_sim.parts.task import Goal, PackSettings
+from packit_sim.parts.units import lengths, unit_of
+
+
+def pack_command(
+    parts: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PARTS...",
+            help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .json).",
+        ),
+    ],
+    box: Annotated[
+        list[str],
+        typer.Option(
+            "--box", help="Sides of the box, such as 300x200x150mm; A:300x200x150mm for several."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
+    objective: Annotated[
+        Goal,
+        typer.Option(help="What is sought: most volume, count or value; all lowest, fewest boxes."),
+    ] = "volume",
+    clearance: Annotated[
+        str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
+    ] = "0",
+    wall_clearance: Annotated[str, typer.Option(help="Smallest distance to the walls.")] = "0",
+    rotations: Annotated[
+        str,
+        typer.Option(help="Rotations of parts: fixed, upright, yaw-N, axis-N, cube or free."),
+    ] = "cube",
+    boxes: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of boxes of each size; default: one, or as needed."),
+    ] = None,
+    unit: Annotated[
+        Unit, typer.Option(help="Unit of files without one, such as STL, and of plain numbers.")
+    ] = "mm",
+    up: Annotated[
+        str | None, typer.Option(help="Axis that points up in all files: x, y or z.")
+    ] = None,
+    split: Annotated[
+        bool | None,
+        typer.Option(
+            "--split/--whole", help="Pack each part of a file's scene by itself; default: of 3MF."
+        ),
+    ] = None,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(help="Largest deviation of simplified meshes; default: 0.002 of a part."),
+    ] = None,
+    time: Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")] = "60",
+    iterations: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Passes over the parts in each process, instead of --time; repeatable."
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    workers: WorkersOption = 0,
+    backend: BackendOption = "loky",
+    address: AddressOption = None,
+) -> None:
+    """Pack your own parts into boxes, at their real sizes.
+
+    The folder gets packing.3mf, .glb, .stl, .png, .html (the report with a 3D view) and .json with
+    the poses. Every distance holds for the files themselves, which are checked again at the end.
+    Ctrl-C writes the best packing so far; the same command resumes from it.
+
+    A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
+    unit and name. Parts of a higher priority are packed first.
+
+    Example: packit pack parts/*.stl --box 300x200x150mm --out packed
+
+    Example: packit pack bracket.stl=4 lid.3mf --box 12x8x6in --unit in --clearance 0.04in -o packed
+
+    Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
+    """
+    length: Unit = unit_of(box[0]) or unit
+    settings = PackSettings(
+        clearance=lengths(clearance, 1, length)[0],
+        wall_clearance=lengths(wall_clearance, 1, length)[0],
+        accuracy=None if accuracy is None else lengths(accuracy, 1, length)[0],
+        boxes=boxes,
+        unit=length,
+        reading=ReadSettings(unit, up, rotations, split),
+        workers=workers,
+        backend=backend,
+        address=address,
+        iterations=iterations,
+    )
+    prepare_folder(out / "packing.json")
+    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+        bar = progress.add_task("packing", total=None, note="reading the parts")
+
+        def show(better: PackedParts, _: float) -> None:
+            progress.update(bar, advance=1, note=_note(better))
+
+        found = pack(parts, box, objective, _seconds(time), seed, out, show, settings)
+    console.print(found.table(), markup=False, highlight=False, soft_wrap=True)
+    print_written(out, f": {found.count} parts")
+    if found.check.problems:
+        for problem in found.check.problems:
+            console.print(problem, markup=False, style="red")
+        raise typer.Exit(1)
+
+
+def _note(packed: PackedParts) -> str:
+    total = sum(part.part.count for part in packed.task.parts)
+    text = f"{packed.count} of {total} parts, density {packed.density:.3f}"
+    if packed.task.objective == "height":
+        text += f", height {packed.height:.5g} {packed.task.unit}"
+    return text + (f", {len(packed.boxes)} boxes" if len(packed.boxes) > 1 else "")
+
+
+def _seconds(text: str) -> float:
+    """Read seconds, such as "60" or "60s", or minutes, such as "5min"."""
+    number = text.strip()
+    factor = 1.0
+    for suffix, seconds in (("min", 60.0), ("s", 1.0), ("m", 60.0), ("h", 3600.0)):
+        if number.endswith(suffix):
+            number, factor = number.removesuffix(suffix), seconds
+            break
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ArgumentError(f"--time {text!r} is not possible: seconds, such as 60s") from None

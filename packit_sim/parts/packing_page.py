@@ -1,0 +1,80 @@
+"""The report page of a packing: the summary, the parts, and the boxes in 3D."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from packit_sim.core import templates
+from packit_sim.core.files import replace_text
+from packit_sim.core.version import __version__
+from packit_sim.libraries.library import assets_folder
+from packit_sim.parts.box_pictures import contents
+from packit_sim.reports.models import Models
+
+if TYPE_CHECKING:
+    from packit_sim.parts.packed import PackedParts
+
+
+def write_page(packed: PackedParts, path: Path) -> Path:
+    """Write the page as one self-contained HTML file.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    MissingPackageError
+        If Jinja is not installed.
+    OSError
+        If the file can't be written.
+    """
+    templates.check_installed()
+    here = Path(__file__).parent
+    reports = here.parent / "reports"
+    three = assets_folder() / "three"
+    models = Models()
+    boxes = []
+    for box in packed.boxes:
+        state = contents(packed, box)
+        number = models.add(state.cells, state.placed, sum(p.item.volume for p in state.placed))
+        boxes.append({"name": box.type.name, "model": number, "count": len(state.placed)})
+    placed = packed.task.counts([one for _, one in packed.placements])
+    parts = [
+        {
+            "name": each.part.name,
+            "asked": each.part.count,
+            "packed": placed.get(n, 0),
+            "why": "; ".join(
+                f"{out.count}: {out.reason}"
+                for out in packed.left_out
+                if out.name == each.part.name
+            ),
+        }
+        for n, each in enumerate(packed.task.parts)
+    ]
+    content = {
+        "version": __version__,
+        "summary": packed.summary(),
+        "parts": parts,
+        "problems": packed.problems,
+        "notes": packed.notes,
+        "found": packed.check.problems,
+        "boxes": boxes,
+        "style": (reports / "page.css").read_text(encoding="utf-8"),
+        "viewer": (reports / "viewer.js").read_text(encoding="utf-8"),
+        "three": (three / "three.min.js").read_text(encoding="utf-8"),
+        "licence": (three / "LICENSE").read_text(encoding="utf-8"),
+        "models": models.to_json(),
+    }
+    replace_text(path, templates.render(here / "packing_page.html", content, html=True))
+    return path

@@ -1,0 +1,209 @@
+"""The record of a packing in JSON: poses in the user's unit, and what resumes the search."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.files import replace_text, replacing
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.version import __version__
+from packit_sim.nesting.packing import Packing
+from packit_sim.nesting.packing_files import obj_text
+from packit_sim.nesting.placements import Placement
+from packit_sim.parts.packing_search import FilledBox
+from packit_sim.parts.part import Part
+from packit_sim.parts.task import PackTask
+
+if TYPE_CHECKING:
+    from packit_sim.parts.packed import PackedParts
+
+RECORD = "packing.json"
+"""The name of the file."""
+
+MESHES = "meshes"
+"""The folder of the meshes, next to it."""
+
+_WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
+"""Suffixes of mesh files that need no others."""
+
+_log = plain_logger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """An earlier packing of the same task.
+
+    Attributes
+    ----------
+    boxes : tuple of FilledBox
+        Its boxes.
+    searches : int
+        How many searches led to it.
+    """
+
+    boxes: tuple[FilledBox, ...]
+    searches: int
+
+
+def write_record(packed: PackedParts, folder: Path) -> list[Path]:
+    """Write a packing and its meshes so that `packit verify` can check them.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packing.
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    list of Path
+        The files: the meshes, and the record, which is written last.
+
+    Raises
+    ------
+    OSError
+        If a file can't be written.
+    """
+    meshes: dict[int, str] = {}
+    files: list[Path] = []
+    items = []
+    for number, box in enumerate(packed.boxes):
+        for one in box.packing.placements:
+            if one.type not in meshes:
+                file = _write_mesh(packed.part(one).part, folder / MESHES, set(meshes.values()))
+                meshes[one.type] = f"{MESHES}/{file.name}"
+                files.append(file)
+            items.append(
+                {
+                    "name": packed.part(one).part.name,
+                    "mesh": meshes[one.type],
+                    "box": number,
+                    "pose": packed.pose(one).tolist(),
+                }
+            )
+    task = packed.task
+    record = {
+        "created by": f"PackIt-Sim {__version__}, packit pack",
+        "box": list(packed.boxes[0].type.size),
+        "boxes": [list(box.type.size) for box in packed.boxes],
+        "box names": [box.type.name for box in packed.boxes],
+        "unit": task.unit,
+        "clearance": task.settings.clearance,
+        "wall clearance": task.settings.wall_clearance,
+        "objective": task.objective,
+        "items": items,
+        "left out": [vars(each) for each in packed.left_out],
+        "files not read": [vars(each) for each in packed.problems],
+        "summary": packed.summary(),
+        "notes": list(packed.notes),
+        "parts": [
+            {
+                "name": each.part.name,
+                "file": None if each.part.file is None else str(each.part.file),
+                "count": each.part.count,
+                "deviation": each.deviation,
+                "volume": each.volume,
+                "mass": each.mass(task.unit),
+            }
+            for each in task.parts
+        ],
+        "task": task.digest,
+        "searches": packed.searches,
+    }
+    replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    return [*files, folder / RECORD]
+
+
+def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
+    """Write a part's mesh: a copy of its file, or OBJ if the file has more or needs others."""
+    folder.mkdir(parents=True, exist_ok=True)
+    is_copy = part.file is not None and part.node is None and part.file.suffix.lower() in _WHOLE
+    suffix = part.file.suffix.lower() if is_copy and part.file else ".obj"
+    name, number = f"{part.file_name}{suffix}", 1
+    while f"{MESHES}/{name}" in taken:
+        number += 1
+        name = f"{part.file_name}-{number}{suffix}"
+    path = folder / name
+    if is_copy and part.file is not None:
+        if path.exists() and path.samefile(part.file):
+            return path
+        with part.file.open("rb") as source, replacing(path) as target:
+            shutil.copyfileobj(source, target)
+    else:
+        vertices = np.asarray(part.mesh.vertices, dtype=float)
+        replace_text(path, obj_text(vertices, np.asarray(part.mesh.faces)))
+    return path
+
+
+def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
+    """Read the packing of the same task in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    task : PackTask
+        The task.
+
+    Returns
+    -------
+    Earlier or None
+        The packing; None if there is none of this task, or it is not valid.
+
+    Raises
+    ------
+    ArgumentError
+        If the folder has a file of this name that is something else: it would be replaced.
+    """
+    file = folder / RECORD
+    if folder.exists() and not folder.is_dir():
+        raise ArgumentError(f"{folder} is a file: choose a folder")
+    if not file.exists():
+        return None
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+        digest = record["task"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ArgumentError(f"{file} is not of `packit pack`: choose another folder") from None
+    if digest != task.digest:
+        _log.info("%s is of another task: it will be replaced", file)
+        return None
+    try:
+        return Earlier(_boxes(record, task), int(record["searches"]))
+    except (PackItError, ValueError, KeyError, TypeError, IndexError) as error:
+        _log.warning("%s is not used: %s", file, error)
+        return None
+
+
+def _boxes(record: Mapping[str, Any], task: PackTask) -> tuple[FilledBox, ...]:
+    """Return the boxes of a record, if they are valid packings of the task."""
+    numbers = {each.part.name: n for n, each in enumerate(task.parts)}
+    types = {box.name: box for box in task.boxes}
+    back = [np.linalg.inv(each.frame) for each in task.parts]
+    placements: list[list[Placement]] = [[] for _ in record["box names"]]
+    for item in record["items"]:
+        n = numbers[item["name"]]
+        placements[item["box"]].append(Placement(n, np.array(item["pose"], dtype=float) @ back[n]))
+    found = []
+    for name, own in zip(record["box names"], placements, strict=True):
+        box = types[name]
+        packing = Packing(task.types, box.container, tuple(own), task.gap, "knapsack")
+        if problems := packing.problems():
+            raise ValueError(problems[0])
+        found.append(FilledBox(box, packing))
+    counts = task.counts([one for own in placements for one in own])
+    if any(k > task.parts[n].part.count for n, k in counts.items()):
+        raise ValueError("it has more parts than there are")
+    for box in task.boxes:
+        if box.count is not None and record["box names"].count(box.name) > box.count:
+            raise ValueError("it has more boxes than there are")
+    return tuple(found)

@@ -1,0 +1,345 @@
+"""The search for a packing of parts: box after box, or all boxes of one size together."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from packit_sim.nesting.containers import BoxContainer
+from packit_sim.nesting.nest import NestingError, NestSettings, nest
+from packit_sim.nesting.packing import Packing
+from packit_sim.nesting.placements import Placement
+from packit_sim.parts.box_types import BoxType
+from packit_sim.parts.constraints import filtered
+from packit_sim.parts.fitting import fits, sides
+from packit_sim.parts.task import PackTask
+
+_FULL = 0.6
+"""Share of the boxes' volume above which parts are not expected to fit into all of them."""
+
+_SHORTEST = 0.05
+"""Seconds that a box gets at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilledBox:
+    """A box and its contents.
+
+    Attributes
+    ----------
+    type : BoxType
+        Which box it is.
+    packing : Packing
+        The parts' collision meshes in it, in its coordinates; the types are those of all parts.
+    """
+
+    type: BoxType
+    packing: Packing
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Filled boxes, and what constraints took out of them.
+
+    Attributes
+    ----------
+    boxes : tuple of FilledBox
+        The boxes with parts.
+    dropped : tuple of (int, str)
+        The part and the reason of each that a constraint took out.
+    score : tuple of float
+        The larger, the better.
+    """
+
+    boxes: tuple[FilledBox, ...] = ()
+    dropped: tuple[tuple[int, str], ...] = ()
+    score: tuple[float, ...] = (-math.inf,)
+
+    @classmethod
+    def of(cls, task: PackTask, boxes: Sequence[FilledBox]) -> Answer:
+        """Apply the constraints of a task to filled boxes.
+
+        Parameters
+        ----------
+        task : PackTask
+            The task.
+        boxes : sequence of FilledBox
+            The boxes.
+
+        Returns
+        -------
+        Answer
+            The boxes that still have parts.
+        """
+        kept: list[FilledBox] = []
+        dropped: list[tuple[int, str]] = []
+        for box in boxes:
+            packing, out = filtered(box.packing, task.settings.constraints)
+            dropped += out
+            if packing.placements:
+                kept.append(replace(box, packing=packing))
+        placed = task.counts([one for box in kept for one in box.packing.placements])
+        score = task.worth_by_priority(placed)
+        if task.objective == "height":
+            score += (-max((box.packing.height for box in kept), default=0.0),)
+        elif task.objective == "boxes":
+            score += (-float(len(kept)),)
+        return cls(tuple(kept), tuple(dropped), score)
+
+    def counts(self, task: PackTask) -> dict[int, int]:
+        """Count the placed parts by their number."""
+        return task.counts([one for box in self.boxes for one in box.packing.placements])
+
+
+@dataclass(eq=False)
+class PackingSearch:
+    """A search for an answer to a task.
+
+    Attributes
+    ----------
+    task : PackTask
+        The task.
+    end : float
+        When it ends, by `time.perf_counter`.
+    seed : int
+        The seed.
+    best : Answer
+        The best answer so far.
+    callback : callable, optional
+        Called with each better answer.
+    """
+
+    task: PackTask
+    end: float
+    seed: int
+    best: Answer = field(default_factory=Answer)
+    callback: Callable[[Answer], object] | None = None
+
+    def run(self) -> Answer:
+        """Search until the time is over, nothing better is possible, or Ctrl-C.
+
+        Returns
+        -------
+        Answer
+            The best answer.
+
+        Raises
+        ------
+        NestingError
+            If no valid packing was found.
+        """
+        self._stopped = threading.Event()
+        fitting = [self._fits(n) for n in range(len(self.task.parts))]
+        counts = {n: part.part.count for n, part in enumerate(self.task.parts) if fitting[n]}
+        if not counts or self._is_done(self.best, counts):
+            return self.best
+        try:
+            with _stop_noted(self._stopped):
+                self._search(counts)
+        except KeyboardInterrupt:
+            if not self.best.boxes:
+                raise
+        except NestingError:
+            if not self.best.boxes:
+                raise
+        return self.best
+
+    def _search(self, counts: Mapping[int, int]) -> None:
+        objective, first = self.task.objective, self.task.boxes[0]
+        if objective == "boxes" and len(self.task.boxes) == 1 and self._can_all_fit(counts):
+            self._fill_together(first, counts)
+        else:
+            left = self._fill_one_by_one(counts)
+            if objective == "height" and not left and not self._is_over:
+                self._lower(first, counts)
+
+    def _fill_one_by_one(self, counts: Mapping[int, int]) -> dict[int, int]:
+        """Fill box after box; return the parts that are left."""
+        left = dict(counts)
+        stock = {box: math.inf if box.count is None else box.count for box in self.task.boxes}
+        boxes = list(self.task.boxes)
+        if self.task.objective == "boxes":
+            boxes.sort(key=lambda box: -box.container.volume)
+        full: list[FilledBox] = []
+        while left:
+            usable = (b for b in boxes if stock[b] > 0 and any(self._fits(n, b) for n in left))
+            box = next(usable, None)
+            if box is None:
+                break
+            stock[box] -= 1
+            own = {n: k for n, k in left.items() if self._fits(n, box)}
+            found = self._fill(box, own, full, self._seconds(own, box, sum(stock.values())))
+            if found is None:
+                break
+            full.append(found)
+            for n, k in self.task.counts(found.packing.placements).items():
+                left[n] -= k
+            left = {n: k for n, k in left.items() if k > 0}
+            if self._stopped.is_set():
+                break
+        return left
+
+    def _fill(
+        self, box: BoxType, counts: Mapping[int, int], full: list[FilledBox], seconds: float
+    ) -> FilledBox | None:
+        """Fill one box; return its best contents, or None if nothing goes in."""
+        best: tuple[Answer, FilledBox] | None = None
+
+        def better(packing: Packing) -> None:
+            nonlocal best
+            (found,) = self._in_boxes(packing, box) or (None,)
+            if found is not None:
+                answer = Answer.of(self.task, [*full, found])
+                if best is None or answer.score > best[0].score:
+                    best = answer, found
+                self._offer(answer)
+
+        self._nest(self._inner(box), "knapsack", counts, seconds, better)
+        if best is None or len(best[0].boxes) <= len(full):
+            return None
+        return best[0].boxes[-1]
+
+    def _fill_together(self, box: BoxType, counts: Mapping[int, int]) -> None:
+        """Search for the fewest boxes of one size."""
+
+        def better(packing: Packing) -> None:
+            boxes = self._in_boxes(packing, box)
+            if box.count is not None and len(boxes) > box.count:
+                boxes.sort(key=self._weight, reverse=True)
+                boxes = boxes[: box.count]
+            self._offer(Answer.of(self.task, boxes))
+
+        self._nest(self._inner(box), "bins", counts, self._left, better)
+
+    def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
+        """Search for the least height of all parts, below the box's."""
+        x, y, z = self._inner(box).size
+
+        def better(packing: Packing) -> None:
+            if packing.height <= z:
+                packing = replace(packing, container=self._inner(box), objective="knapsack")
+                self._offer(Answer.of(self.task, self._in_boxes(packing, box)))
+
+        self._nest(BoxContainer((x, y, math.inf)), "strip", counts, self._left, better)
+
+    def _nest(
+        self,
+        container: BoxContainer,
+        objective: str,
+        counts: Mapping[int, int],
+        seconds: float,
+        better: Callable[[Packing], None],
+    ) -> None:
+        """Nest some of the parts; the packings' types are those of all parts."""
+        task, settings = self.task, self.task.settings
+        numbers = sorted(counts)
+        types = []
+        for n in numbers:
+            known = task.types[n]
+            own = replace(known, demand=counts[n], value=task.weights[n])
+            vars(own)["volume"] = known.volume
+            types.append(own)
+
+        def of_all(packing: Packing, _: float) -> None:
+            placements = [replace(one, type=numbers[one.type]) for one in packing.placements]
+            better(replace(packing, types=task.types, placements=tuple(placements)))
+
+        nest(
+            types,
+            container,
+            objective,
+            max(seconds, _SHORTEST),
+            self.seed,
+            task.gap,
+            of_all,
+            NestSettings(settings.workers, settings.backend, settings.address, settings.iterations),
+        )
+
+    def _in_boxes(self, packing: Packing, box: BoxType) -> list[FilledBox]:
+        """Move a packing from the inner containers into its boxes."""
+        shift = np.eye(4)
+        shift[:3, 3] = self.task.margin
+        found: dict[int, list[Placement]] = {}
+        for one in packing.placements:
+            found.setdefault(one.box, []).append(Placement(one.type, shift @ one.pose))
+        return [
+            FilledBox(
+                box,
+                Packing(self.task.types, box.container, tuple(found[n]), self.task.gap, "knapsack"),
+            )
+            for n in sorted(found)
+        ]
+
+    def _offer(self, answer: Answer) -> None:
+        if answer.score > self.best.score and answer.boxes:
+            self.best = answer
+            if self.callback is not None:
+                self.callback(answer)
+
+    def _inner(self, box: BoxType) -> BoxContainer:
+        x, y, z = (side - 2 * self.task.margin for side in box.size)
+        return BoxContainer((x, y, z))
+
+    def _fits(self, number: int, box: BoxType | None = None) -> bool:
+        own = sides(self.task.parts[number])
+        boxes = self.task.boxes if box is None else (box,)
+        return any(fits(own, each.size, self.task.margin) for each in boxes)
+
+    def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
+        """Return whether all parts may be expected to fit into the boxes, which are of one size."""
+        box = self.task.boxes[0]
+        if box.count is None:
+            return True
+        volume = sum(self.task.parts[n].volume * k for n, k in counts.items())
+        return box.count > 1 and volume <= _FULL * box.count * box.container.volume
+
+    def _is_done(self, answer: Answer, counts: Mapping[int, int]) -> bool:
+        """Return whether nothing better is possible: all parts are packed."""
+        is_all = answer.counts(self.task) == dict(counts)
+        if self.task.objective == "boxes":
+            return is_all and len(answer.boxes) == 1
+        return is_all and self.task.objective != "height"
+
+    def _weight(self, box: FilledBox) -> float:
+        counts = self.task.counts(box.packing.placements)
+        return sum(self.task.weights[n] * k for n, k in counts.items())
+
+    def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
+        """Return the time for a box: that of all boxes that may follow is the same."""
+        volume = sum(self.task.parts[n].volume * k for n, k in counts.items())
+        needed = math.ceil(volume / (_FULL * self._inner(box).volume))
+        return self._left / max(1, min(needed, more + 1))
+
+    @property
+    def _left(self) -> float:
+        return self.end - clock.perf_counter()
+
+    @property
+    def _is_over(self) -> bool:
+        return self._left <= 0 or self._stopped.is_set()
+
+
+@contextmanager
+def _stop_noted(stopped: threading.Event) -> Iterator[None]:
+    """Note Ctrl-C, which the nester catches when it has a packing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: object) -> None:
+        stopped.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,207 @@
+"""What is packed: the prepared parts, the boxes, and what a packing must keep."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.parallel import BackendName
+from packit_sim.libraries.mesh_files import Unit
+from packit_sim.nesting import validity
+from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.placements import Placement
+from packit_sim.parts.box_types import BoxType
+from packit_sim.parts.constraints import Constraint
+from packit_sim.parts.part_files import ReadSettings
+from packit_sim.parts.prepared import PreparedPart, largest_sum
+from packit_sim.parts.units import check_unit
+
+Goal = Literal["volume", "count", "value", "height", "boxes"]
+
+GOALS: tuple[Goal, ...] = get_args(Goal)
+"""What is sought: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
+
+
+@dataclass(frozen=True)
+class PackSettings:
+    """How parts are read and packed.
+
+    Parameters
+    ----------
+    clearance : float
+        Smallest distance between two parts.
+    wall_clearance : float
+        Smallest distance to the walls.
+    accuracy : float, optional
+        Largest deviation of a collision mesh from its file; by default 0.002 of its diagonal.
+    boxes : int, optional
+        How many boxes there are of a size that does not say so; by default 1, or for the objective
+        "boxes" as many as are needed.
+    unit : str, optional
+        The unit of boxes, clearances and results; by default that of the box's text, or else mm.
+    reading : ReadSettings
+        How files are read.
+    constraints : sequence of Constraint
+        What every packing must fulfil; parts that break a constraint are left out.
+    workers : int
+        The number of processes; 0: one per core.
+    backend : str
+        Where they run: "loky" or "ray".
+    address : str, optional
+        The address of the Ray cluster's head.
+    iterations : int, optional
+        Passes over the parts of each process, instead of the time: a repeatable search.
+
+    Raises
+    ------
+    ArgumentError
+        If a clearance is negative, or the accuracy is not above 0.
+    """
+
+    clearance: float = 0.0
+    wall_clearance: float = 0.0
+    accuracy: float | None = None
+    boxes: int | None = None
+    unit: Unit | None = None
+    reading: ReadSettings = field(default_factory=ReadSettings)
+    constraints: Sequence[Constraint] = ()
+    workers: int = 0
+    backend: BackendName = "loky"
+    address: str | None = None
+    iterations: int | None = None
+
+    def __post_init__(self) -> None:
+        check_range("clearance", self.clearance, Range(0, ends="[)"))
+        check_range("wall clearance", self.wall_clearance, Range(0, ends="[)"))
+        if self.accuracy is not None:
+            check_range("accuracy", self.accuracy, POSITIVE)
+        if self.boxes is not None:
+            check_range("boxes", as_integer("boxes", self.boxes), Range(1))
+        if self.unit is not None:
+            check_unit(self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class PackTask:
+    """What is packed.
+
+    Attributes
+    ----------
+    parts : tuple of PreparedPart
+        The parts.
+    boxes : tuple of BoxType
+        The boxes.
+    objective : str
+        One of `GOALS`.
+    settings : PackSettings
+        The settings.
+    """
+
+    parts: tuple[PreparedPart, ...]
+    boxes: tuple[BoxType, ...]
+    objective: Goal
+    settings: PackSettings
+
+    def __post_init__(self) -> None:
+        if self.objective not in GOALS:
+            raise ArgumentError(
+                f"objective {self.objective!r} is not known: choose from {', '.join(GOALS)}"
+            )
+        if self.objective == "height" and (len(self.boxes) > 1 or self.boxes[0].count != 1):
+            raise ArgumentError("the objective height needs one box: choose boxes for several")
+        if self.objective == "value" and all(each.part.value is None for each in self.parts):
+            raise ArgumentError("the objective value needs parts with a value, from a manifest")
+        margin = self.margin
+        for box in self.boxes:
+            if min(box.size) <= 2 * margin:
+                raise ArgumentError(
+                    f"box {box.name!r}: {margin:.4g} {self.unit} at each wall leave no space in it"
+                )
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of all lengths."""
+        return self.settings.unit or "mm"
+
+    @property
+    def types(self) -> tuple[ItemType, ...]:
+        """The types of items, one for each part."""
+        return tuple(each.item_type for each in self.parts)
+
+    @cached_property
+    def tolerance(self) -> float:
+        """How far the nester lets items reach into each other, at most."""
+        longest = max(max(box.size) for box in self.boxes)
+        return max(
+            (validity.tolerance(longest, float(each.extents.max())) for each in self.types),
+            default=0.0,
+        )
+
+    @cached_property
+    def gap(self) -> float:
+        """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
+        clearance = self.settings.clearance
+        return clearance + largest_sum(self.parts) + (self.tolerance if clearance else 0.0)
+
+    @cached_property
+    def margin(self) -> float:
+        """The distance of collision meshes from the walls, for the same purpose."""
+        clearance = self.settings.wall_clearance
+        deviation = max((each.deviation for each in self.parts), default=0.0)
+        return clearance + deviation + (self.tolerance if clearance else 0.0)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that decides which packing is better."""
+        settings = self.settings
+        numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
+        boxes = [(box.name, box.size, box.count) for box in self.boxes]
+        text = repr((self.objective, numbers, boxes, list(map(repr, settings.constraints))))
+        sha = hashlib.sha256(text.encode())
+        for each in self.parts:
+            sha.update(each.part.digest.encode())
+        return sha.hexdigest()
+
+    @cached_property
+    def worth(self) -> tuple[float, ...]:
+        """What one of each part is worth by the objective, among parts of the same priority."""
+        if self.objective == "count":
+            return (1.0,) * len(self.parts)
+        if self.objective == "value":
+            values = (each.part.value for each in self.parts)
+            return tuple(1.0 if value is None else value for value in values)
+        return tuple(each.volume for each in self.parts)
+
+    @cached_property
+    def weights(self) -> tuple[float, ...]:
+        """The same for all parts: one of a higher priority outweighs all those of lower ones."""
+        found = [0.0] * len(self.parts)
+        total = 0.0
+        for level in sorted({each.part.priority for each in self.parts}):
+            own = [n for n, each in enumerate(self.parts) if each.part.priority == level]
+            least = min((self.worth[n] for n in own if self.worth[n] > 0), default=1.0)
+            factor = max(1.0, 1.001 * total / least)
+            for n in own:
+                found[n] = factor * self.worth[n]
+                total += found[n] * self.parts[n].part.count
+        return tuple(found)
+
+    def worth_by_priority(self, counts: Mapping[int, int]) -> tuple[float, ...]:
+        """Sum what parts are worth, for each priority from the highest on."""
+        levels = sorted({each.part.priority for each in self.parts}, reverse=True)
+        return tuple(
+            sum(self.worth[n] * k for n, k in counts.items() if self.parts[n].part.priority == one)
+            for one in levels
+        )
+
+    def counts(self, placements: Sequence[Placement]) -> dict[int, int]:
+        """Count placements by the number of their part."""
+        found: dict[int, int] = {}
+        for placement in placements:
+            found[placement.type] = found.get(placement.type, 0) + 1
+        return found

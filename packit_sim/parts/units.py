@@ -1,0 +1,83 @@
+"""Lengths with units, as people write them: "300x200x150mm"."""
+
+from __future__ import annotations
+
+import re
+from typing import get_args
+
+from packit_sim.core.errors import ArgumentError
+from packit_sim.libraries.mesh_files import UNITS_CM, Unit
+
+UNITS: tuple[Unit, ...] = get_args(Unit)
+"""The names of the units of length."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+_LENGTHS = re.compile(rf"({_NUMBER}(?:\s*[xX*]\s*{_NUMBER})*)\s*([a-zA-Zµ\"']*)")
+
+
+def check_unit(unit: str) -> Unit:
+    """Return a unit of length.
+
+    Parameters
+    ----------
+    unit : str
+        Its name.
+
+    Returns
+    -------
+    str
+        The same name.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such unit.
+    """
+    for known in UNITS:
+        if unit == known:
+            return known
+    raise ArgumentError(f"unit {unit!r} is not known: choose from {', '.join(UNITS)}")
+
+
+def factor(unit: Unit, other: Unit) -> float:
+    """Return the length of a unit in another one; 1 exactly for the same unit."""
+    return 1.0 if unit == other else UNITS_CM[unit] / UNITS_CM[other]
+
+
+def lengths(text: str, count: int, unit: Unit) -> tuple[float, ...]:
+    """Read lengths.
+
+    Parameters
+    ----------
+    text : str
+        Such as "300x200x150mm" or "1"; a unit after the last number is that of all.
+    count : int
+        How many lengths there must be.
+    unit : str
+        The unit of the result, and of a text without one.
+
+    Returns
+    -------
+    tuple of float
+        The lengths.
+
+    Raises
+    ------
+    ArgumentError
+        If the text is something else, or its unit is not known.
+    """
+    match = _LENGTHS.fullmatch(text.strip())
+    numbers = re.split(r"\s*[xX*]\s*", match[1]) if match else []
+    if match is None or len(numbers) != count:
+        example = "300x200x150mm" if count > 1 else "1mm"
+        what = f"{count} lengths" if count > 1 else "a length"
+        raise ArgumentError(f"{text!r} is not {what} with a unit, such as {example}")
+    own = check_unit(match[2]) if match[2] else unit
+    return tuple(float(number) * factor(own, unit) for number in numbers)
+
+
+def unit_of(text: str) -> Unit | None:
+    """Return the unit at the end of a length, if there is a known one."""
+    name = re.split(r"[\d.\s]", text.partition("=")[0].strip())[-1]
+    return next((unit for unit in UNITS if unit == name), None)

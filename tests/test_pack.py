@@ -1,0 +1,416 @@
+"""`packit_sim.pack`: parts of real sizes in boxes, checked by their original files."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh import creation
+
+from packit_sim import BoxType, PackedParts, PackSettings, Part, pack
+from packit_sim.core.errors import ArgumentError
+from packit_sim.nesting.packing import Packing
+from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.nesting.placements import Placement
+from packit_sim.parts.original_check import check_originals
+from packit_sim.parts.part_files import ReadSettings
+from packit_sim.parts.prepared import prepare
+
+QUICK = PackSettings(workers=1, iterations=300)
+
+
+def cube(side: float = 10.0, name: str = "cube", **settings: Any) -> Part:
+    return Part(name, creation.box((side, side, side)), **settings)
+
+
+def slab(x: float, y: float, z: float, name: str = "slab", **settings: Any) -> Part:
+    return Part(name, creation.box((x, y, z)), **settings)
+
+
+def counts(packed: PackedParts) -> dict[str, int]:
+    names = [packed.part(one).part.name for _, one in packed.placements]
+    return {name: names.count(name) for name in names}
+
+
+@cache
+def packed_bins(folder: Path) -> PackedParts:
+    """An L, a ring and a tilted bar from files, with a clearance, exported."""
+    mesh = trimesh.util.concatenate(
+        [creation.box((20, 10, 10)), creation.box((10, 10, 10)).apply_translation((-5, 10, 0))]
+    )
+    mesh.apply_translation((100, 50, -20)).export(folder / "angle.stl")
+    ring = creation.torus(8, 2, major_sections=12, minor_sections=8)
+    ring.apply_scale(1 / 1000).export(folder / "ring.glb")
+    creation.box((1, 0.25, 0.25)).export(folder / "bar.stl")
+    (folder / "parts.csv").write_text(
+        "file,count,density,unit,rotations\n"
+        "angle.stl,2,7.8,mm,upright\nring.glb,2,1,,\nbar.stl,3,2.5,in,yaw-8\n"
+    )
+    settings = replace(QUICK, clearance=0.5, wall_clearance=1.0)
+    return pack([folder / "parts.csv"], "60x40x4cm", out=folder / "out", settings=settings)
+
+
+@pytest.fixture(name="folder", scope="module")
+def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("parts")
+
+
+def test_lengths_have_the_unit_of_the_box(folder) -> None:
+    packed = packed_bins(folder)
+    assert packed.task.unit == "cm"
+    assert packed.boxes[0].type.size == pytest.approx((60, 40, 4))
+    assert counts(packed) == {"angle": 2, "ring": 2, "bar": 3}
+    volumes = {part.part.name: part.volume for part in packed.task.parts}
+    assert volumes["bar"] == pytest.approx(1 * 0.25 * 0.25 * 2.54**3)
+
+
+@pytest.mark.parametrize("suffix", ["3mf", "glb", "stl"])
+def test_exports_read_back_by_trimesh_have_the_poses(folder, suffix) -> None:
+    packed = packed_bins(folder)
+    scene = trimesh.load_scene(folder / "out" / f"packing.{suffix}")
+    cm = 100.0 if suffix == "glb" else 0.1
+    expected = [
+        np.vstack(
+            [
+                packed.part(one).part.mesh.vertices @ (pose := packed.pose(one))[:3, :3].T
+                + pose[:3, 3]
+            ]
+        )
+        for _, one in packed.placements
+    ]
+    if suffix == "stl":
+        found = np.asarray(scene.to_mesh().vertices) * cm
+        every = np.concatenate(expected)
+        assert found.min(axis=0) == pytest.approx(every.min(axis=0), abs=1e-4)
+        assert found.max(axis=0) == pytest.approx(every.max(axis=0), abs=1e-4)
+        return
+    nodes = sorted(node for node in scene.graph.nodes_geometry)
+    assert [name.split()[1] for name in nodes] == [
+        packed.part(one).part.name for _, one in packed.placements
+    ]
+    for node, vertices in zip(nodes, expected, strict=True):
+        matrix, geometry = scene.graph[node]
+        own = trimesh.transform_points(scene.geometry[geometry].vertices, matrix) * cm
+        if suffix == "glb":
+            own = own[:, [0, 2, 1]] * (1, -1, 1)  # y up
+        for low_or_high in (np.min, np.max):
+            assert low_or_high(own, axis=0) == pytest.approx(
+                low_or_high(vertices, axis=0), abs=2e-5
+            )
+
+
+def test_the_record_is_verified_with_the_meshes_next_to_it(folder) -> None:
+    packed = packed_bins(folder)
+    report = verify_packing(folder / "out" / "packing.json")
+    assert report.problems == () and report.items == packed.count
+    assert (folder / "out" / "meshes" / "angle.stl").read_bytes() == (
+        folder / "angle.stl"
+    ).read_bytes()
+
+
+def test_the_original_files_keep_the_promised_distances(folder) -> None:
+    packed = packed_bins(folder)
+    assert packed.verify() == []
+    assert packed.check.distance is not None and packed.check.distance >= 0.5
+    for box, one in packed.placements:
+        vertices = box.packing.vertices(one)
+        assert vertices.min() >= 1 and (vertices.max(axis=0) <= np.array((59, 39, 3))).all()
+
+
+def test_masses_and_the_centre_of_gravity_are_in_the_table(folder) -> None:
+    packed = packed_bins(folder)
+    volumes = {part.part.name: part.volume for part in packed.task.parts}
+    mass = 2 * 7.8 * volumes["angle"] + 2 * volumes["ring"] + 3 * 2.5 * volumes["bar"]
+    assert packed.mass == pytest.approx(mass)
+    assert "by mass" in packed.table() and "7 of 7 parts" in packed.table()
+
+
+def moved(packed: PackedParts, shift: tuple[float, float, float]) -> PackedParts:
+    """The last part of the first box moved."""
+    (box, *rest) = packed.boxes
+    *others, last = box.packing.placements
+    pose = np.array(last.pose)
+    pose[:3, 3] += shift
+    packing = replace(box.packing, placements=(*others, Placement(last.type, pose)))
+    return replace(packed, boxes=(replace(box, packing=packing), *rest))
+
+
+def test_the_check_finds_parts_that_overlap_or_are_outside(folder) -> None:
+    packed = packed_bins(folder)
+    box, last = packed.placements[-1]
+    first = box.packing.placements[0]
+    middles = [box.packing.vertices(one).mean(axis=0) for one in (first, last)]
+    onto = moved(packed, tuple(middles[0] - middles[1]))
+    assert any("crosses" in each for each in onto.verify())
+    assert any("less than 0.5" in each for each in onto.verify())
+    assert any("walls" in each for each in moved(packed, (0, 0, -0.5)).verify())
+
+
+def test_a_closed_part_inside_another_is_found() -> None:
+    task = pack([cube(30, "large"), cube(5, "small")], (40, 40, 40), settings=QUICK).task
+    poses = [np.eye(4), np.eye(4)]
+    for pose in poses:
+        pose[:3, 3] = 20
+    packing = Packing(
+        task.types, task.boxes[0].container, [Placement(n, p) for n, p in enumerate(poses)]
+    )
+    packed = pack([cube(30, "large"), cube(5, "small")], (40, 40, 40), settings=QUICK)
+    inside = replace(packed, boxes=(replace(packed.boxes[0], packing=packing),))
+    assert any("share a volume" in each for each in check_originals(inside).problems)
+
+
+def test_cubes_that_tile_the_box_are_all_packed() -> None:
+    packed = pack([cube(count=8)], (20, 20, 20), settings=QUICK)
+    assert packed.count == 8 and packed.density == pytest.approx(1) and packed.verify() == []
+    assert packed.check.distance == pytest.approx(0, abs=0.02)
+
+
+def test_parts_larger_than_every_box_are_left_out_with_the_reason() -> None:
+    parts = [cube(), slab(2540, 200, 100, "inches"), slab(50, 5, 5, "bar", rotations="fixed")]
+    packed = pack(parts, "120x60x40mm", settings=QUICK)
+    reasons = {each.name: each.reason for each in packed.left_out}
+    assert counts(packed) == {"cube": 1, "bar": 1}
+    assert "larger than the box of 120 x 60 x 40 mm" in reasons["inches"]
+    tall = pack([cube(), slab(5, 5, 50, "bar", rotations="upright")], (120, 60, 40), settings=QUICK)
+    assert "in its rotations (yaw-4)" in tall.left_out[0].reason
+
+
+def test_likely_mistakes_of_units_are_named() -> None:
+    metres = cube(0.08, "metres", unit="m")
+    assert pack([metres], "300x200x150mm", settings=QUICK).notes == ()
+    wrong = Part("wrong", creation.box((80, 50, 20)), unit="m")
+    packed = pack([wrong, metres], "300x200x150mm", settings=QUICK)
+    assert "read in mm instead of m, it is 80 x 50 x 20 mm" in packed.left_out[0].reason
+    small = pack([cube(0.08)], "300x200x150mm", settings=QUICK)
+    assert "is its unit m instead of mm?" in small.notes[0]
+    inches = pack([slab(3, 2, 2)], "300x200x150mm", settings=QUICK)
+    assert "in inches instead of mm?" in inches.notes[0]
+
+
+def test_higher_priorities_come_first_whatever_the_volumes() -> None:
+    parts = [slab(20, 20, 20, "large"), slab(20, 20, 4, "flat", priority=1, rotations="fixed")]
+    assert counts(pack(parts, (20, 20, 20), settings=QUICK)) == {"flat": 1}
+    parts = [cube(20, "large"), cube(5, "small", count=3)]
+    assert counts(pack(parts, (20, 20, 20), settings=QUICK)) == {"large": 1}
+    assert counts(pack(parts, (20, 20, 20), "count", settings=QUICK)) == {"small": 3}
+    valued = [cube(20, "large", value=1), cube(5, "small", value=2)]
+    assert counts(pack(valued, (20, 20, 20), "value", settings=QUICK)) == {"small": 1}
+
+
+def test_the_lowest_packing_is_below_the_top() -> None:
+    parts = [slab(10, 10, 30, count=4)]
+    packed = pack(parts, (20, 30, 40), "height", settings=QUICK)
+    assert packed.count == 4 and packed.height == pytest.approx(20, abs=0.1)
+    full = pack([slab(10, 10, 30, count=9)], (20, 30, 40), "height", settings=QUICK)
+    assert full.count == 8 and full.left_out[0].reason == "no space was found"
+
+
+def test_the_fewest_boxes_are_used() -> None:
+    packed = pack([cube(count=12)], (20, 20, 20), "boxes", settings=QUICK)
+    assert packed.count == 12 and len(packed.boxes) == 2 and packed.verify() == []
+    two = pack([cube(count=20)], (21, 21, 21), "boxes", settings=replace(QUICK, boxes=2))
+    assert two.count == 16 and len(two.boxes) == 2
+
+
+def test_boxes_of_several_sizes_are_filled_and_verified(tmp_path) -> None:
+    boxes = [BoxType((20, 20, 20), "A"), "B:10x10x20mm"]
+    packed = pack([cube(count=11)], boxes, out=tmp_path, settings=QUICK)
+    assert [(box.type.name, len(box.packing.placements)) for box in packed.boxes] == [
+        ("A", 8),
+        ("B", 2),
+    ]
+    assert verify_packing(tmp_path / "packing.json").problems == ()
+    assert {"packing-1.3mf", "packing-2.png"} <= {file.name for file in tmp_path.iterdir()}
+
+
+class _Few:
+    """At most so many parts in a box."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+
+    def taken_out(self, packing: Packing) -> Mapping[int, str]:
+        return dict.fromkeys(range(self.most, len(packing.placements)), "too many")
+
+    def __repr__(self) -> str:
+        return f"few {self.most}"
+
+
+def test_parts_that_break_a_constraint_are_taken_out_and_reported() -> None:
+    packed = pack([cube(count=8)], (20, 20, 20), settings=replace(QUICK, constraints=[_Few(3)]))
+    assert packed.count == 3
+    assert [(each.count, each.reason) for each in packed.left_out] == [(5, "too many")]
+
+
+def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkeypatch) -> None:
+    first = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
+    seen = []
+    monkeypatch.setattr("packit_sim.parts.packing_search.nest", None)  # it must not be called
+    again = pack(
+        [cube(count=8)],
+        (20, 20, 20),
+        out=tmp_path,
+        callback=lambda found, _: seen.append(found.count),
+        settings=QUICK,
+    )
+    assert (first.count, again.count, seen, again.searches) == (8, 8, [8], 2)
+    poses = [packed.placements[3][1].pose for packed in (first, again)]
+    assert poses[0] == pytest.approx(poses[1])
+
+
+def test_an_earlier_packing_that_is_not_valid_is_not_used(tmp_path) -> None:
+    pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
+    record = json.loads((tmp_path / "packing.json").read_text())
+    record["items"][0]["pose"] = record["items"][1]["pose"]
+    (tmp_path / "packing.json").write_text(json.dumps(record))
+    again = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
+    assert again.searches == 1 and again.verify() == []
+    (tmp_path / "packing.json").write_text("[]")
+    with pytest.raises(ArgumentError, match="choose another folder"):
+        pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
+
+
+def test_ctrl_c_returns_the_best_packing_so_far() -> None:
+    def interrupt(found: PackedParts, seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    packed = pack(
+        [cube(count=9)], (20, 20, 20), time=600, callback=interrupt, settings=PackSettings()
+    )
+    assert packed.count >= 1
+
+
+def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free() -> None:
+    ball = creation.icosphere(subdivisions=5, radius=10)
+    part = Part("ball", ball, count=2)
+    prepared = prepare(part, "mm", accuracy=0.2)
+    assert len(prepared.item_type.faces) <= 4000 < len(ball.faces)
+    assert 0 < prepared.deviation <= 0.2
+    assert prepared.volume == pytest.approx(ball.volume, rel=1e-6)
+    settings = replace(QUICK, accuracy=0.2, clearance=0.3, wall_clearance=0.1, iterations=10)
+    packed = pack([part], (20.8, 20.8, 42), settings=settings)
+    assert packed.count == 2 and packed.verify() == []
+    assert packed.task.gap >= 0.3 + 2 * prepared.deviation
+    assert "reduced" in packed.notes[0]
+
+
+def test_open_and_self_intersecting_surfaces_are_solid_by_voxels() -> None:
+    bowl = creation.box((10, 10, 10))
+    bowl.update_faces(bowl.face_normals[:, 2] < 0.5)
+    twice = trimesh.util.concatenate([creation.box((10, 10, 10))] * 2)
+    twice.vertices[8:] += 3
+    for mesh in (bowl, twice):
+        prepared = prepare(Part("mesh", mesh), "mm")
+        assert any("solid by voxels" in note for note in prepared.notes) == (mesh is bowl)
+    assert prepare(Part("mesh", twice), "mm").volume == pytest.approx(2000 - 7**3, rel=0.02)
+
+
+def test_parts_of_a_scene_are_packed_by_themselves(tmp_path) -> None:
+    plate = trimesh.Scene()
+    pin = creation.box((2, 2, 10))
+    for n in range(3):
+        matrix = trimesh.transformations.translation_matrix((4 * n, 0, 0))
+        plate.add_geometry(pin, f"pin-{n}", "pin", transform=matrix)
+    plate.add_geometry(creation.box((8, 8, 2)), "lid", "lid")
+    plate.export(tmp_path / "plate.3mf")
+    packed = pack([tmp_path / "plate.3mf"], (20, 20, 12), settings=QUICK)
+    assert {part.part.name: part.part.count for part in packed.task.parts} == {
+        "plate/pin-0": 3,
+        "plate/lid": 1,
+    }
+    assert packed.count == 4 and packed.verify() == []
+    whole = replace(QUICK, reading=ReadSettings(split=False))
+    packed = pack([tmp_path / "plate.3mf"], (20, 20, 12), settings=whole)
+    assert packed.count == 1 and "packed as one part" in packed.notes[0]
+
+
+def test_one_broken_file_is_named_and_the_others_are_packed(tmp_path) -> None:
+    for n in range(3):
+        creation.box((5, 5, 5)).export(tmp_path / f"part-{n}.stl")
+    (tmp_path / "broken.stl").write_text("solid nothing")
+    packed = pack([tmp_path], (10, 10, 10), settings=QUICK)
+    assert packed.count == 3
+    assert [Path(each.source).name for each in packed.problems] == ["broken.stl"]
+    assert "broken.stl" in packed.table()
+    assert "4 files" not in packed.notes[0] and "3 files" in packed.notes[0]
+
+
+def test_a_manifest_names_what_is_missing(tmp_path) -> None:
+    creation.box((5, 5, 5)).export(tmp_path / "a.stl")
+    rows = [
+        {"file": "a.stl", "count": 2, "value": 3, "priority": 1, "mass": 10, "name": "first"},
+        {"file": "b.stl"},
+    ]
+    (tmp_path / "parts.json").write_text(json.dumps({"parts": rows}))
+    packed = pack([tmp_path / "parts.json"], (10, 10, 10), settings=QUICK)
+    assert counts(packed) == {"first": 2} and packed.mass == 20
+    assert Path(packed.problems[0].source).name == "b.stl"
+
+
+def test_counts_are_written_behind_a_path(tmp_path) -> None:
+    creation.box((5, 5, 5)).export(tmp_path / "a.stl")
+    packed = pack([f"{tmp_path}/a.stl=3", f"{tmp_path}/*.stl"], (10, 10, 10), settings=QUICK)
+    assert counts(packed) == {"a": 3, "a-2": 1}
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("file,colour\na.stl,red\n", "field 'colour' is not known"),
+        ("file,count\na.stl,two\n", "count 'two' is not a number"),
+        ("file,count\na.stl,-1\n", "at least 0"),
+        ("file,unit\na.stl,furlong\n", "unit 'furlong' is not known"),
+        ("file,rotations\na.stl,sideways\n", "'sideways' are not known"),
+        ("file,mass\na.stl,0\n", "mass 0.0 is not possible"),
+        ("count\n3\n", "it has no file"),
+        ("", "it has no parts"),
+    ],
+)
+def test_manifests_that_are_not_possible_are_named(tmp_path, content, problem) -> None:
+    creation.box((5, 5, 5)).export(tmp_path / "a.stl")
+    (tmp_path / "parts.csv").write_text(content)
+    with pytest.raises(ArgumentError, match=problem):
+        pack([tmp_path / "parts.csv"], (10, 10, 10), settings=QUICK)
+
+
+@pytest.mark.parametrize(
+    ("box", "settings", "problem"),
+    [
+        ("0x10x10mm", {}, "the side 0.0 along x is not possible"),
+        ("10x10mm", {}, "is not 3 lengths with a unit"),
+        ("10x10x10furlong", {}, "unit 'furlong' is not known"),
+        ((10, 10, math.inf), {}, "has no height"),
+        (["10x10x10", "20x20x20"], {}, "need different names"),
+        ("10x10x10", {"wall_clearance": 5.0}, "leave no space"),
+        ("10x10x10", {"clearance": -1.0}, "clearance -1.0 is not possible"),
+        ("10x10x10", {"boxes": 0}, "boxes 0 is not possible"),
+        ("10x10x10", {"accuracy": 0}, "accuracy 0 is not possible"),
+        ("1x1x1", {}, "no part fits"),
+    ],
+)
+def test_arguments_that_are_not_possible_are_named(box, settings, problem) -> None:
+    with pytest.raises(ArgumentError, match=problem):
+        pack([cube(5)], box, settings=PackSettings(workers=1, iterations=1, **settings))
+
+
+def test_objectives_that_are_not_possible_are_named() -> None:
+    with pytest.raises(ArgumentError, match="'best' is not known"):
+        pack([cube()], (20, 20, 20), "best")  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="needs parts with a value"):
+        pack([cube()], (20, 20, 20), "value")
+    with pytest.raises(ArgumentError, match="needs one box"):
+        pack([cube()], (20, 20, 20), "height", settings=PackSettings(boxes=2))
+
+
+def test_sources_without_parts_are_errors(tmp_path) -> None:
+    for source in (tmp_path, f"{tmp_path}/*.stl", tmp_path / "none.stl"):
+        with pytest.raises(ArgumentError, match=tmp_path.name):
+            pack([source], (10, 10, 10))
+    with pytest.raises(ArgumentError, match="no parts"):
+        pack([], (10, 10, 10))

@@ -1,0 +1,58 @@
+"""`packit pack` as a user runs it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from trimesh import creation
+
+from packit_sim.cli import pack_command
+from packit_sim.core.errors import ArgumentError
+from tests.runs import packit
+
+QUICK = ("--workers", 1, "--iterations", 300)
+
+
+@pytest.fixture(name="parts", scope="module")
+def _parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("parts")
+    creation.box((10, 10, 10)).export(folder / "cube.stl")
+    creation.box((200, 10, 10)).export(folder / "long.stl")
+    (folder / "broken.stl").write_text("nothing")
+    return folder
+
+
+def test_a_folder_is_packed_and_described(parts, tmp_path) -> None:
+    arguments = (parts, f"{parts}/cube.stl=7", "--box", "2x2x2cm", "--clearance", "0mm", *QUICK)
+    output = packit("pack", *arguments, "--out", tmp_path / "out")
+    assert "8 of 9 parts" in output
+    assert "20 x 1 x 1 cm is larger than the box of 2 x 2 x 2 cm" in output
+    assert "broken.stl" in output and "no problems" in output
+    files = {file.name for file in (tmp_path / "out").iterdir()}
+    kinds = ("3mf", "glb", "stl", "png", "html", "json")
+    assert files == {"meshes", *(f"packing.{kind}" for kind in kinds)}
+    record = json.loads((tmp_path / "out" / "packing.json").read_text())
+    assert record["unit"] == "cm" and len(record["items"]) == 8
+    assert "8 of 9 parts" in (tmp_path / "out" / "packing.html").read_text()
+    assert "0 problems" in packit("verify", tmp_path / "out" / "packing.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("60", 60), ("60s", 60), ("1.5min", 90), ("1h", 3600), ("2m", 120)]
+)
+def test_times_have_units(text, seconds) -> None:
+    assert pack_command._seconds(text) == seconds
+
+
+def test_times_that_are_not_possible_are_named() -> None:
+    with pytest.raises(ArgumentError, match="'soon'"):
+        pack_command._seconds("soon")
+
+
+def test_ctrl_c_before_the_first_packing_ends_the_command(parts, tmp_path, monkeypatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pack_command, "pack", interrupted)
+    with pytest.raises(AssertionError, match="stopped: nothing is written"):
+        packit("pack", parts, "--box", "1x1x1", "--out", tmp_path / "out")
