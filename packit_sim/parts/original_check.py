@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
@@ -105,9 +105,9 @@ def _read(part: Part) -> trimesh.Trimesh:
             graph = scene.graph
             below = [node for node in graph.nodes_geometry if part.node in _path(graph, node)]
             placed = [(scene.geometry[graph[n][1]].copy(), graph[n][0]) for n in below]
-            meshes = [mesh.apply_transform(pose) for mesh, pose in placed]
-            joined: trimesh.Trimesh = trimesh.util.concatenate(meshes)
-            return joined
+            meshes: Any = [mesh.apply_transform(pose) for mesh, pose in placed]
+            joined: Any = trimesh.util.concatenate(meshes)
+            return trimesh.Trimesh(joined.vertices, joined.faces, process=False)
         return scene.to_mesh()
 
 

@@ -18,7 +18,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
-from packit_sim.parts.fitting import fits, sides
+from packit_sim.parts.part_sizes import fits, sides
 from packit_sim.parts.task import PackTask
 
 _FULL = 0.6
