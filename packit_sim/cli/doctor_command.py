@@ -28,7 +28,7 @@ def doctor_command(
     looks at the cores, the memory and the cache folders. Exit code 1 if something that everything
     needs is broken.
 
-    Example: packit doctor --json > machine.json
+    Example: packit doctor --json
     """
     checks = all_checks()
     broken = [check for check in checks if check.required and check.status != "ok"]
