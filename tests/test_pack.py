@@ -248,6 +248,26 @@ def test_parts_that_break_a_constraint_are_taken_out_and_reported() -> None:
     assert [(each.count, each.reason) for each in packed.left_out] == [(5, "too many")]
 
 
+def test_nothing_rests_on_parts_that_carry_nothing_and_loads_are_limited() -> None:
+    parts = [cube(name="glass", no_stack=True, mass=5), cube(name="cube", count=2, mass=20)]
+    packed = pack(parts, (10, 10, 30), settings=QUICK)
+    assert packed.task.requirements is not None
+    tops = {packed.part(one).part.name: one.pose[2, 3] for _, one in packed.placements}
+    assert max(tops, key=lambda name: tops[name]) == "glass" or set(tops) == {"cube"}
+    weak = [cube(name="weak", count=3, mass=20, max_load=20)]
+    packed = pack(weak, (10, 10, 30), settings=QUICK)
+    assert packed.count == 2 and "40 g: at most 20 g" in packed.left_out[0].reason
+    with pytest.raises(ArgumentError, match="load limits need masses"):
+        pack([cube(), *weak], (10, 10, 30), settings=QUICK)
+
+
+def test_parts_are_in_an_order_in_which_they_can_be_put_in() -> None:
+    settings = replace(QUICK, insertable=True)
+    packed = pack([cube(count=8)], (20, 20, 20), settings=settings)
+    heights = [one.pose[2, 3] for _, one in packed.placements]
+    assert packed.count == 8 and heights == sorted(heights)
+
+
 def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkeypatch) -> None:
     first = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
     seen = []
@@ -362,6 +382,7 @@ def test_counts_are_written_behind_a_path(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
+        ("file,no_stack\na.stl,maybe\n", "no_stack 'maybe' is not yes or no"),
         ("file,colour\na.stl,red\n", "field 'colour' is not known"),
         ("file,count\na.stl,two\n", "count 'two' is not a number"),
         ("file,count\na.stl,-1\n", "at least 0"),

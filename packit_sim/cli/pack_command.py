@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -53,6 +53,16 @@ def pack_command(
         str,
         typer.Option(help="Rotations of parts: fixed, upright, yaw-N, axis-N, cube or free."),
     ] = "cube",
+    removable: Annotated[
+        bool, typer.Option("--removable", help="Every part can be taken out by straight moves.")
+    ] = False,
+    insertable: Annotated[
+        Literal["top"] | None, typer.Option(help="Every part can be put in straight down.")
+    ] = None,
+    stable: Annotated[
+        str | None,
+        typer.Option(help="Distance that parts may move under gravity at any stage, such as 2mm."),
+    ] = None,
     boxes: Annotated[
         int | None,
         typer.Option(min=1, help="Number of boxes of each size; default: one, or as needed."),
@@ -92,7 +102,8 @@ def pack_command(
     Ctrl-C writes the best packing so far; the same command resumes from it.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
-    unit and name. Parts of a higher priority are packed first.
+    no_stack (yes: nothing may rest on it), max_load (g), unit and name. Parts of a higher priority
+    are packed first. Parts that break a constraint are left out, with the reason.
 
     Example: packit pack parts/*.stl --box 300x200x150mm --out packed
 
@@ -105,6 +116,9 @@ def pack_command(
         clearance=lengths(clearance, 1, length)[0],
         wall_clearance=lengths(wall_clearance, 1, length)[0],
         accuracy=None if accuracy is None else lengths(accuracy, 1, length)[0],
+        removable=removable,
+        insertable=insertable == "top",
+        stable=None if stable is None else lengths(stable, 1, length)[0],
         boxes=boxes,
         unit=length,
         reading=ReadSettings(unit, up, rotations, split),

@@ -326,7 +326,8 @@ def read_bytes(path: Path) -> bytes:
     if path.suffix.lower() in MESH_SUFFIXES and path.is_file():
         raise PackFormatError(
             f"{path} is a mesh file, not a dataset: datasets are .jsonl files, or folders of such; "
-            "`packit generate --library FOLDER` makes one of a folder of meshes"
+            "`packit generate --library FOLDER` makes one of a folder of meshes, and "
+            "`packit pack` packs meshes at their real sizes"
         )
     try:
         return path.read_bytes()

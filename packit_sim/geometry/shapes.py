@@ -278,16 +278,16 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
         raise MeshError(f"shape {id!r}: expected a trimesh.Trimesh, not {type(mesh).__name__}")
     vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
     faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    used = np.unique(faces)
-    if len(used) == 0:
+    if len(faces) == 0:
         raise MeshError(
             f"shape {id!r}: the mesh is empty: {len(vertices)} vertices, {len(faces)} triangles"
         )
-    if used[0] < 0 or used[-1] >= len(vertices):
+    if faces.min() < 0 or faces.max() >= len(vertices):
         raise MeshError(
-            f"shape {id!r}: triangles refer to vertices {used[0]} to {used[-1]}, "
+            f"shape {id!r}: triangles refer to vertices {faces.min()} to {faces.max()}, "
             f"the mesh has 0 to {len(vertices) - 1}"
         )
+    used = np.flatnonzero(np.bincount(faces.ravel()))
     bad = used[~np.isfinite(vertices[used]).all(axis=1)]
     if len(bad):
         raise MeshError(

@@ -17,6 +17,15 @@ from packit_sim.parts.units import check_unit
 MANIFESTS = (".csv", ".json")
 """Suffixes of manifests."""
 
+
+def _yes_or_no(value: object) -> bool:
+    """Read a truth value in words."""
+    for meaning, words in ((True, ("yes", "true", "1")), (False, ("no", "false", "0"))):
+        if str(value).lower() in words:
+            return meaning
+    raise ValueError
+
+
 _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "file": str,
     "name": str,
@@ -26,6 +35,8 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
     "priority": int,
     "mass": float,
     "density": float,
+    "no_stack": _yes_or_no,
+    "max_load": float,
     "unit": check_unit,
 }
 """The fields of a part."""
@@ -117,7 +128,8 @@ def _fields(where: str, entry: Mapping[str, Any]) -> dict[str, Any]:
             raise ArgumentError(
                 f"{where}: field {name!r} is not known: choose from {', '.join(_FIELDS)}"
             )
-        if isinstance(value, (list, dict, bool)) or value is None:
+        is_wrong = isinstance(value, bool) and name != "no_stack"
+        if isinstance(value, (list, dict)) or value is None or is_wrong:
             raise ArgumentError(f"{where}: {name} {value!r} is not possible")
         try:
             if isinstance(value, float) and _FIELDS[name] is int and int(value) != value:
@@ -126,7 +138,8 @@ def _fields(where: str, entry: Mapping[str, Any]) -> dict[str, Any]:
         except ArgumentError as error:
             raise ArgumentError(f"{where}: {error}") from None
         except (TypeError, ValueError, OverflowError):
-            raise ArgumentError(f"{where}: {name} {value!r} is not a number") from None
+            what = "yes or no" if name == "no_stack" else "a number"
+            raise ArgumentError(f"{where}: {name} {value!r} is not {what}") from None
     if not found.get("file"):
         raise ArgumentError(f"{where}: it has no file")
     if found.get("count", 1) < 0:

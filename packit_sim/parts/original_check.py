@@ -124,7 +124,7 @@ class _Original:
 
     def __init__(self, part: Part, scale: float, unit: float) -> None:
         mesh = _read(part)
-        used = np.asarray(mesh.vertices)[np.unique(mesh.faces)]
+        used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.name = part.name
         self.middle: Floats = (used.min(axis=0) + used.max(axis=0)) / 2
         self.extents: Floats = np.ptp(used, axis=0) * scale

@@ -86,6 +86,9 @@ def pack(
         raise ArgumentError(f"no part fits: {first.name} of {first.reason}{more}")
     gone = {each.name for each in left_out}
     fitting = [each for each in task.parts if each.part.name not in gone]
+    if task.settings.stable is not None and any(each.mass(task.unit) is None for each in fitting):
+        unknown = "parts without a mass or density count as 1 g/cm3 for the stability"
+        reading = replace(reading, notes=(*reading.notes, unknown))
     notes = [
         *reading.notes,
         *(f"{each.part.name}: {note}" for each in task.parts for note in each.notes),
@@ -112,7 +115,7 @@ def pack(
     if earlier is not None:
         search.best = Answer.of(task, earlier.boxes)
         better(search.best)
-    found = packed(search.run())
+    found = packed(search.run().in_order(task))
     if out is not None:
         found.export(out)
     return found

@@ -19,6 +19,7 @@ from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
 from packit_sim.parts.part_sizes import fits, sides
+from packit_sim.parts.requirements import packing_order
 from packit_sim.parts.task import PackTask
 
 _FULL = 0.6
@@ -81,7 +82,7 @@ class Answer:
         kept: list[FilledBox] = []
         dropped: list[tuple[int, str]] = []
         for box in boxes:
-            packing, out = filtered(box.packing, task.settings.constraints)
+            packing, out = filtered(box.packing, task.constraints)
             dropped += out
             if packing.placements:
                 kept.append(replace(box, packing=packing))
@@ -92,6 +93,18 @@ class Answer:
         elif task.objective == "boxes":
             score += (-float(len(kept)),)
         return cls(tuple(kept), tuple(dropped), score)
+
+    def in_order(self, task: PackTask) -> Answer:
+        """Return the same boxes with their parts in an order of packing, if it is required."""
+        requirements = task.requirements
+        if requirements is None:
+            return self
+        boxes = []
+        for box in self.boxes:
+            placements = box.packing.placements
+            order = [placements[n] for n in packing_order(box.packing, requirements)]
+            boxes.append(replace(box, packing=replace(box.packing, placements=tuple(order))))
+        return replace(self, boxes=tuple(boxes))
 
     def counts(self, task: PackTask) -> dict[int, int]:
         """Count the placed parts by their number."""

@@ -63,6 +63,10 @@ class Part:
         Grams of one of it.
     density : float, optional
         Grams per cubic centimetre, for its mass.
+    no_stack : bool
+        Whether nothing may rest on it.
+    max_load : float, optional
+        The grams that may rest on one of it, directly or through others.
     unit : str
         The mesh's unit of length.
     unit_cm : float, optional
@@ -88,6 +92,8 @@ class Part:
     priority: int = 0
     mass: float | None = None
     density: float | None = None
+    no_stack: bool = False
+    max_load: float | None = None
     unit: Unit = "mm"
     unit_cm: float | None = None
     up: str = "z"
@@ -103,6 +109,8 @@ class Part:
         for name in ("mass", "density", "unit_cm"):
             if getattr(self, name) is not None:
                 check_range(f"{where} {name}", getattr(self, name), POSITIVE)
+        if self.max_load is not None:
+            check_range(f"{where} max_load", self.max_load, Range(0, ends="[)"))
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)
@@ -129,7 +137,8 @@ class Part:
             self.priority,
             self.frame("mm").tolist(),
         )
-        sha.update(repr((self.name, settings)).encode())
+        loads = (self.mass, self.density, self.no_stack, self.max_load)
+        sha.update(repr((self.name, settings, loads)).encode())
         return sha.hexdigest()
 
     @property

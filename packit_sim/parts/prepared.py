@@ -132,7 +132,7 @@ def _bounds(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
     """Return the corners of the bounding box of the triangles with an area."""
     a, b, c = (vertices[corner] for corner in faces.T)
     crossed = np.cross(b - a, c - a)
-    used = np.unique(faces[(crossed != 0).any(axis=1)])
+    used = np.flatnonzero(np.bincount(faces[(crossed != 0).any(axis=1)].ravel()))
     return vertices[used].min(axis=0), vertices[used].max(axis=0)
 
 

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import BackendName
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import validity
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import Constraint
+from packit_sim.parts.dropping import Dropping
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import PreparedPart, largest_sum
+from packit_sim.parts.requirements import Requirements
 from packit_sim.parts.units import check_unit
 
 Goal = Literal["volume", "count", "value", "height", "boxes"]
@@ -46,8 +48,14 @@ class PackSettings:
         The unit of boxes, clearances and results; by default that of the box's text, or else mm.
     reading : ReadSettings
         How files are read.
+    removable : bool
+        Whether every part can be taken out of its box by straight moves, in some order.
+    insertable : bool
+        Whether every part can be put in straight down, in some order.
+    stable : float, optional
+        The largest distance that a part may move under gravity at any stage of packing.
     constraints : sequence of Constraint
-        What every packing must fulfil; parts that break a constraint are left out.
+        What else every packing must fulfil; parts that break a constraint are left out.
     workers : int
         The number of processes; 0: one per core.
     backend : str
@@ -69,6 +77,9 @@ class PackSettings:
     boxes: int | None = None
     unit: Unit | None = None
     reading: ReadSettings = field(default_factory=ReadSettings)
+    removable: bool = False
+    insertable: bool = False
+    stable: float | None = None
     constraints: Sequence[Constraint] = ()
     workers: int = 0
     backend: BackendName = "loky"
@@ -128,17 +139,61 @@ class PackTask:
         """The unit of all lengths."""
         return self.settings.unit or "mm"
 
-    @property
+    @cached_property
     def types(self) -> tuple[ItemType, ...]:
-        """The types of items, one for each part."""
-        return tuple(each.item_type for each in self.parts)
+        """The types of items, one for each part, with what one of it is worth as its value."""
+        found = []
+        for each, weight in zip(self.parts, self.weights, strict=True):
+            own = replace(each.item_type, value=weight)
+            vars(own)["volume"] = each.volume
+            found.append(own)
+        return tuple(found)
+
+    @cached_property
+    def requirements(self) -> Requirements | None:
+        """What the parts of each box must meet besides being valid, if anything."""
+        settings = self.settings
+        parts = [each.part for each in self.parts]
+        max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
+        no_stack = frozenset(n for n, one in enumerate(parts) if one.no_stack)
+        wishes = (settings.removable, settings.insertable, settings.stable is not None)
+        if not (any(wishes) or no_stack or max_loads):
+            return None
+        masses = [each.mass(self.unit) for each in self.parts]
+        for part, mass in zip(parts, masses, strict=True):
+            if max_loads and mass is None:
+                raise ArgumentError(
+                    f"load limits need masses: part {part.name!r} has no mass or density"
+                )
+        centimetres = UNITS_CM[self.unit]
+        return Requirements(
+            removable=settings.removable,
+            insertable=settings.insertable,
+            stable=settings.stable,
+            no_stack=no_stack,
+            max_loads=max_loads,
+            masses=tuple(
+                each.volume * centimetres**3 if mass is None else mass
+                for each, mass in zip(self.parts, masses, strict=True)
+            ),
+            metres=centimetres / 100,
+        )
+
+    @cached_property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What each better packing of the search must fulfil."""
+        own = () if self.requirements is None else (Dropping(self.requirements),)
+        return (*own, *self.settings.constraints)
 
     @cached_property
     def tolerance(self) -> float:
         """How far the nester lets items reach into each other, at most."""
         longest = max(max(box.size) for box in self.boxes)
         return max(
-            (validity.tolerance(longest, float(each.extents.max())) for each in self.types),
+            (
+                validity.tolerance(longest, float(each.item_type.extents.max()))
+                for each in self.parts
+            ),
             default=0.0,
         )
 
@@ -161,7 +216,9 @@ class PackTask:
         settings = self.settings
         numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
         boxes = [(box.name, box.size, box.count) for box in self.boxes]
-        text = repr((self.objective, numbers, boxes, list(map(repr, settings.constraints))))
+        wishes = (settings.removable, settings.insertable, settings.stable)
+        constraints = list(map(repr, settings.constraints))
+        text = repr((self.objective, numbers, boxes, wishes, constraints))
         sha = hashlib.sha256(text.encode())
         for each in self.parts:
             sha.update(each.part.digest.encode())
