@@ -8,6 +8,7 @@ from trimesh import creation
 
 from packit_sim.cli import pack_command
 from packit_sim.core.errors import ArgumentError
+from packit_sim.parts import instructions
 from tests.runs import packit
 
 QUICK = ("--workers", 1, "--iterations", 300)
@@ -56,3 +57,12 @@ def test_ctrl_c_before_the_first_packing_ends_the_command(parts, tmp_path, monke
     monkeypatch.setattr(pack_command, "pack", interrupted)
     with pytest.raises(AssertionError, match="stopped: nothing is written"):
         packit("pack", parts, "--box", "1x1x1", "--out", tmp_path / "out")
+
+
+def test_instructions_are_written_when_asked_for(parts, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(instructions, "LARGE", (125, 90))
+    monkeypatch.setattr(instructions, "SMALL", (105, 85))
+    arguments = (f"{parts}/cube.stl=2", "--box", "25x12x12mm", *QUICK, "--out", tmp_path)
+    assert "instructions.html" in packit("pack", *arguments, "--instructions")
+    page = (tmp_path / "instructions.html").read_text(encoding="utf-8")
+    assert "step 2 of 2" in page and "25 x 12 x 12 mm, 2 parts" in page

@@ -17,6 +17,7 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.core import templates
 from packit_sim.core.errors import ArgumentError
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.parts.pack import pack
@@ -83,6 +84,10 @@ def pack_command(
         str | None,
         typer.Option(help="Largest deviation of simplified meshes; default: 0.002 of a part."),
     ] = None,
+    instructions: Annotated[
+        bool,
+        typer.Option("--instructions", help="Also write printable packing instructions (HTML)."),
+    ] = False,
     time: Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")] = "60",
     iterations: Annotated[
         int | None,
@@ -127,6 +132,8 @@ def pack_command(
         address=address,
         iterations=iterations,
     )
+    if instructions:
+        templates.check_installed()
     prepare_folder(out / "packing.json")
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("packing", total=None, note="reading the parts")
@@ -137,6 +144,8 @@ def pack_command(
         found = pack(parts, box, objective, _seconds(time), seed, out, show, settings)
     console.print(found.table(), markup=False, highlight=False, soft_wrap=True)
     print_written(out, f": {found.count} parts")
+    if instructions:
+        print_written(found.instructions(out / "instructions.html"))
     if found.check.problems:
         for problem in found.check.problems:
             console.print(problem, markup=False, style="red")

@@ -186,15 +186,16 @@ def _box(
     whole = contents(packing, order)
     start = len(fixed.intersection(own))
     steps = []
-    own_pictures: dict[int, str] = {}
+    alone: dict[tuple[str, bytes], str] = {}
     with Scene(PosedContents(whole.cells, ())) as scene:
         for n, part in enumerate(order[start:], start=start):
             placement, item = packing.placements[part], whole.placed[n]
             scene.update(PosedContents(whole.cells, whole.placed[: n + 1]))
             picture = _step_picture(scene, n)
             above = _data(scene.snapshot(*SMALL, Look(FROM_ABOVE, WHITE, coloring=_new)).image)
-            if placement.type not in own_pictures:
-                own_pictures[placement.type] = _alone(scene, _as_in_file(item))
+            turn = placement.pose[:3, :3] / placement.scale
+            file = _alone(scene, _as_in_file(item), alone)
+            packed = _alone(scene, item, alone)
             way = (
                 way_in_words(routes[part], unit)
                 if part in routes
@@ -204,13 +205,13 @@ def _box(
                 Step(
                     n + 1 - start,
                     packing.types[placement.type].name,
-                    turn_in_words(placement.pose[:3, :3] / placement.scale),
+                    turn_in_words(turn),
                     way,
                     place_in_words(sweeps.low[part] * sweeps.unit, unit),
                     picture,
                     above,
-                    own_pictures[placement.type],
-                    _alone(scene, item),
+                    file,
+                    packed,
                 )
             )
         scene.update(whole)
@@ -248,14 +249,19 @@ def _as_in_file(item: PosedItem) -> PosedItem:
     return replace(item, matrix=matrix)
 
 
-def _alone(scene: Scene, item: PosedItem) -> str:
-    """Draw a part alone."""
-    scene.update(PosedContents((1, 1, 1), (item,)))
-    return _data(scene.snapshot(*SMALL, Look(FROM_THE_FRONT, WHITE, "none", coloring=_new)).image)
+def _alone(scene: Scene, item: PosedItem, known: dict[tuple[str, bytes], str]) -> str:
+    """Draw a part alone, each orientation once."""
+    key = item.item.shape.digest, item.matrix[:3, :3].round(9).tobytes()
+    if key not in known:
+        scene.update(PosedContents((1, 1, 1), (item,)))
+        look = Look(FROM_THE_FRONT, WHITE, "none", coloring=_new)
+        known[key] = _data(scene.snapshot(*SMALL, look).image)
+    return known[key]
 
 
 def _data(image: RGBImage) -> str:
     """Encode a picture as a data URI."""
     file = io.BytesIO()
-    Image.fromarray(image).quantize(_COLORS).save(file, format="PNG", optimize=True)
+    flat = Image.fromarray(image).quantize(_COLORS, Image.Quantize.FASTOCTREE)
+    flat.save(file, format="PNG")
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"

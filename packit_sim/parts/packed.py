@@ -233,6 +233,36 @@ class PackedParts:
 
         return export_packing(self, Path(folder))
 
+    def instructions(self, path: Path | str) -> Path:
+        """Write printable packing instructions: a step for each part, with pictures.
+
+        Parameters
+        ----------
+        path : Path or str
+            The HTML file.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ArgumentError
+            If nothing is packed.
+        MissingPackageError
+            If Jinja is not installed.
+        OSError
+            If the file can't be written.
+        """
+        from packit_sim.parts.instructions import write_instructions
+
+        boxes = [
+            (f"Box {n}: {box.type.name}" if len(self.boxes) > 1 else "Box", box.packing)
+            for n, box in enumerate(self.boxes, start=1)
+        ]
+        return write_instructions(path, boxes, self.task.unit)
+
     def view(self, box: int = 0, port: int | None = None) -> Viewer:
         """Show a box on a local, interactive web page.
 
