@@ -16,7 +16,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.media.export import Y_UP, material
-from packit_sim.parts.box_pictures import contents, draw
+from packit_sim.parts.box_pictures import draw, shown
 from packit_sim.parts.packing_page import write_page
 from packit_sim.parts.packing_record import write_record
 from packit_sim.parts.packing_search import FilledBox
@@ -70,7 +70,7 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
                 file.write(data)
             files.append(path)
         path = folder / f"{stem}.png"
-        draw(packed, box, str(path))
+        draw(box.packing, path)
         files.append(path)
     try:
         files.append(write_page(packed, folder / "packing.html"))
@@ -102,7 +102,7 @@ def _encoded(packed: PackedParts, box: FilledBox, suffix: str) -> bytes | None:
 
 
 def _glb(packed: PackedParts, box: FilledBox) -> bytes:
-    colors = by_item([one.item for one in contents(packed, box).placed]).of
+    colors = by_item([one.item for one in shown(box.packing).placed]).of
     scene = _scene(packed, box, "m", colors, Y_UP)
     return bytes(scene.export(file_type="glb"))
 

@@ -283,7 +283,7 @@ class PackedParts:
         RenderError
             If viser is not installed, or the port is not available.
         """
-        from packit_sim.parts.box_pictures import contents
+        from packit_sim.parts.box_pictures import shown
         from packit_sim.viewer.viewer import Viewer
 
-        return Viewer(contents(self, self.boxes[box]), port=port)
+        return Viewer(shown(self.boxes[box].packing), port=port)

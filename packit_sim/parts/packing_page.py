@@ -9,7 +9,7 @@ from packit_sim.core import templates
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
 from packit_sim.libraries.library import assets_folder
-from packit_sim.parts.box_pictures import contents
+from packit_sim.parts.box_pictures import shown
 from packit_sim.reports.models import Models
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def write_page(packed: PackedParts, path: Path) -> Path:
     models = Models()
     boxes = []
     for box in packed.boxes:
-        state = contents(packed, box)
+        state = shown(box.packing)
         number = models.add(state.cells, state.placed, sum(p.item.volume for p in state.placed))
         boxes.append({"name": box.type.name, "model": number, "count": len(state.placed)})
     placed = packed.task.counts([one for _, one in packed.placements])
