@@ -18,11 +18,19 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.placements import Placement
+from packit_sim.parts import exports
+from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
 
 QUICK = PackSettings(workers=1, iterations=300)
+
+
+@pytest.fixture(autouse=True)
+def _no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes longer than all else here; `test_pack_cli.py` draws."""
+    monkeypatch.setattr(exports, "draw", lambda packing, path: path.write_bytes(b""))
 
 
 def cube(side: float = 10.0, name: str = "cube", **settings: Any) -> Part:
@@ -171,6 +179,34 @@ def test_cubes_that_tile_the_box_are_all_packed() -> None:
     assert packed.check.distance == pytest.approx(0, abs=0.02)
 
 
+def test_bolts_are_packed_inside_a_tube_that_fills_the_box() -> None:
+    head = creation.cylinder(4, 5, sections=6).apply_translation((0, 0, 17))
+    bolt = trimesh.boolean.union([creation.cylinder(2.5, 30, sections=12), head], engine="manifold")
+    tube = creation.annulus(12, 15, 60, sections=24)
+    packed = pack([Part("tube", tube), Part("bolt", bolt, count=4)], (31, 31, 61), settings=QUICK)
+    assert packed.count == 5 and packed.verify() == []
+
+
+def test_the_pieces_of_a_cube_are_put_together_again() -> None:
+    sides = [(30, 60, 60), (30, 20, 60), (30, 40, 20), (30, 40, 10), (10, 40, 30), (20, 40, 30)]
+    parts = [slab(x, y, z, f"{x}-{y}-{z}") for x, y, z in sides]
+    packed = pack(parts, (60, 60, 60), settings=QUICK)
+    assert packed.density == pytest.approx(1) and packed.verify() == []
+
+
+def test_bowls_are_nested() -> None:
+    profile = np.array([[0, 0], [12, 0], [20, 18], [18.5, 18], [11, 1.5], [0, 1.5]])
+    bowl = creation.revolve(profile, sections=12)
+    settings = replace(QUICK, iterations=200)
+    packed = pack(
+        [Part("bowl", bowl, count=3, rotations="upright")],
+        (41, 41, 60),
+        "height",
+        settings=settings,
+    )
+    assert packed.height < 18 + 2 * 3.75 and packed.verify() == []  # at best 3.70 for a step
+
+
 def test_parts_larger_than_every_box_are_left_out_with_the_reason() -> None:
     parts = [cube(), slab(2540, 200, 100, "inches"), slab(50, 5, 5, "bar", rotations="fixed")]
     packed = pack(parts, "120x60x40mm", settings=QUICK)
@@ -212,9 +248,10 @@ def test_the_lowest_packing_is_below_the_top() -> None:
 
 
 def test_the_fewest_boxes_are_used() -> None:
-    packed = pack([cube(count=12)], (20, 20, 20), "boxes", settings=QUICK)
+    quick = replace(QUICK, iterations=60)
+    packed = pack([cube(count=12)], (20, 20, 20), "boxes", settings=quick)
     assert packed.count == 12 and len(packed.boxes) == 2 and packed.verify() == []
-    two = pack([cube(count=20)], (21, 21, 21), "boxes", settings=replace(QUICK, boxes=2))
+    two = pack([cube(count=20)], (21, 21, 21), "boxes", settings=replace(quick, boxes=2))
     assert two.count == 16 and len(two.boxes) == 2
 
 
@@ -306,15 +343,16 @@ def test_ctrl_c_returns_the_best_packing_so_far() -> None:
     assert packed.count >= 1
 
 
-def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free() -> None:
-    ball = creation.icosphere(subdivisions=5, radius=10)
+def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free(monkeypatch) -> None:
+    monkeypatch.setattr(prepared_module, "TRIANGLES", 400)
+    ball = creation.icosphere(subdivisions=3, radius=10)
     part = Part("ball", ball, count=2)
-    prepared = prepare(part, "mm", accuracy=0.2)
-    assert len(prepared.item_type.faces) <= 4000 < len(ball.faces)
-    assert 0 < prepared.deviation <= 0.2
+    prepared = prepare(part, "mm", accuracy=0.5)
+    assert len(prepared.item_type.faces) <= 400 < len(ball.faces)
+    assert 0 < prepared.deviation <= 0.5
     assert prepared.volume == pytest.approx(ball.volume, rel=1e-6)
-    settings = replace(QUICK, accuracy=0.2, clearance=0.3, wall_clearance=0.1, iterations=10)
-    packed = pack([part], (20.8, 20.8, 42), settings=settings)
+    settings = replace(QUICK, accuracy=0.5, clearance=0.3, wall_clearance=0.1, iterations=10)
+    packed = pack([part], (22, 22, 44), settings=settings)
     assert packed.count == 2 and packed.verify() == []
     assert packed.task.gap >= 0.3 + 2 * prepared.deviation
     assert "reduced" in packed.notes[0]
@@ -327,7 +365,9 @@ def test_open_and_self_intersecting_surfaces_are_solid_by_voxels() -> None:
     twice.vertices[8:] += 3
     for mesh in (bowl, twice):
         prepared = prepare(Part("mesh", mesh), "mm")
-        assert any("solid by voxels" in note for note in prepared.notes) == (mesh is bowl)
+        assert not prepared.is_closed
+    packed = pack([Part("bowl", bowl), cube(5)], (20, 20, 20), settings=QUICK)
+    assert packed.notes == ("solid by voxels, since open, inverted or self-intersecting: bowl",)
     assert prepare(Part("mesh", twice), "mm").volume == pytest.approx(2000 - 7**3, rel=0.02)
 
 

@@ -121,13 +121,15 @@ def _scene(
         scene.graph.update(frame_from=parent, frame_to="box", matrix=frame)
         parent = "box"
     for n, (name, number, pose) in enumerate(_posed(packed, box, unit)):
-        part = packed.task.parts[number].part
+        part, own_type = packed.task.parts[number].part, packed.task.types[number]
         own = f"{number:03d} {plain(part.name)}"
+        middle = (own_type.low + own_type.high) / 2 * factor(packed.task.unit, unit)
+        pose[:3, 3] += pose[:3, :3] @ middle  # GLB has single precision: few digits far from 0
         if own in scene.geometry:
             scene.graph.update(frame_from=parent, frame_to=name, matrix=pose, geometry=own)
             continue
-        turn = part.frame(unit)[:3, :3]
-        mesh = trimesh.Trimesh(part.mesh.vertices @ turn.T, part.mesh.faces, process=False)
+        vertices = part.mesh.vertices @ part.frame(unit)[:3, :3].T - middle
+        mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         if colors is not None:
             mesh.visual = TextureVisuals(material=material(colors[n]))

@@ -7,6 +7,7 @@ the nester's own check.
 from __future__ import annotations
 
 import importlib.util
+import io
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import trimesh
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
 from packit_sim.geometry.arrays import Floats
+from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.nesting import validity
 from packit_sim.parts.part import Part
 
@@ -100,7 +102,11 @@ def _read(part: Part) -> trimesh.Trimesh:
         return trimesh.Trimesh(part.mesh.vertices, part.mesh.faces)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
-        scene = trimesh.load_scene(part.file, skip_materials=True)
+        source: Any = part.file
+        if part.file.suffix.lower() == ".obj":  # trimesh would cut polygons wrongly
+            source = io.BytesIO(simple_faces(part.file.read_bytes()))
+        kind = part.file.suffix.lower()[1:]
+        scene = trimesh.load_scene(source, file_type=kind, skip_materials=True)
         if part.node is not None:
             graph = scene.graph
             below = [node for node in graph.nodes_geometry if part.node in _path(graph, node)]

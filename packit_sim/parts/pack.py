@@ -91,7 +91,7 @@ def pack(
         reading = replace(reading, notes=(*reading.notes, unknown))
     notes = [
         *reading.notes,
-        *(f"{each.part.name}: {note}" for each in task.parts for note in each.notes),
+        *_mesh_notes(task),
         *unit_notes(fitting, task.boxes, task.margin, task.unit),
     ]
     earlier = None if out is None else read_earlier(Path(out), task)
@@ -147,6 +147,17 @@ def _task(
         raise ArgumentError(f"no part can be packed: {problems[0].source}: {problems[0].reason}")
     reading = replace(reading, problems=tuple(problems))
     return PackTask(tuple(prepared), boxes, objective, settings), reading
+
+
+def _mesh_notes(task: PackTask) -> list[str]:
+    """Return what the user should know about meshes."""
+    notes = [
+        f"{each.part.name}: {each.simplification}" for each in task.parts if each.simplification
+    ]
+    if opened := [each.part.name for each in task.parts if not each.is_closed]:
+        names = ", ".join(opened)
+        notes.append(f"solid by voxels, since open, inverted or self-intersecting: {names}")
+    return notes
 
 
 def _not_placed(task: PackTask, answer: Answer, gone: set[str]) -> list[LeftOut]:

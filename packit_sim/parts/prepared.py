@@ -45,9 +45,10 @@ class PreparedPart:
     deviation : float
         No point of the file's surface is farther from the collision mesh; 0 if it is the same.
     is_closed : bool
-        Whether the file's surface is one closed body; else it is solid by voxels.
-    notes : tuple of str
-        What the user should know about the mesh.
+        Whether the file's surface is closed and does not cross itself; else it is solid by
+        voxels.
+    simplification : str, optional
+        How the mesh was simplified.
     """
 
     part: Part
@@ -55,7 +56,7 @@ class PreparedPart:
     item_type: ItemType
     deviation: float
     is_closed: bool
-    notes: tuple[str, ...]
+    simplification: str | None = None
 
     @property
     def volume(self) -> float:
@@ -102,7 +103,7 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     shape = Shape.from_mesh(trimesh.Trimesh(vertices, faces, process=False), part.name)
     low, high = _bounds(vertices, faces)
     diagonal = float(np.linalg.norm(high - low))
-    error, notes = 0.0, []
+    error, simplification = 0.0, None
     if len(shape.mesh.faces) > TRIANGLES:
         limit = ACCURACY if accuracy is None else accuracy / diagonal
         mesh, error = _simplified(shape.mesh, limit)
@@ -110,16 +111,14 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
             vertices = np.asarray(mesh.vertices) * diagonal + (low + high) / 2
             faces = np.asarray(mesh.faces, dtype=np.int64)
             error = (error + _ROUNDING) * diagonal
-            notes.append(
+            simplification = (
                 f"{len(shape.mesh.faces):,} triangles reduced to {len(faces):,} for the search, "
                 f"at most {error:.3g} {unit} from the file's surface"
             )
     item_type = ItemType(part.name, vertices, faces, part.count, part.rotations)
     volume, is_closed = _volume(shape)
-    if not is_closed:
-        notes.append("an open or self-intersecting surface: solid by voxels")
     vars(item_type)["volume"] = volume * diagonal**3
-    return PreparedPart(part, frame, item_type, error, is_closed, tuple(notes))
+    return PreparedPart(part, frame, item_type, error, is_closed, simplification)
 
 
 def largest_sum(parts: Sequence[PreparedPart]) -> float:
@@ -151,14 +150,14 @@ def _simplified(mesh: trimesh.Trimesh, limit: float) -> tuple[trimesh.Trimesh, f
 
 
 def _volume(shape: Shape) -> tuple[float, bool]:
-    """Return the volume of a canonical mesh, and whether it is one closed body.
+    """Return the volume of a canonical mesh, and whether its surface is closed.
 
-    The signed volume of a surface that crosses itself is none that voxels can have.
+    The signed volume of a surface that crosses itself or is inverted is none that voxels can have.
     """
-    if not shape.is_solid:
-        mesh = shape.mesh
-        return shape.volume, bool(mesh.is_watertight and mesh.is_winding_consistent)
-    low, high = solid_volume_bounds(np.asarray(shape.mesh.triangles))
-    if low <= shape.volume <= high:
+    mesh = shape.mesh
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        return shape.volume, False
+    low, high = solid_volume_bounds(np.asarray(mesh.triangles))
+    if low <= float(mesh.volume) <= high:
         return shape.volume, True
     return (low + high) / 2, False
