@@ -23,6 +23,7 @@ from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
+from packit_sim.parts.stacking import stacking
 
 QUICK = PackSettings(workers=1, iterations=300)
 
@@ -467,6 +468,18 @@ def test_objectives_that_are_not_possible_are_named() -> None:
         pack([cube()], (20, 20, 20), "value")
     with pytest.raises(ArgumentError, match="needs one box"):
         pack([cube()], (20, 20, 20), "height", settings=PackSettings(boxes=2))
+
+
+def test_stable_parts_are_written_where_they_rest() -> None:
+    """A ball touches a floor in one point: it rests, and the wall keeps it from rolling away."""
+    parts = [slab(18, 9, 3, count=2), Part("ball", creation.icosphere(2, 4.0), mass=20.0)]
+    settings = replace(QUICK, stable=3.0, insertable=True)
+    packed = pack(parts, (20, 10, 20), settings=settings)
+    assert packed.verify() == []
+    packing = packed.boxes[0].packing
+    assert packing.placements
+    assert max(stacking(packing).drops) < 0.02
+    assert any("1 g/cm3" in note for note in packed.notes)
 
 
 def test_sources_without_parts_are_errors(tmp_path) -> None:

@@ -17,11 +17,8 @@ from packit_sim.nesting.placements import Placement
 from packit_sim.parts.dropping import Dropping, drop_violations
 from packit_sim.parts.packing_stages import stage_motions
 from packit_sim.parts.requirements import Requirements, packing_order, violations
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from tests.examples import examples
 from tests.packed_parts import CAGE, bowl, cuboid, moved, packed, table
-
-BISECTED = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
 
 BALL = creation.icosphere(subdivisions=2, radius=12).apply_translation((50, 50, 50))
 
@@ -30,8 +27,8 @@ def test_the_cheaper_of_two_interlocked_parts_is_taken_out() -> None:
     packing = packed(BALL, CAGE, names=("ball", "cage"))
     found = violations(packing, Requirements(removable=True))
     assert [one.sentence for one in found] == [
-        "item 0 ('ball') can't be taken out: item 1 ('cage') is in the way",
-        "item 1 ('cage') can't be taken out: item 0 ('ball') is in the way",
+        "'ball' can't be taken out: 'cage' is in the way",
+        "'cage' can't be taken out: 'ball' is in the way",
     ]
     reduced = drop_violations(packing, Requirements(removable=True))
     cheaper = int(packing.types[0].volume > packing.types[1].volume)
@@ -64,7 +61,7 @@ def test_nothing_may_rest_on_parts_that_must_not_be_stacked_on() -> None:
     packing = packed(box, moved(table(), 5, 5, 7), other, names=("box", "table", "cube"))
     found = violations(packing, Requirements(no_stack=frozenset({0})))
     assert [(one.part, one.others) for one in found] == [(0, (1,))]
-    assert found[0].sentence == "item 1 ('table') is on item 0 ('box'), which may carry nothing"
+    assert found[0].sentence == "'table' is on 'box', which may carry nothing"
     lower = packed(cuboid((20, 20, 0), (50, 50, 30)), moved(table(), 5, 5, 2), other)
     assert violations(lower, Requirements(no_stack=frozenset({0, 1, 2}))) == []
 
@@ -73,7 +70,7 @@ def test_load_limits_count_what_rests_on_others() -> None:
     tower = packed(*(cuboid((0, 0, 20 * n), (20, 20, 20 * n + 20)) for n in range(4)))
     requirements = Requirements(max_loads={0: 299.0}, masses=(100.0,) * 4)
     assert [one.sentence for one in violations(tower, requirements)] == [
-        "item 0 ('part0') carries 300 g: at most 299 g"
+        "'part0' carries 300 g: at most 299 g"
     ]
     assert violations(tower, replace(requirements, max_loads={0: 300.0})) == []
     reduced = drop_violations(tower, requirements)
@@ -152,10 +149,10 @@ def _tower_and_ledge() -> Packing:
 
 def test_what_hangs_over_an_edge_falls_and_is_taken_out() -> None:
     packing = _tower_and_ledge()
-    motions = stage_motions(packing, (0, 1, 2), (0.01, 0.01, 0.01), settings=BISECTED)
+    motions = stage_motions(packing, (0, 1, 2), (0.01, 0.01, 0.01))
     assert [one.part for one in motions] == [0, 1, 2]
     assert motions[2].distance > 10 and motions[2].stage == 3
-    requirements = Requirements(stable=2.0, masses=(10.0, 10.0, 10.0), physics=BISECTED)
+    requirements = Requirements(stable=2.0, masses=(10.0, 10.0, 10.0))
     found = violations(packing, requirements)
     assert [(one.rule, one.part) for one in found] == [("stable", 2)]
     reduced = drop_violations(packing, requirements)
@@ -165,7 +162,7 @@ def test_what_hangs_over_an_edge_falls_and_is_taken_out() -> None:
 
 def test_a_floating_part_starts_where_it_rests() -> None:
     packing = packed(cuboid((0, 0, 30), (20, 20, 50)))
-    (motion,) = stage_motions(packing, (0,), (0.1,), settings=BISECTED)
+    (motion,) = stage_motions(packing, (0,), (0.1,))
     assert motion.distance < 0.5
 
 
@@ -174,7 +171,7 @@ def test_boxes_are_simulated_apart() -> None:
     both = replace(
         packing, objective="bins", placements=(Placement(0, np.eye(4)), Placement(1, np.eye(4), 1))
     )
-    motions = stage_motions(both, (1, 0), (0.1, 0.1), settings=BISECTED)
+    motions = stage_motions(both, (1, 0), (0.1, 0.1))
     assert [(one.part, one.distance < 0.5) for one in motions] == [(0, True), (1, True)]
 
 

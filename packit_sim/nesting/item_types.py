@@ -161,10 +161,13 @@ class ItemType:
     @cached_property
     def volume(self) -> float:
         """The volume: of the closed body, or else of the solid by voxels (see `Shape`)."""
-        shape = Shape.from_mesh(
-            trimesh.Trimesh(self.vertices, self.faces, process=False), self.name
-        )
-        return shape.volume * float(np.linalg.norm(self.extents)) ** 3
+        return self.shape.volume * float(np.linalg.norm(self.extents)) ** 3
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The shape of the mesh, in its canonical frame."""
+        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
+        return Shape.from_mesh(mesh, self.name)
 
     @cached_property
     def digest(self) -> str:

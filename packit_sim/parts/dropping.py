@@ -106,7 +106,7 @@ def drop_violations(packing: Packing, requirements: Requirements) -> Reduced:
         If fixed parts violate a requirement among themselves, or the requirements are about types
         or placements that the packing does not have.
     MissingPackageError
-        If `stable` is required, and PyBullet or CoACD is missing.
+        If `stable` is required, and PyBullet is missing.
 
     Notes
     -----

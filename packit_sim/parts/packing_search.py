@@ -19,7 +19,8 @@ from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
 from packit_sim.parts.part_sizes import fits, sides
-from packit_sim.parts.requirements import packing_order
+from packit_sim.parts.requirements import packing_order, violations
+from packit_sim.parts.stacking import settled_down
 from packit_sim.parts.task import PackTask
 
 _FULL = 0.6
@@ -95,15 +96,24 @@ class Answer:
         return cls(tuple(kept), tuple(dropped), score)
 
     def in_order(self, task: PackTask) -> Answer:
-        """Return the same boxes with their parts in an order of packing, if it is required."""
+        """Return the same boxes with their parts in an order of packing, if it is required.
+
+        Where gravity matters, parts come straight down to where they rest, if they may touch.
+        """
         requirements = task.requirements
         if requirements is None:
             return self
         boxes = []
         for box in self.boxes:
-            placements = box.packing.placements
-            order = [placements[n] for n in packing_order(box.packing, requirements)]
-            boxes.append(replace(box, packing=replace(box.packing, placements=tuple(order))))
+            packing = box.packing
+            if requirements.stable is not None and packing.clearance == 0:
+                settled = settled_down(packing)
+                rest = replace(requirements, stable=None)
+                if not (settled.problems() or violations(settled, rest)):
+                    packing = settled
+            order = packing_order(packing, requirements)
+            placements = tuple(packing.placements[n] for n in order)
+            boxes.append(replace(box, packing=replace(packing, placements=placements)))
         return replace(self, boxes=tuple(boxes))
 
     def counts(self, task: PackTask) -> dict[int, int]:

@@ -13,9 +13,13 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
 from packit_sim.parts.posed_parts import posed
 from packit_sim.parts.stacking import stacking_of
-from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling import fitted_pieces
 from packit_sim.physics.world import World
+
+PHYSICS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+"""The simulated world by default. Parts are new in each packing: bisection takes less than a second
+for one, and stages move much as with CoACD's pieces, which take many seconds."""
 
 LEAST_MASS = 1e-6
 """Smallest mass of a part in a simulation, in kg: without a mass it would be fixed."""
@@ -63,7 +67,7 @@ def stage_motions(
     metres : float, default: 0.001
         The container's unit of length, in metres.
     settings : PhysicsSettings, optional
-        The simulated world; its side and density are not used.
+        The simulated world, by default `PHYSICS`; its side and density are not used.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def stage_motions(
     ArgumentError
         If `metres` is not above 0.
     MissingPackageError
-        If PyBullet is missing, or CoACD unless the settings choose bisection.
+        If PyBullet is missing, or CoACD if the settings choose it.
     PhysicsError
         If a part can't be decomposed into convex pieces.
 
@@ -137,7 +141,7 @@ def stages(
     """
     check_range("metres", metres, POSITIVE)
     packing, unit = sweeps.packing, sweeps.unit
-    settings = replace(settings or PhysicsSettings(), side=unit * metres)
+    settings = replace(settings or PHYSICS, side=unit * metres)
     x, y, z = packing.container.size
     size = np.array((x, y, packing.height if packing.container.is_strip else z)) / unit
     whole, items = posed(packing), []

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
 from packit_sim.placement import PosedItem
 
@@ -46,10 +45,6 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
         An item for each placement; equal types share their shapes.
     """
     scale = side / packing.container.longest
-    shapes = [
-        Shape.from_mesh(trimesh.Trimesh(one.vertices, one.faces, process=False), one.name)
-        for one in packing.types
-    ]
     found = []
     for placement in packing.placements:
         item_type = packing.types[placement.type]
@@ -60,7 +55,7 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
         matrix[:3, :3] = pose[:3, :3] * (diagonal * scale)
         matrix[:3, 3] = (pose[:3, :3] @ middle + pose[:3, 3]) * scale
         volume = (diagonal * scale * placement.scale) ** 3
-        found.append(PosedItem(Item(shapes[placement.type], volume), matrix))
+        found.append(PosedItem(Item(item_type.shape, volume), matrix))
     return found
 
 

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 from packit_sim.core.checks import POSITIVE, Range, check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.pack_checks import named
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.packing_stages import stages
 from packit_sim.parts.part_sweeps import PartSweeps
@@ -50,7 +49,7 @@ class Requirements:
     metres : float
         The container's unit in metres, for `stable`.
     physics : PhysicsSettings, optional
-        The simulated world, for `stable`.
+        The simulated world, for `stable`; by default that of `packing_stages`.
 
     Raises
     ------
@@ -143,7 +142,7 @@ def violations(packing: Packing, requirements: Requirements) -> list[Violation]:
     ArgumentError
         If the requirements are about types or placements that the packing does not have.
     MissingPackageError
-        If `stable` is required, and PyBullet or CoACD is missing.
+        If `stable` is required, and PyBullet is missing.
     """
     requirements.check(packing)
     sweeps = PartSweeps(packing)
@@ -274,7 +273,7 @@ def motions(
 
 
 def _name(packing: Packing, part: int) -> str:
-    return named(part, packing.types[packing.placements[part].type].name)
+    return repr(packing.types[packing.placements[part].type].name)
 
 
 def _subject(packing: Packing, parts: Sequence[int]) -> str:
