@@ -19,7 +19,9 @@ import trimesh
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.parts import part_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.nesting import validity
 from packit_sim.parts.part import Part
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 
 SIZE = 1e4
 """The longest side of a box in the numbers that FCL gets: in small numbers it is not accurate."""
+
+SAMPLES = 9
+"""Points of a connected part of a surface that vote on whether it is inside another part."""
 
 _ROUNDING = 1e-7
 """Rounding of distances, relative to the box's longest side."""
@@ -149,6 +154,15 @@ class _Original:
         return self._loose(np.maximum(self.extents - self.tolerance, 0) / self.extents)
 
     @cached_property
+    def samples(self) -> list[Floats]:
+        """Points (n, 3) of each connected part of the surface: middles of triangles."""
+        faces = np.asarray(self.mesh.faces, dtype=np.int64)
+        numbers = part_numbers(faces, len(self.mesh.vertices))
+        middles = np.asarray(self.mesh.triangles_center)
+        groups = [middles[numbers == n] for n in range(numbers.max() + 1)]
+        return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
+
+    @cached_property
     def is_closed(self) -> bool:
         """Whether it has a volume."""
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -218,11 +232,26 @@ def _conflicts(placed: Sequence[_Placed], clearance: float) -> tuple[list[str], 
     return problems, least
 
 
+def _is_inside(own: _Placed, around: _Placed) -> bool:
+    """Return whether a connected part of a surface is inside a closed one; they don't cross."""
+    triangles = np.ascontiguousarray(around.original.mesh.triangles)
+    for samples in own.original.samples:
+        points = (samples @ own.turn.T + own.centre - around.centre) @ around.turn
+        if np.median([abs(winding_number(triangles, point)) for point in points]) > 0.5:
+            return True
+    return False
+
+
 def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
     """Yield whether two parts overlap: surfaces cross, or closed parts share a volume."""
     if one.original.drawn_in.crosses(other.original.drawn_in, *other.seen_from(one)):
         yield f"{other.name} crosses {one.name}"
-    elif one.original.is_closed and other.original.is_closed and _has_manifold():
+        return
+    for own, around in ((one, other), (other, one)):
+        if around.original.is_closed and _is_inside(own, around):
+            yield f"{own.name} is inside {around.name}, in part or whole"
+            return
+    if one.original.is_closed and other.original.is_closed and _has_manifold():
         solids = [
             trimesh.Trimesh(each.vertices, each.original.mesh.faces, process=False)
             for each in (one, other)

@@ -179,6 +179,8 @@ def _folder_files(path: Path) -> list[Path]:
 def _parts(row: Row, settings: ReadSettings, notes: list[str]) -> list[Part]:
     """Read the parts of a file."""
     suffix = row.file.suffix.lower()
+    if not row.file.exists():
+        raise MeshError("there is no such file")
     split = suffix in _PLATES if settings.split is None else settings.split
     if split:
         raw_parts = read_parts(row.file)
