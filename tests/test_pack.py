@@ -23,7 +23,7 @@ from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
-from packit_sim.parts.stacking import stacking
+from packit_sim.parts.supports import stacking
 
 QUICK = PackSettings(workers=1, iterations=300)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.part_sweeps import PartSweeps
-from packit_sim.parts.stacking import masses_of, settled_down, stacking
+from packit_sim.parts.supports import settled_down, stacking
 from tests.examples import examples
 from tests.packed_parts import bowl, cuboid, joined, moved, packed, table
 
@@ -112,17 +112,6 @@ def test_a_contact_distance_must_be_positive(contact: float) -> None:
 def test_a_packing_with_a_clearance_does_not_settle() -> None:
     with pytest.raises(ArgumentError, match="clearance of 1 can't settle"):
         settled_down(packed(bowl(), clearance=1.0))
-
-
-def test_masses_are_given_or_follow_from_the_density() -> None:
-    types = packed(cuboid((0, 0, 0), (10, 10, 10)), cuboid((0, 0, 0), (20, 10, 10))).types
-    assert masses_of(types, [None, 5.0], 0.001) == pytest.approx((1, 5))
-    with pytest.raises(ArgumentError, match="1 masses for 2 types"):
-        masses_of(types, [None], 1)
-    with pytest.raises(ArgumentError, match="mass of 'part1', -1"):
-        masses_of(types, [None, -1], 1)
-    with pytest.raises(ArgumentError, match="density nan"):
-        masses_of(types, [None, None], math.nan)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -1,1 +1,34 @@
-"""People's own parts, packed into boxes at their real sizes."""
+"""People's own parts, packed into boxes at their real sizes.
+
+`packit_sim.pack` packs them. The names below check any packing off the grid: `removable` and
+`packing_order` find straight moves in and out, `stacking` what rests on what, `stage_motions` what
+gravity moves; `violations` and `drop_violations` apply `Requirements`, and `write_instructions`
+writes pages for the person who packs.
+"""
+
+from packit_sim.parts.dropping import DroppedPart, Reduced, drop_violations
+from packit_sim.parts.instructions import write_instructions
+from packit_sim.parts.packing_stages import StageMotion, stage_motions
+from packit_sim.parts.removal import Removal, Route, StuckPart, removable
+from packit_sim.parts.requirements import Requirements, Violation, packing_order, violations
+from packit_sim.parts.supports import Stacking, settled_down, stacking
+
+__all__ = [
+    "DroppedPart",
+    "Reduced",
+    "Removal",
+    "Requirements",
+    "Route",
+    "Stacking",
+    "StageMotion",
+    "StuckPart",
+    "Violation",
+    "drop_violations",
+    "packing_order",
+    "removable",
+    "settled_down",
+    "stacking",
+    "stage_motions",
+    "violations",
+    "write_instructions",
+]

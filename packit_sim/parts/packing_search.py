@@ -20,7 +20,7 @@ from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
 from packit_sim.parts.part_sizes import fits, sides
 from packit_sim.parts.requirements import packing_order, violations
-from packit_sim.parts.stacking import settled_down
+from packit_sim.parts.supports import settled_down
 from packit_sim.parts.task import PackTask
 
 _FULL = 0.6

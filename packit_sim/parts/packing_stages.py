@@ -12,7 +12,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
 from packit_sim.parts.posed_parts import posed
-from packit_sim.parts.stacking import stacking_of
+from packit_sim.parts.supports import stacking_of
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling import fitted_pieces
 from packit_sim.physics.world import World

@@ -12,7 +12,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.parts.packing_stages import stages
 from packit_sim.parts.part_sweeps import PartSweeps
 from packit_sim.parts.removal import MOVES, removal_of
-from packit_sim.parts.stacking import stacking_of
+from packit_sim.parts.supports import stacking_of
 from packit_sim.physics.settings import PhysicsSettings
 
 _MOST_NAMES = 3

@@ -1,4 +1,4 @@
-"""Stacking: what each part rests on, and how much rests on it.
+"""Supports: what each part rests on, and how much rests on it.
 
 Parts are taken where they are after all of them have moved straight down, without turning, until
 each rests on the floor or on another part. A part rests on everything that is within a contact
@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from packit_sim.core.checks import POSITIVE, Range, check_range
+from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
 
@@ -192,41 +191,6 @@ def settled_down(packing: Packing) -> Packing:
         pose[2, 3] -= drop
         placements.append(replace(placement, pose=pose))
     return replace(packing, placements=tuple(placements))
-
-
-def masses_of(
-    types: Sequence[ItemType], masses: Sequence[float | None], density: float
-) -> tuple[float, ...]:
-    """Return the mass of one part of each type.
-
-    Parameters
-    ----------
-    types : sequence of ItemType
-        The types.
-    masses : sequence of (float or None)
-        The mass of a part of each type, where it is known.
-    density : float
-        Mass per volume, in the container's unit of length, of all other types.
-
-    Returns
-    -------
-    tuple of float
-        The masses, in the unit of `masses` and `density`.
-
-    Raises
-    ------
-    ArgumentError
-        If there are not as many masses as types, or a mass or the density is not possible.
-    """
-    if len(masses) != len(types):
-        raise ArgumentError(f"{len(masses)} masses for {len(types)} types of parts: one for each")
-    check_range("density", density, Range(0, ends="[)"))
-    found = []
-    for item_type, mass in zip(types, masses, strict=True):
-        if mass is not None:
-            check_range(f"the mass of {item_type.name!r},", mass, Range(0, ends="[)"))
-        found.append(density * item_type.volume if mass is None else float(mass))
-    return tuple(found)
 
 
 def _shortest(floor: dict[int, float], gaps: dict[int, dict[int, float]]) -> dict[int, float]:
