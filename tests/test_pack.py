@@ -21,6 +21,7 @@ from packit_sim.nesting.placements import Placement
 from packit_sim.parts import exports
 from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
+from packit_sim.parts.packing_record import read_earlier
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
 from packit_sim.parts.supports import stacking
@@ -329,9 +330,19 @@ def test_an_earlier_packing_that_is_not_valid_is_not_used(tmp_path) -> None:
     (tmp_path / "packing.json").write_text(json.dumps(record))
     again = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
     assert again.searches == 1 and again.verify() == []
+    for broken in ({"items": 3}, {"box names": 3}, {"searches": None}):
+        (tmp_path / "packing.json").write_text(json.dumps({**record, **broken}))
+        assert read_earlier(tmp_path, again.task) is None
     (tmp_path / "packing.json").write_text("[]")
     with pytest.raises(ArgumentError, match="choose another folder"):
         pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
+
+
+def test_a_box_is_shown_on_a_page() -> None:
+    pytest.importorskip("viser")
+    packed = pack([cube(count=3)], (20, 20, 20), settings=QUICK)
+    with packed.view() as viewer:
+        assert len(viewer.items) == packed.count == 3
 
 
 def test_ctrl_c_returns_the_best_packing_so_far() -> None:
@@ -432,6 +443,9 @@ def test_counts_are_written_behind_a_path(tmp_path) -> None:
         ("file,mass\na.stl,0\n", "mass 0.0 is not possible"),
         ("count\n3\n", "it has no file"),
         ("", "it has no parts"),
+        ("file,count\na.stl,1,2\n", "is more than the 2 fields"),
+        ("file,count\na.stl,10001\n", "1 to 10000"),
+        ('file,count\n"a.stl' + "x" * 140_000, "it is not CSV"),
     ],
 )
 def test_manifests_that_are_not_possible_are_named(tmp_path, content, problem) -> None:

@@ -86,7 +86,7 @@ def read_manifest(path: Path) -> list[Row]:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ArgumentError(f"{path}: it is not a text file in UTF-8") from None
-    entries = _json_rows(path, text) if path.suffix.lower() == ".json" else _csv_rows(text)
+    entries = _json_rows(path, text) if path.suffix.lower() == ".json" else _csv_rows(path, text)
     rows = []
     for number, entry in enumerate(entries, start=1):
         fields = _fields(f"{path}, part {number}", entry)
@@ -98,11 +98,18 @@ def read_manifest(path: Path) -> list[Row]:
     return rows
 
 
-def _csv_rows(text: str) -> Iterable[Mapping[str, Any]]:
+def _csv_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
     """Yield the rows of a CSV file; its separator is a comma, semicolon or tab."""
     head = text.partition("\n")[0]
     separator = max(",;\t", key=head.count)
-    for row in csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True):
+    reader = csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    try:
+        rows = list(reader)
+    except csv.Error as error:
+        raise ArgumentError(f"{path}: it is not CSV: {error}") from None
+    for row in rows:
+        if None in row:
+            raise ArgumentError(f"{path}: {row[None]} is more than the {len(row) - 1} fields")
         entry = {(name or "").strip(): value for name, value in row.items()}
         if any(isinstance(value, str) and value.strip() for value in entry.values()):
             yield {name: v for name, v in entry.items() if v is not None and v != ""}

@@ -179,7 +179,7 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         return None
     try:
         return Earlier(_boxes(record, task), int(record["searches"]))
-    except (PackItError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (PackItError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         _log.warning("%s is not used: %s", file, error)
         return None
 

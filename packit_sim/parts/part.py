@@ -22,6 +22,9 @@ from packit_sim.parts.units import check_unit, factor
 UPRIGHT = "upright"
 """Another name of `yaw-4`: quarter turns about the vertical axis."""
 
+MAX_COUNT = 10_000
+"""Most of one part."""
+
 _UP = {
     "x": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
     "y": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
@@ -51,7 +54,7 @@ class Part:
     mesh : trimesh.Trimesh
         The mesh, in the coordinates of its file.
     count : int
-        How many of it to pack, at least 1.
+        How many of it to pack, 1 to `MAX_COUNT`.
     value : float, optional
         Its value, at least 0, for the objective "value"; without one it counts as 1 there.
     rotations : str
@@ -102,7 +105,8 @@ class Part:
 
     def __post_init__(self) -> None:
         where = f"part {self.name!r}:"
-        check_range(f"{where} count", as_integer(f"{where} count", self.count), Range(1))
+        count = as_integer(f"{where} count", self.count)
+        check_range(f"{where} count", count, Range(1, MAX_COUNT))
         as_integer(f"{where} priority", self.priority)
         if self.value is not None:
             check_range(f"{where} value", self.value, Range(0, ends="[)"))
