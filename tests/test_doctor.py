@@ -94,6 +94,18 @@ def test_a_cache_that_is_not_writable_is_a_problem(
     assert cache.status == "problem" and "PACKIT_CACHE" in cache.remedy and not cache.required
 
 
+def test_little_memory_is_a_problem_and_other_systems_have_no_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "meminfo"
+    monkeypatch.setattr(machine_checks, "MEMORY", file)
+    assert [check.status for check in machine_checks._machine()] == ["ok", "ok"]
+    file.write_text("MemTotal:  8000000 kB\nMemAvailable:  1000000 kB\n")
+    memory = machine_checks._machine()[1]
+    assert (memory.status, memory.found) == ("problem", "1.0 GB free of 8.2 GB")
+    assert "--workers 1" in memory.remedy
+
+
 def test_sizes_are_readable() -> None:
     assert [machine_checks._size(n) for n in (0, 999, 2_000, 3_500_000, 12e12)] == [
         *("0 B", "999 B", "2 kB", "4 MB", "12000.0 GB")

@@ -91,6 +91,9 @@ print(json.dumps(("", None)), file=out)
 """
 """A script that imports packages; it prints each name before, so that the last one has crashed."""
 
+MEMORY = Path("/proc/meminfo")
+"""Where Linux reports the memory."""
+
 LEAST_MEMORY = 2 * 2**30
 """Bytes of free memory below which large shapes and several processes may not fit."""
 
@@ -225,20 +228,18 @@ def _version(package: str) -> str | None:
 
 
 def _machine() -> list[Check]:
-    """Look at the cores and the memory."""
-    usable = len(os.sched_getaffinity(0))
-    fields = dict(re.findall(r"(\w+):\s+(\d+) kB", Path("/proc/meminfo").read_text()))
+    """Look at the cores and the memory; only Linux says all of it."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = Check("cores", "ok", f"{usable} usable of {os.cpu_count()}")
+    if not MEMORY.is_file():
+        return [cores, Check("memory", "ok", "unknown: this system has no /proc/meminfo")]
+    fields = dict(re.findall(r"(\w+):\s+(\d+) kB", MEMORY.read_text()))
     total, free = (1024 * int(fields[name]) for name in ("MemTotal", "MemAvailable"))
-    remedy = "" if free >= LEAST_MEMORY else "end other programs, or choose --workers 1"
-    return [
-        Check("cores", "ok", f"{usable} usable of {os.cpu_count()}"),
-        Check(
-            "memory",
-            "problem" if remedy else "ok",
-            f"{_size(free)} free of {_size(total)}",
-            remedy,
-        ),
-    ]
+    text = f"{_size(free)} free of {_size(total)}"
+    if free >= LEAST_MEMORY:
+        return [cores, Check("memory", "ok", text)]
+    remedy = "end other programs, or choose --workers 1"
+    return [cores, Check("memory", "problem", text, remedy)]
 
 
 def _caches() -> list[Check]:
