@@ -370,6 +370,16 @@ def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free(monkeypatch) 
     assert "reduced" in packed.notes[0]
 
 
+def test_tiny_parts_next_to_large_ones_are_packed_as_boxes() -> None:
+    parts = [cube(30, "large"), cube(0.1, "tiny", count=3), cube(2, "small")]
+    packed = pack(parts, (40, 40, 40), settings=replace(QUICK, clearance=0.2, iterations=20))
+    sides = {each.part.name: each.item_type.extents.max() for each in packed.task.parts}
+    assert sides == pytest.approx({"large": 30, "tiny": 30 / 25, "small": 2})
+    assert packed.count == 5 and packed.verify() == []
+    assert packed.volume == pytest.approx(30**3 + 2**3 + 3 * 0.1**3)
+    assert packed.notes == ("tiny: tiny among these parts: packed as a box of 1.2 x 0.1 x 0.1 mm",)
+
+
 def test_open_and_self_intersecting_surfaces_are_solid_by_voxels() -> None:
     bowl = creation.box((10, 10, 10))
     bowl.update_faces(bowl.face_normals[:, 2] < 0.5)
@@ -379,7 +389,7 @@ def test_open_and_self_intersecting_surfaces_are_solid_by_voxels() -> None:
         prepared = prepare(Part("mesh", mesh), "mm")
         assert not prepared.is_closed
     packed = pack([Part("bowl", bowl), cube(5)], (20, 20, 20), settings=QUICK)
-    assert packed.notes == ("solid by voxels, since open, inverted or self-intersecting: bowl",)
+    assert packed.notes == ("solid by voxels, since open or self-intersecting: bowl",)
     assert prepare(Part("mesh", twice), "mm").volume == pytest.approx(2000 - 7**3, rel=0.02)
 
 

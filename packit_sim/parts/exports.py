@@ -55,7 +55,8 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
         If nothing is packed.
     """
     if not packed.boxes:
-        raise ArgumentError("nothing is packed: there is nothing to write")
+        why = "".join(f": {each.name}: {each.reason}" for each in packed.left_out[:1])
+        raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for number, box in enumerate(packed.boxes, start=1):

@@ -17,7 +17,7 @@ from packit_sim.parts.packing_search import Answer, PackingSearch
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import Problem, Reading, find_parts
 from packit_sim.parts.part_sizes import too_large, unit_notes
-from packit_sim.parts.prepared import prepare
+from packit_sim.parts.prepared import PreparedPart, boxed, least_side, prepare
 from packit_sim.parts.task import Goal, PackSettings, PackTask
 from packit_sim.parts.units import unit_of
 
@@ -78,7 +78,7 @@ def pack(
     left_out = [
         LeftOut(each.part.name, each.part.count, reason)
         for each in task.parts
-        if (reason := too_large(each, task.boxes, task.margin, task.unit))
+        if (reason := _too_large(task, each))
     ]
     if len(left_out) == len(task.parts):
         first = left_out[0]
@@ -86,7 +86,7 @@ def pack(
         raise ArgumentError(f"no part fits: {first.name} of {first.reason}{more}")
     gone = {each.name for each in left_out}
     fitting = [each for each in task.parts if each.part.name not in gone]
-    if task.settings.stable is not None and any(each.mass(task.unit) is None for each in fitting):
+    if task.settings.stable is not None and any(each.mass is None for each in fitting):
         unknown = "parts without a mass or density count as 1 g/cm3 for the stability"
         reading = replace(reading, notes=(*reading.notes, unknown))
     notes = [
@@ -146,7 +146,25 @@ def _task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {problems[0].source}: {problems[0].reason}")
     reading = replace(reading, problems=tuple(problems))
-    return PackTask(tuple(prepared), boxes, objective, settings), reading
+    return _without_tiny(PackTask(tuple(prepared), boxes, objective, settings)), reading
+
+
+def _without_tiny(task: PackTask) -> PackTask:
+    """Return the task with boxes instead of the meshes of tiny parts, where these fit."""
+    fitting = [each for each in task.parts if not _too_large(task, each)]
+    if not fitting:
+        return task
+    least = least_side(fitting, task.gap)
+    parts = []
+    for each in task.parts:
+        if each.item_type.extents.max() < least and not _too_large(task, boxed(each, least)):
+            each = boxed(each, least)
+        parts.append(each)
+    return replace(task, parts=tuple(parts))
+
+
+def _too_large(task: PackTask, part: PreparedPart) -> str | None:
+    return too_large(part, task.boxes, task.margin, task.unit)
 
 
 def _mesh_notes(task: PackTask) -> list[str]:
@@ -156,7 +174,7 @@ def _mesh_notes(task: PackTask) -> list[str]:
     ]
     if opened := [each.part.name for each in task.parts if not each.is_closed]:
         names = ", ".join(opened)
-        notes.append(f"solid by voxels, since open, inverted or self-intersecting: {names}")
+        notes.append(f"solid by voxels, since open or self-intersecting: {names}")
     return notes
 
 

@@ -109,7 +109,7 @@ class PackedParts:
     @cached_property
     def mass(self) -> float | None:
         """Grams of all packed parts; None if a mass is not known."""
-        masses = [self.part(one).mass(self.task.unit) for _, one in self.placements]
+        masses = [self.part(one).mass for _, one in self.placements]
         known = [mass for mass in masses if mass is not None]
         return sum(known) if known and len(known) == len(masses) else None
 
@@ -129,7 +129,7 @@ class PackedParts:
         weights, centres = [], []
         for one in box.packing.placements:
             part = self.part(one)
-            mass = part.mass(self.task.unit) if self.mass is not None else None
+            mass = part.mass if self.mass is not None else None
             weights.append(part.volume if mass is None else mass)
             centres.append(one.pose[:3, :3] @ part.centre + one.pose[:3, 3])
         return np.average(centres, axis=0, weights=weights)

@@ -112,7 +112,7 @@ def write_record(packed: PackedParts, folder: Path) -> list[Path]:
                 "count": each.part.count,
                 "deviation": each.deviation,
                 "volume": each.volume,
-                "mass": each.mass(task.unit),
+                "mass": each.mass,
             }
             for each in task.parts
         ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -27,6 +27,13 @@ Four times as many follow each time."""
 ACCURACY = 0.002
 """Largest deviation by default, relative to the part's diagonal."""
 
+TINY = 1 / 25
+"""Longest side, relative to that of the largest part, below which a part is packed as a box: the
+nester's grids around small parts have a width that depends on the largest."""
+
+TINY_GAPS = 2.0
+"""The same, relative to the distance that parts keep."""
+
 SAMPLES = 5000
 """Vertices whose distances show cheaply that a simplified mesh deviates too much."""
 
@@ -42,6 +49,8 @@ class PreparedPart:
     ----------
     part : Part
         The part.
+    unit : str
+        The user's unit.
     frame : ndarray of float64, shape (4, 4)
         From the file's coordinates to those of the type: the user's unit, with z up.
     item_type : ItemType
@@ -56,6 +65,7 @@ class PreparedPart:
     """
 
     part: Part
+    unit: Unit
     frame: Floats
     item_type: ItemType
     deviation: float
@@ -72,11 +82,12 @@ class PreparedPart:
         """The centre of mass (3,), in the coordinates of the type."""
         return centre_of_mass(self.item_type)
 
-    def mass(self, unit: Unit) -> float | None:
-        """Return the grams of one of it, if its mass or density is known; lengths are in `unit`."""
+    @property
+    def mass(self) -> float | None:
+        """The grams of one of it, if its mass or density is known."""
         if self.part.mass is not None or self.part.density is None:
             return self.part.mass
-        return self.part.density * self.volume * UNITS_CM[unit] ** 3
+        return self.part.density * self.volume * UNITS_CM[self.unit] ** 3
 
 
 def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPart:
@@ -122,7 +133,39 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     item_type = ItemType(part.name, vertices, faces, part.count, part.rotations)
     volume, is_closed = _volume(shape)
     vars(item_type)["volume"] = volume * diagonal**3
-    return PreparedPart(part, frame, item_type, error, is_closed, simplification)
+    return PreparedPart(part, unit, frame, item_type, error, is_closed, simplification)
+
+
+def least_side(parts: Sequence[PreparedPart], gap: float) -> float:
+    """Return the smallest longest side of a collision mesh: the nester's grids grow below it."""
+    longest = max(float(each.item_type.extents.max()) for each in parts)
+    return max(TINY * longest, TINY_GAPS * gap)
+
+
+def boxed(part: PreparedPart, least: float) -> PreparedPart:
+    """Replace a tiny collision mesh by its bounding box, whose longest side becomes longer.
+
+    Parameters
+    ----------
+    part : PreparedPart
+        The part.
+    least : float
+        The length of that side.
+
+    Returns
+    -------
+    PreparedPart
+        The part; the original surface is inside the box, so that distances to it are no shorter.
+    """
+    own, unit = part.item_type, part.unit
+    extents = own.extents + 2 * part.deviation
+    extents[int(np.argmax(extents))] = least
+    mesh = trimesh.creation.box(extents).apply_translation((own.low + own.high) / 2)
+    box = ItemType(own.name, mesh.vertices, mesh.faces, own.demand, own.rotations)
+    vars(box)["volume"] = own.volume
+    sides = " x ".join(f"{side:.3g}" for side in extents)
+    note = f"tiny among these parts: packed as a box of {sides} {unit}"
+    return replace(part, item_type=box, deviation=0.0, simplification=note)
 
 
 def largest_sum(parts: Sequence[PreparedPart]) -> float:

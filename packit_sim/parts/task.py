@@ -159,7 +159,7 @@ class PackTask:
         wishes = (settings.removable, settings.insertable, settings.stable is not None)
         if not (any(wishes) or no_stack or max_loads):
             return None
-        masses = [each.mass(self.unit) for each in self.parts]
+        masses = [each.mass for each in self.parts]
         for part, mass in zip(parts, masses, strict=True):
             if max_loads and mass is None:
                 raise ArgumentError(
