@@ -16,10 +16,10 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.media.export import Y_UP, material
+from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.box_pictures import draw, shown
 from packit_sim.parts.packing_page import write_page
 from packit_sim.parts.packing_record import write_record
-from packit_sim.parts.packing_search import FilledBox
 from packit_sim.parts.units import factor
 from packit_sim.render.coloring import by_item
 from packit_sim.render.image_files import output_file

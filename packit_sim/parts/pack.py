@@ -10,10 +10,11 @@ from pathlib import Path
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.libraries.mesh_files import Unit
+from packit_sim.parts.answers import Answer
 from packit_sim.parts.box_types import BoxType, box_types
 from packit_sim.parts.packed import LeftOut, PackedParts
 from packit_sim.parts.packing_record import read_earlier
-from packit_sim.parts.packing_search import Answer, PackingSearch
+from packit_sim.parts.packing_search import PackingSearch
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import Problem, Reading, find_parts
 from packit_sim.parts.part_sizes import too_large, unit_notes

@@ -11,8 +11,8 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.placements import Placement
+from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.original_check import Check, check_originals
-from packit_sim.parts.packing_search import FilledBox
 from packit_sim.parts.part_files import Problem
 from packit_sim.parts.part_sizes import shown
 from packit_sim.parts.prepared import PreparedPart

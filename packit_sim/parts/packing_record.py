@@ -18,7 +18,7 @@ from packit_sim.core.version import __version__
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import obj_text
 from packit_sim.nesting.placements import Placement
-from packit_sim.parts.packing_search import FilledBox
+from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.part import Part
 from packit_sim.parts.task import PackTask
 
