@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -266,6 +267,8 @@ def test_boxes_of_several_sizes_are_filled_and_verified(tmp_path) -> None:
     ]
     assert verify_packing(tmp_path / "packing.json").problems == ()
     assert {"packing-1.3mf", "packing-2.png"} <= {file.name for file in tmp_path.iterdir()}
+    pack([cube(count=3)], (20, 20, 20), out=tmp_path, settings=QUICK)
+    assert not list(tmp_path.glob("packing-*")) and (tmp_path / "packing.3mf").exists()
 
 
 class _Few:
@@ -353,6 +356,18 @@ def test_ctrl_c_returns_the_best_packing_so_far() -> None:
         [cube(count=9)], (20, 20, 20), time=600, callback=interrupt, settings=PackSettings()
     )
     assert packed.count >= 1
+
+
+def test_ctrl_c_also_ends_the_search_for_further_boxes() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    packed = pack(
+        [cube(count=20)],
+        (20, 20, 20),
+        callback=lambda *_: signal.raise_signal(signal.SIGINT),
+        settings=replace(QUICK, boxes=3),
+    )
+    assert len(packed.boxes) == 1 and 1 <= packed.count <= 8
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free(monkeypatch) -> None:

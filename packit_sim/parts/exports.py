@@ -77,7 +77,7 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
         files.append(write_page(packed, folder / "packing.html"))
     except MissingPackageError as error:
         _log.warning("packing.html is not written: %s", error)
-    return files + write_record(packed, folder)
+    return files + write_record(packed, folder, files)
 
 
 def names(packed: PackedParts, box: FilledBox) -> list[str]:

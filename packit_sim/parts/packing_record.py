@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,8 @@ RECORD = "packing.json"
 MESHES = "meshes"
 """The folder of the meshes, next to it."""
 
+_PACKING_FILE = re.compile(r"packing(-\d+)?\.(3mf|glb|stl|png|html)")
+
 _WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
 """Suffixes of mesh files that need no others."""
 
@@ -53,7 +56,7 @@ class Earlier:
     searches: int
 
 
-def write_record(packed: PackedParts, folder: Path) -> list[Path]:
+def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> list[Path]:
     """Write a packing and its meshes so that `packit verify` can check them.
 
     Parameters
@@ -62,6 +65,8 @@ def write_record(packed: PackedParts, folder: Path) -> list[Path]:
         The packing.
     folder : Path
         The folder.
+    written : sequence of Path
+        The packing's other files; those of an earlier packing that it does not have are removed.
 
     Returns
     -------
@@ -116,11 +121,24 @@ def write_record(packed: PackedParts, folder: Path) -> list[Path]:
             }
             for each in task.parts
         ],
+        "files": [path.name for path in written],
         "task": task.digest,
         "searches": packed.searches,
     }
+    stale = _files(folder) - {path.name for path in written}
     replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    for name in sorted(stale):
+        (folder / name).unlink(missing_ok=True)
     return [*files, folder / RECORD]
+
+
+def _files(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier record lists."""
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        return {name for name in record["files"] if _PACKING_FILE.fullmatch(name)}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return set()
 
 
 def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
