@@ -74,6 +74,7 @@ def _small_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(instructions, "LARGE", (250, 180))
         patch.setattr(instructions, "SMALL", (105, 85))
+        patch.setenv("PACKIT_RENDERER", "software")  # starts at once
         yield
 
 
