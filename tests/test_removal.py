@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -71,6 +72,28 @@ def test_a_part_below_an_overhang_is_lifted_slid_and_lifted() -> None:
     assert found.order == (0,)
     assert [direction for direction, _ in found.routes[0].moves] == ["up", "+x"]
     assert removable(packed(cube, shelf, step), moves=2, fixed=(1, 2)).order == ()
+
+
+def test_a_part_that_slides_below_another_shelf_is_still_stuck() -> None:
+    """Two fixed shelves at different heights leave no gap between them, seen from above."""
+    cube = cuboid((0, 0, 0), (30, 100, 30))
+    shelves = cuboid((0, 0, 50), (50, 100, 60)), cuboid((45, 0, 70), (100, 100, 80))
+    found = removable(packed(cube, *shelves), fixed=(1, 2))
+    assert [(one.part, one.by) for one in found.stuck] == [(0, (1,))]
+
+
+def test_a_u_that_opens_towards_the_wrong_side_is_stuck() -> None:
+    """It would have to move to +x, where the wall is; to -x its back meets the fixed bar."""
+    bar = moved(BAR, 20, 0, 0)
+    mirrored = u_profile()
+    mirrored.apply_transform(np.diag((-1.0, -1.0, 1.0, 1.0)))
+    mirrored.apply_translation((100, 80, 0))
+    packing = packed(mirrored, bar)
+    found = removable(packing, fixed=(1,))
+    assert [(one.part, one.by) for one in found.stuck] == [(0, (1,))]
+    wider = replace(packing, container=BoxContainer((150, 100, 100)))
+    free = removable(wider, fixed=(1,))
+    assert free.order == (0,) and free.routes[0].moves[0][0] == "+x"
 
 
 def test_parts_that_touch_do_not_block_each_other() -> None:
