@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.nesting.knapsacks import with_random_poses
+from packit_sim.nesting.filling import constructed, with_random_poses
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
-from packit_sim.nesting.separation import Separation, constructed
+from packit_sim.nesting.separation import Separation
 from packit_sim.nesting.tasks import Poses, Solution, Task
 
 _ALL_AT_ONCE = 0.3

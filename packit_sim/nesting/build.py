@@ -35,14 +35,11 @@ MAX_FIELDS = 200_000
 SETTLED_FIELDS = 3000
 """Most fields of a problem for which the surfaces compute nodes; else only offsets."""
 
+SIMPLE = 200
+"""Most triangles of an item, on average, for which the surfaces compute nodes."""
+
 SOLID_VOXELS = 200
 """Voxels along the longest side of an item for what it encloses without being closed."""
-
-NEAR = 1.5, 0.3
-"""Voxels of distance up to which the surfaces are asked, where fields and where points decide."""
-
-DEEP = 0.3, 0.1
-"""Voxels of depth from which on they are not, as there is a conflict."""
 
 DISTANCE_CELLS = 50
 """Cells of the grids of signed distances along an item's longest side."""
@@ -101,7 +98,8 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         counts[n] = len(kept)
     longest = np.array([each.extents.max() for each in types])
     fields = len(types) * (len(types) + 1) // 2 * len(relative_turns)
-    refined = fields <= SETTLED_FIELDS
+    simple = np.mean([len(each.faces) for each in types]) <= SIMPLE
+    refined = fields <= SETTLED_FIELDS and bool(simple)
     voxel = _voxel(types, len(relative_turns), VOXELS[0 if refined else 1])
     voxels = [
         turned_voxels(vertices[each.faces], relative_turns, voxel)
@@ -128,10 +126,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     )
     return Problem(
         lookup,
-        least_step=0.3 * tolerance,
         refined=refined,
-        near=NEAR[0 if refined else 1],
-        deep=DEEP[0 if refined else 1],
         relative_turns=relative_turns,
         allowed=allowed,
         allowed_counts=counts,
@@ -168,9 +163,10 @@ def _relative(turns: Floats) -> tuple[Ints, Floats]:
 
 def _number(found: list[Floats], turn: Floats) -> int:
     """Return the number of a rotation in a list, to which it is added if it is new."""
-    for n, each in enumerate(found):
-        if np.abs(each - turn).max() < 1e-9:
-            return n
+    if found:
+        same = np.flatnonzero(np.abs(np.array(found) - turn).max(axis=(1, 2)) < 1e-9)
+        if len(same):
+            return int(same[0])
     found.append(turn)
     return len(found) - 1
 
@@ -262,7 +258,7 @@ def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: floa
     margin = clearance + MARGIN * float(cells.max())
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         triangles = vertices[each.faces]
-        found = signed_distances(triangles, cells[n], margin)
+        found = signed_distances(triangles, cells[n], clearance + MARGIN * cells[n])
         dims[n] = found.shape
         values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
         points.append(spread_points(triangles, POINTS))

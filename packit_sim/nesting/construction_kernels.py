@@ -5,20 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inner_kernel, kernel
-from packit_sim.nesting.cost_kernels import (
-    ALL,
-    NO_LIMIT,
-    clamp,
-    fine_cost,
-    put,
-    random,
-    rough_cost,
-    sample,
-    update_overlaps,
-)
+from packit_sim.nesting.conflict_kernels import find_conflicts
+from packit_sim.nesting.cost_kernels import fine_cost, rough_cost
+from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample, take_out
 
 TRIES = 8
 """Samples of an item that the surfaces are asked about, the lowest first."""
+
+DROPS = 8
+"""Random places above all other items from which it is lowered."""
+
+MARGINS = 0.0, 0.2, 0.5
+"""Voxels of distance to keep while an item is lowered; the next if the surfaces don't hold."""
 
 
 @kernel
@@ -32,18 +30,13 @@ def construct(problem, state, order, box, samples, rng):
     state : State
         Where all items are; those of the order must be taken out. Changed.
     order : ndarray
-        (k,) int64, the items to place.
+        (k,) int64, the items to place; those for which there is no place stay taken out.
     box : ndarray
         (1, 4) float64, the box (see `boxes_of`); its height may be infinite.
     samples : int
         Samples for each item.
     rng : ndarray
         (1,) uint64, the state of the generator.
-
-    Returns
-    -------
-    int
-        How many items were placed; the others stay taken out.
     """
     lookup = problem.lookup
     room = box.copy()
@@ -51,7 +44,6 @@ def construct(problem, state, order, box, samples, rng):
     heights = np.empty(TRIES)
     places = np.empty((TRIES, 3))
     turned = np.zeros(TRIES, np.int64)
-    placed = 0
     top = _top(lookup, state, box)
     for i in order:
         a = state.types[i]
@@ -76,25 +68,31 @@ def construct(problem, state, order, box, samples, rng):
             places[k] = p
             turned[k] = o
         least = NO_LIMIT
-        for k in range(TRIES):
-            if heights[k] == NO_LIMIT:
-                break
-            o = turned[k]
-            p[:] = places[k]
-            if fine_cost(problem, state, i, o, p, NO_LIMIT, problem.near) > 0:
-                continue
-            _lower(problem, state, i, o, p, box)
-            height = p[2] + lookup.boxes[a, o, 5]
-            if height < least and fine_cost(problem, state, i, o, p, NO_LIMIT, ALL) == 0:
-                least = p[2] + lookup.boxes[a, o, 5]
-                put(lookup, state, i, o, p)
-        if least == NO_LIMIT:
+        best = p.copy()
+        best_turned = 0
+        for k in range(TRIES + DROPS):
+            if k < TRIES:
+                if heights[k] == NO_LIMIT:
+                    continue
+                o = turned[k]
+                p[:] = places[k]
+            else:
+                o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
+                sample(lookup, a, o, p, room[0], rng)
+                p[2] = top + lookup.clearance - lookup.boxes[a, o, 2]
+                if not clamp(lookup, a, o, p, box):
+                    continue
+            if _is_lowered(problem, state, i, o, p, box, least):
+                least, best_turned = p[2] + lookup.boxes[a, o, 5], o
+                best[:] = p
+        state.margins[:] = 0
+        if least < NO_LIMIT:
+            put(lookup, state, i, best_turned, best)
+        else:
+            take_out(state, i)
             least = _put_on_top(problem, state, i, top + lookup.clearance, box)
         if least < NO_LIMIT:
-            placed += 1
             top = max(top, least)
-            update_overlaps(problem, state, i, ALL)
-    return placed
 
 
 @inner_kernel
@@ -126,6 +124,24 @@ def _put_on_top(problem, state, i, height, box):
 
 
 @inner_kernel
+def _is_lowered(problem, state, i, o, p, box, limit):
+    """Lower an item; return whether it then is not in conflict and lower than a limit."""
+    place = p.copy()
+    for margin in MARGINS:
+        state.margins[i, :] = margin
+        p[:] = place
+        if fine_cost(problem, state, i, o, p, 1e-9) > 0:
+            return False
+        _lower(problem, state, i, o, p, box)
+        if p[2] + problem.lookup.boxes[state.types[i], o, 5] >= limit:
+            return False
+        put(problem.lookup, state, i, o, p)
+        if find_conflicts(problem, state, i, len(state.types)) == 0:
+            return True
+    return False
+
+
+@inner_kernel
 def _lower(problem, state, i, o, p, box):
     """Lower an item, and move it to the left and back, as far as steps without conflict lead."""
     lookup = problem.lookup
@@ -138,10 +154,7 @@ def _lower(problem, state, i, o, p, box):
             trial[:] = p
             trial[d] -= step
             clamp(lookup, a, o, trial, box)
-            if (
-                trial[d] < p[d]
-                and fine_cost(problem, state, i, o, trial, NO_LIMIT, problem.near) == 0
-            ):
+            if trial[d] < p[d] and fine_cost(problem, state, i, o, trial, 1e-9) == 0:
                 p[:] = trial
                 moved = True
         if not moved:

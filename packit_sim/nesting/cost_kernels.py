@@ -7,72 +7,24 @@ import numpy as np
 from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.nesting.distance_kernels import least_distance
 from packit_sim.nesting.overlap_kernels import (
-    FLOOR,
     add_field,
-    in_conflict,
+    gradient,
     interpolated,
     node_of,
     settle,
     settled,
 )
+from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, take_out
 
-NONE, ALL = 0.0, 1.5
-"""Reaches of the surfaces, in voxels of distance by fields or points.
-
-With none, these alone decide. With `ALL`, a cost of 0 is certain, unless a field is wrong by more.
+FAR = 1.5
+"""Voxels of distance by fields from which on there is no conflict, unless they are wrong by more.
 """
 
-GRAZE = 0.15
-"""Voxels that the depth of items in conflict is more than points say."""
+CROSSING = 1.0
+"""Voxels of depth by fields from which on these count, and not points.
 
-NO_LIMIT = 1e300
-"""A cost that is never reached."""
-
-
-@inner_kernel
-def random(state):
-    """Return a number in [0, 1), and advance the state (1,) uint64 of the generator."""
-    state[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = state[0]
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
-
-
-@inlined
-def _beside(state, i, j, lx, ly, lz, hx, hy, hz):
-    """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
-    bounds = state.bounds
-    return (
-        bounds[j, 5] <= lz
-        or bounds[j, 2] >= hz
-        or bounds[j, 3] <= lx
-        or bounds[j, 0] >= hx
-        or bounds[j, 4] <= ly
-        or bounds[j, 1] >= hy
-        or j == i
-    )
-
-
-@inlined
-def _offset(lookup, state, i, o, p, j):
-    """Return the types of two items, in a fixed order, their relative rotation and offset (3)."""
-    a, b, q, ob = state.types[i], state.types[j], state.places[j], state.turned[j]
-    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    first, other, turned, rel = a, b, o, lookup.relative[o, ob]
-    if a > b or (a == b and i > j):
-        first, other, turned, rel = b, a, ob, lookup.relative[ob, o]
-        dx, dy, dz = -dx, -dy, -dz
-    turn = lookup.turns[turned]
-    return (
-        first,
-        other,
-        rel,
-        turn[0, 0] * dx + turn[1, 0] * dy + turn[2, 0] * dz,
-        turn[0, 1] * dx + turn[1, 1] * dy + turn[2, 1] * dz,
-        turn[0, 2] * dx + turn[1, 2] * dy + turn[2, 2] * dz,
-    )
+Points that are deep in a thin item do not say how far the way out is.
+"""
 
 
 @inner_kernel
@@ -107,7 +59,7 @@ def rough_cost(lookup, state, i, o, p, limit):
     for j in range(len(state.types)):
         if _beside(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
-        first, other, rel, sx, sy, sz = _offset(lookup, state, i, o, p, j)
+        first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
         number = lookup.numbers[first, other, rel]
         if number < 0:
             number = add_field(lookup, first, other, rel)
@@ -123,15 +75,15 @@ def rough_cost(lookup, state, i, o, p, limit):
 
 
 @inner_kernel
-def fine_cost(problem, state, i, o, p, limit, reach):
-    """Compute the weighted overlap of an item at a pose, near contact by the surfaces.
+def fine_cost(problem, state, i, o, p, limit):
+    """Compute the weighted overlap of an item at a pose: near contact by points or surfaces.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     state : State
-        Where the other items are; its `depths` get those of this item.
+        Where the other items are; its `depths` get those of this item, its `slope` the gradient.
     i : int
         The item.
     o : int
@@ -140,8 +92,6 @@ def fine_cost(problem, state, i, o, p, limit, reach):
         (3,) float64, its place.
     limit : float
         The cost from which on it does not matter.
-    reach : float
-        Voxels of distance up to which the surfaces decide, from `NONE` to `ALL`.
 
     Returns
     -------
@@ -156,69 +106,110 @@ def fine_cost(problem, state, i, o, p, limit, reach):
     hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
     total = 0.0
     state.depths[:] = 0
+    state.slope[:] = 0
     for j in range(len(state.types)):
         if _beside(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
-        first, other, rel, sx, sy, sz = _offset(lookup, state, i, o, p, j)
-        number = lookup.numbers[first, other, rel]
-        if number < 0:
-            number = add_field(lookup, first, other, rel)
-        at, fx, fy, fz = node_of(lookup, number, sx, sy, sz)
-        if at < 0:
+        distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
+        depth = state.margins[i, j] - distance
+        if depth <= 0:
             continue
-        if problem.refined and not settled(lookup, number, at):
-            settle(problem, first, other, rel, at)
-        distance = interpolated(lookup, number, at, fx, fy, fz)
-        if distance > ALL:
-            continue
-        if not problem.refined:
-            turn = problem.relative_turns[rel]
-            distance = least_distance(problem.distances, first, other, turn, sx, sy, sz)
-            distance = (distance - lookup.clearance) / lookup.voxel
-        if distance >= 0 and distance >= reach and reach < ALL:
-            continue
-        found = -distance
-        if reach > 0 and distance >= -problem.deep:
-            maybe_nested = distance < 0.5
-            if not in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
-                continue
-            found = max(FLOOR, (0.0 if problem.refined else GRAZE) - distance)
-        state.depths[j] = found
-        total += found * state.weights[i, j] * lookup.sizes[first] * lookup.sizes[other]
+        state.depths[j] = depth
+        factor = state.weights[i, j] * lookup.sizes[a] * lookup.sizes[state.types[j]]
+        state.slope[0] -= factor * gx
+        state.slope[1] -= factor * gy
+        state.slope[2] -= factor * gz
+        total += factor * depth
         if total >= limit:
             return total
     return total
 
 
-@kernel
-def put(lookup, state, i, o, p):
-    """Set the pose of an item: a rotation's number and a place (3,)."""
-    a = state.types[i]
-    state.inside[i] = 1
-    state.turned[i] = o
-    less = lookup.slack - lookup.clearance
-    for d in range(3):
-        state.places[i, d] = p[d]
-        state.bounds[i, d] = p[d] + lookup.boxes[a, o, d] + less
-        state.bounds[i, 3 + d] = p[d] + lookup.boxes[a, o, 3 + d] - less
+@inner_kernel
+def distance_of(problem, state, i, o, p, j):
+    """Return the distance of two items in voxels, and its gradient (3) for moves of the first."""
+    lookup = problem.lookup
+    first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
+    number = lookup.numbers[first, other, rel]
+    if number < 0:
+        number = add_field(lookup, first, other, rel)
+    at, fx, fy, fz = node_of(lookup, number, sx, sy, sz)
+    if at < 0:
+        return NO_LIMIT, 0.0, 0.0, 0.0
+    if problem.refined and not settled(lookup, number, at):
+        settle(problem, first, other, rel, at)
+    distance = interpolated(lookup, number, at, fx, fy, fz)
+    if distance > FAR:
+        return NO_LIMIT, 0.0, 0.0, 0.0
+    if problem.refined or distance < -CROSSING:
+        gx, gy, gz = gradient(lookup, number, at, fx, fy, fz)
+    else:
+        turn = problem.relative_turns[rel]
+        distance, gx, gy, gz = least_distance(problem.distances, first, other, turn, sx, sy, sz)
+        per_voxel = 1 / lookup.voxel
+        distance = (distance - lookup.clearance) * per_voxel
+        gx, gy, gz = gx * per_voxel, gy * per_voxel, gz * per_voxel
+    a, b = state.types[i], state.types[j]
+    turn, sign = lookup.turns[o], -1.0
+    if a > b or (a == b and i > j):
+        turn, sign = lookup.turns[state.turned[j]], 1.0
+    return (
+        distance,
+        sign * (turn[0, 0] * gx + turn[0, 1] * gy + turn[0, 2] * gz),
+        sign * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz),
+        sign * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz),
+    )
 
 
-@kernel
-def take_out(state, i):
-    """Move an item to where it is in nobody's way."""
-    state.inside[i] = 0
-    state.bounds[i, :3] = NO_LIMIT
-    state.bounds[i, 3:] = -NO_LIMIT
-    state.overlaps[i] = 0
-    state.overlaps[:, i] = 0
+@inlined
+def offset(lookup, state, i, o, p, j):
+    """Return the types of two items, in a fixed order, their relative rotation and offset (3)."""
+    a, b, q, ob = state.types[i], state.types[j], state.places[j], state.turned[j]
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    first, other, turned, rel = a, b, o, lookup.relative[o, ob]
+    if a > b or (a == b and i > j):
+        first, other, turned, rel = b, a, ob, lookup.relative[ob, o]
+        dx, dy, dz = -dx, -dy, -dz
+    turn = lookup.turns[turned]
+    return (
+        first,
+        other,
+        rel,
+        turn[0, 0] * dx + turn[1, 0] * dy + turn[2, 0] * dz,
+        turn[0, 1] * dx + turn[1, 1] * dy + turn[2, 1] * dz,
+        turn[0, 2] * dx + turn[1, 2] * dy + turn[2, 2] * dz,
+    )
 
 
-@kernel
-def update_overlaps(problem, state, i, reach):
-    """Compute the overlaps of an item with all others again; see `fine_cost` for the reach."""
-    fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT, reach)
+@inlined
+def _beside(state, i, j, lx, ly, lz, hx, hy, hz):
+    """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
+    bounds = state.bounds
+    return (
+        bounds[j, 5] <= lz
+        or bounds[j, 2] >= hz
+        or bounds[j, 3] <= lx
+        or bounds[j, 0] >= hx
+        or bounds[j, 4] <= ly
+        or bounds[j, 1] >= hy
+        or j == i
+    )
+
+
+@inner_kernel
+def update_overlaps(problem, state, i):
+    """Compute the overlaps of an item with all others again."""
+    fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT)
     state.overlaps[i] = state.depths
     state.overlaps[:, i] = state.depths
+
+
+@inner_kernel
+def update_all_overlaps(problem, state):
+    """Compute the overlaps of all items again."""
+    for i in range(len(state.types)):
+        if state.inside[i]:
+            update_overlaps(problem, state, i)
 
 
 @inner_kernel
@@ -234,35 +225,37 @@ def total_overlap(problem, state):
 
 
 @kernel
-def box_of(boxes, x):
-    """Return the number of the box that a place at x is in, or is next to."""
-    k = len(boxes) - 1
-    while k > 0 and x < boxes[k, 0] - 0.5 * boxes[k, 1]:
-        k -= 1
-    return k
+def load(problem, state, turned, places, boxes):
+    """Put the items that are inside at some poses, moved into their boxes; take out the others.
 
+    An item that does not fit into its box takes another rotation; it must fit in one of its own.
 
-@kernel
-def clamp(lookup, a, o, p, boxes):
-    """Move a place (3,) into its box; return whether the item fits into that."""
-    box = boxes[box_of(boxes, p[0])]
-    for d in range(3):
-        start = box[0] if d == 0 else 0.0
-        least = start - lookup.boxes[a, o, d]
-        most = start + box[1 + d] - lookup.boxes[a, o, 3 + d]
-        if most < least:
-            if most < least - lookup.slack:
-                return False
-            most = least
-        p[d] = min(max(p[d], least), most)
-    return True
-
-
-@inner_kernel
-def sample(lookup, a, o, p, box, rng):
-    """Write a random place in a box (4,) to `p` (3,); for an item that is too large, its corner."""
-    for d in range(3):
-        start = box[0] if d == 0 else 0.0
-        least = start - lookup.boxes[a, o, d]
-        most = start + box[1 + d] - lookup.boxes[a, o, 3 + d]
-        p[d] = least + random(rng) * max(0.0, most - least)
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : State
+        Where all items are; changed.
+    turned : ndarray
+        (n,) int64, the numbers of their rotations.
+    places : ndarray
+        (n, 3) float64, the places of their origins.
+    boxes : ndarray
+        (b, 4) float64, the boxes (see `boxes_of`).
+    """
+    lookup = problem.lookup
+    p = np.empty(3)
+    for i in range(len(state.types)):
+        if not state.inside[i]:
+            take_out(state, i)
+            state.turned[i] = turned[i]
+            state.places[i] = places[i]
+            continue
+        a, o = state.types[i], turned[i]
+        p[:] = places[i]
+        k = 0
+        while not clamp(lookup, a, o, p, boxes) and k < problem.allowed_counts[a]:
+            o = problem.allowed[a, k]
+            k += 1
+        put(lookup, state, i, o, p)
+    update_all_overlaps(problem, state)

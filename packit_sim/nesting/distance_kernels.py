@@ -10,7 +10,7 @@ STEPS = 64.0
 
 @inner_kernel
 def least_distance(distances, first, other, turn, sx, sy, sz):
-    """Return the least signed distance of points of two surfaces to the other item.
+    """Compute the least signed distance of points of two surfaces to the other item.
 
     Parameters
     ----------
@@ -27,8 +27,13 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
     -------
     float
         The distance, negative inside; at most the margin of the grids.
+    float
+    float
+    float
+        Its gradient for moves of the other's origin.
     """
     found = distances.margin
+    dx, dy, dz = 0.0, 0.0, 0.0
     points = distances.points
     xa, xb, xc, xs = turn[0, 0], turn[0, 1], turn[0, 2], sx
     ya, yb, yc, ys = turn[1, 0], turn[1, 1], turn[1, 2], sy
@@ -72,5 +77,27 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
             high = (values[at] * gz + values[at + 1] * fz) * gy + (
                 values[at + w] * gz + values[at + w + 1] * fz
             ) * fy
-            found = min(found, (low * gx + high * fx) * scale)
-    return found
+            value = (low * gx + high * fx) * scale
+            if value < found:
+                found = value
+                at -= v * w
+                dx = high - low
+                dy = (
+                    (values[at + w] - values[at]) * gz + (values[at + w + 1] - values[at + 1]) * fz
+                ) * gx + (
+                    (values[at + v * w + w] - values[at + v * w]) * gz
+                    + (values[at + v * w + w + 1] - values[at + v * w + 1]) * fz
+                ) * fx
+                dz = (
+                    (values[at + 1] - values[at]) * gy + (values[at + w + 1] - values[at + w]) * fy
+                ) * gx + (
+                    (values[at + v * w + 1] - values[at + v * w]) * gy
+                    + (values[at + v * w + w + 1] - values[at + v * w + w]) * fy
+                ) * fx
+                if side == 1:
+                    dx, dy, dz = (
+                        -(xa * dx + ya * dy + za * dz),
+                        -(xb * dx + yb * dy + zb * dz),
+                        -(xc * dx + yc * dy + zc * dz),
+                    )
+    return found, dx / STEPS, dy / STEPS, dz / STEPS

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.nesting.filling import (
+    constructed,
+    filled,
+    least_heights,
+    repaired,
+    with_random_poses,
+)
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
-from packit_sim.nesting.separation import Separation, constructed, repaired
+from packit_sim.nesting.separation import Separation
 from packit_sim.nesting.tasks import Poses, Solution, Task
 
 _MOST_IN = 3
@@ -17,8 +22,20 @@ _MOST_IN = 3
 _MOST_OUT = 2
 """Most items that are taken out for others at a time."""
 
+_GAIN = 0.05
+"""Largest share of the value that an exchange is to gain."""
+
+_CHOICES = 100
+"""Exchanges among which one that gains as much is looked for."""
+
 _WORSE = 0.02
 """Share of the value by which a box may be worse than the best to go on from it."""
+
+_REFILLED = 0.05
+"""Share of the value by which it may be worse for a look at what else fits in."""
+
+_FAILURES = 30
+"""Exchanges without a gain after which more items are searched for."""
 
 
 class KnapsackSearch(Search):
@@ -33,30 +50,61 @@ class KnapsackSearch(Search):
     """
 
     def __init__(self, task: Task, seed: int) -> None:
-        super().__init__(task, seed)
+        super().__init__(task, seed, task.order)
         self._boxes = boxes_of([task.size])
-        self._current: Poses | None = None
+        self._fits = np.ones(len(task.numbers), bool)
+        self._failures = 0
+        self._good = self._current = Poses.nowhere(len(task.numbers))
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
         self.best = solution
-        fits = fitting(problem, self._task.size)[self._task.numbers]
-        self.is_done = bool((solution.poses.inside.astype(bool) | ~fits).all())
+        self.is_done = bool((solution.poses.inside.astype(bool) | ~self._fits).all())
+        if self._has_all and -solution.score[0] > self._value(self._good):
+            self._good = self._current = solution.poses
 
     def _constructed(self, problem: Problem) -> Solution:
-        return self._solution(constructed(problem, self._task, [self._task.size], self._rng))
+        heights = least_heights(problem, self._task.size)[self._task.numbers]
+        self._fits = np.isfinite(heights)
+        solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
+        self._good = self._current = self._own(solution.poses)
+        return solution
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        poses = self._exchanged(problem, self._current or best.poses)
+        poses = self._exchanged(problem)
         return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
-        poses = repaired(problem, self._task, attempt.least, self._boxes, self._rng)
-        found = self._solution(poses)
+        poses = attempt.least
+        if not is_apart:
+            poses = repaired(problem, self._task, poses, self._boxes)
+        most = self._value(self._good)
+        if self._value(poses) >= (1 - _REFILLED) * most:
+            poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
+        value = self._value(poses)
+        self._failures += 1
+        if value > most:
+            self._good, self._failures = poses, 0
+            self._offer(problem, best)
+        is_good = value >= (1 - _WORSE * self._choices.random()) * most
+        self._current = poses if is_good else self._good
+        if self._failures > _FAILURES and not self._has_all:
+            self._add_items(problem)
+
+    def _add_items(self, problem: Problem) -> None:
+        """Go on with more items, and put in those that fit."""
+        super()._add_items(problem)
+        self._failures = 0
+        self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
+        self._current = self._good
+        if self.best is not None:
+            self._offer(problem, self.best)
+
+    def _offer(self, problem: Problem, best: Solution) -> None:
+        """Take over the present box if it is the best."""
+        found = self._solution(self._good)
         if found.score < best.score:
             self.adopt(problem, found)
-        is_good = self._value(poses) >= (1 - _WORSE * self._choices.random()) * -best.score[0]
-        self._current = poses if is_good else best.poses
 
     def _value(self, poses: Poses) -> float:
         return float(self._task.values[poses.inside.astype(bool)].sum())
@@ -64,68 +112,26 @@ class KnapsackSearch(Search):
     def _solution(self, poses: Poses) -> Solution:
         return Solution((-self._value(poses),), poses, self._boxes)
 
-    def _exchanged(self, problem: Problem, old: Poses) -> Poses:
-        """Take out a few items, at random, and put others in at random poses."""
+    def _exchanged(self, problem: Problem) -> Poses:
+        """Take out a few items, at random, and put others in at random poses, for a small gain."""
+        old = self._current
+        out = self._items[self._fits[self._items] & (old.inside[self._items] == 0)]
+        packed = np.flatnonzero(old.inside)
+        values = self._task.values
+        most, now = self._value(self._good), self._value(old)
+        least = np.inf
+        comes, goes = out[:1], packed[:1]
+        for _ in range(_CHOICES):
+            some = self._choices.permutation(out)[: 1 + self._choices.integers(_MOST_IN)]
+            others = self._choices.permutation(packed)[: self._choices.integers(_MOST_OUT + 1)]
+            gain = now + values[some].sum() - values[others].sum() - most
+            if 0 < gain < least:
+                comes, goes, least = some, others, gain
+            if least < _GAIN * most:
+                break
         inside = old.inside.copy()
-        fits = fitting(problem, self._task.size)[self._task.numbers]
-        left_out = self._choices.permutation(np.flatnonzero(fits & (inside == 0)))
-        out = self._choices.permutation(np.flatnonzero(inside))
-        inside[out[: self._choices.integers(_MOST_OUT + 1)]] = 0
+        inside[goes] = 0
+        poses = Poses(inside, old.turned, old.places)
         return with_random_poses(
-            problem,
-            self._task,
-            Poses(inside, old.turned, old.places),
-            left_out[: 1 + self._choices.integers(_MOST_IN)].tolist(),
-            self._boxes,
-            self._choices,
+            problem, self._task, poses, comes.tolist(), self._boxes, self._choices
         )
-
-
-def fitting(problem: Problem, size: tuple[float, float, float]) -> npt.NDArray[np.bool_]:
-    """Return whether each type (t,) fits into a box in one of its rotations."""
-    lookup = problem.lookup
-    sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
-    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
-    columns = np.arange(problem.allowed.shape[1]) < problem.allowed_counts[:, None]
-    return np.asarray((np.take_along_axis(fits, problem.allowed, axis=1) & columns).any(axis=1))
-
-
-def with_random_poses(
-    problem: Problem,
-    task: Task,
-    poses: Poses,
-    items: list[int],
-    boxes: Floats,
-    choices: np.random.Generator,
-) -> Poses:
-    """Put items at random poses in some boxes.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    task : Task
-        The task.
-    poses : Poses
-        Where all items are.
-    items : list of int
-        The items.
-    boxes : ndarray of float64, shape (b, 4)
-        The boxes.
-    choices : numpy.random.Generator
-        Chooses the poses.
-
-    Returns
-    -------
-    Poses
-        The poses; those items are inside.
-    """
-    inside, turned, places = poses.inside.copy(), poses.turned.copy(), poses.places.copy()
-    for i in items:
-        a = task.numbers[i]
-        own: Ints = problem.allowed[a, : problem.allowed_counts[a]]
-        turned[i] = choices.choice(own)
-        box = boxes[choices.integers(len(boxes))]
-        places[i] = choices.random(3) * box[1:] + (box[0], 0, 0)
-        inside[i] = 1
-    return Poses(inside, turned, places)

@@ -18,11 +18,11 @@ from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
 from packit_sim.nesting.build import SLACK, candidates
 from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.cost_kernels import box_of
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.knapsacks import KnapsackSearch
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
+from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import Search

@@ -9,9 +9,6 @@ from packit_sim.engine.containment_kernels import holds
 from packit_sim.nesting.field_kernels import SCALE, encoded, fill_field, padding
 from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
 
-FLOOR = 0.02
-"""Least depth, in voxels, of items in conflict."""
-
 _REACH = 3.0
 """Voxels up to which nodes hold distances that surfaces have."""
 
@@ -48,6 +45,25 @@ def interpolated(lookup, number, at, fx, fy, fz):
         (values[at + row] >> 1) * gz + (values[at + row + 1] >> 1) * fz
     ) * fy
     return (low * gx + high * fx) * (1 / SCALE)
+
+
+@inner_kernel
+def gradient(lookup, number, at, fx, fy, fz):
+    """Return the gradient (3) of the distance between the eight nodes from a place on."""
+    values = lookup.values
+    row = lookup.fields[number, 3]
+    plane = row * lookup.fields[number, 2]
+    gx, gy, gz = 1 - fx, 1 - fy, 1 - fz
+    a, b = values[at] >> 1, values[at + 1] >> 1
+    c, d = values[at + row] >> 1, values[at + row + 1] >> 1
+    at += plane
+    e, f = values[at] >> 1, values[at + 1] >> 1
+    g, h = values[at + row] >> 1, values[at + row + 1] >> 1
+    scale = 1 / (SCALE * lookup.voxel)
+    x = ((e - a) * gz + (f - b) * fz) * gy + ((g - c) * gz + (h - d) * fz) * fy
+    y = ((c - a) * gz + (d - b) * fz) * gx + ((g - e) * gz + (h - f) * fz) * fx
+    z = ((b - a) * gy + (d - c) * fy) * gx + ((f - e) * gy + (h - g) * fy) * fx
+    return x * scale, y * scale, z * scale
 
 
 @inlined

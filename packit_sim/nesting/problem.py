@@ -169,12 +169,8 @@ class Problem(NamedTuple):
     ----------
     lookup : Lookup
         The fields.
-    least_step : float
-        The smallest step of a descent.
     refined : bool
         Whether the surfaces compute the nodes of fields; else points decide (see `Distances`).
-    near, deep : float
-        See `build.NEAR` and `build.DEEP`.
     relative_turns : ndarray
         (r, 3, 3) float64, the relative rotations.
     allowed : ndarray
@@ -192,10 +188,7 @@ class Problem(NamedTuple):
     """
 
     lookup: Lookup
-    least_step: float
     refined: bool
-    near: float
-    deep: float
     relative_turns: Any
     allowed: Any
     allowed_counts: Any
@@ -230,6 +223,10 @@ class State(NamedTuple):
         (n, n) float64, of pairs.
     depths : ndarray
         (n,) float64, room for the depths of one item and each other one.
+    margins : ndarray
+        (n, n) float64, distances in voxels below which pairs count as overlapping.
+    slope : ndarray
+        (3,) float64, room for the gradient of an item's cost.
     """
 
     types: Any
@@ -240,6 +237,8 @@ class State(NamedTuple):
     weights: Any
     overlaps: Any
     depths: Any
+    margins: Any
+    slope: Any
 
 
 def boxes_of(sizes: Sequence[Sequence[float]]) -> Floats:
@@ -272,4 +271,6 @@ def state_of(types: Sequence[int]) -> State:
         np.ones((n, n)),
         np.zeros((n, n)),
         np.zeros(n),
+        np.zeros((n, n)),
+        np.zeros(3),
     )

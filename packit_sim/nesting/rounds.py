@@ -111,7 +111,8 @@ def rounds(
     Packing
         Each valid packing that is better than all before, after the round that found it.
     """
-    end = time.perf_counter() + limits.seconds
+    start = time.perf_counter()
+    end = start + limits.seconds
     longest = min(max(limits.seconds / ROUNDS, SECONDS[0]), SECONDS[1])
     passes = limits.passes
     best: Solution | None = None
@@ -120,7 +121,14 @@ def rounds(
         length = 0.0 if number == 0 else SECONDS[0] if is_alone else longest
         seconds = min(length, end - time.perf_counter())
         share = None if passes is None else min(PASSES, passes) if number else 0
-        jobs = [(problems, each, seconds, share) for each in searches[: 1 if is_alone else None]]
+        if passes is None or limits.passes is None:
+            before = (time.perf_counter() - start) / limits.seconds
+            shares = before, before + seconds / limits.seconds
+        else:
+            before = 1 - passes / limits.passes
+            shares = before, before + (share or 0) / limits.passes
+        chosen = searches[: 1 if is_alone else None]
+        jobs = [(problems, each, seconds, share, shares) for each in chosen]
         found = workers.map(_advance, jobs) if len(jobs) > 1 else [_advance(*jobs[0])]
         searches = [*found, *searches[len(jobs) :]]
         for solution in sorted((each.best for each in found if each.best), key=_score):
@@ -147,11 +155,17 @@ def _score(solution: Solution) -> tuple[float, ...]:
     return solution.score
 
 
-def _advance(problems: Problems, search: Search, seconds: float, passes: int | None) -> Search:
+def _advance(
+    problems: Problems,
+    search: Search,
+    seconds: float,
+    passes: int | None,
+    shares: tuple[float, float],
+) -> Search:
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, Budget(seconds, passes))
+    search.advance(problem, Budget(seconds, passes, shares))
     return search
 
 

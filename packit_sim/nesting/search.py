@@ -6,13 +6,23 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from packit_sim.geometry.arrays import Ints
 from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Budget, Solution, Task
+from packit_sim.nesting.tasks import Budget, Poses, Solution, Task
+
+FEWEST = 6
+"""Fewest items that are searched for alone."""
+
+FIRST_LEVELS = 0.4
+"""Share of the search after which all items are searched for, at the latest."""
 
 
 class Search(ABC):
     """A search by attempts, which can go on in another process: all that it needs is in it.
+
+    It begins with a few items, the most important ones, and goes on with twice as many when it
+    finds nothing better: few items are arranged quickly, and large ones find no room later.
 
     Parameters
     ----------
@@ -20,6 +30,8 @@ class Search(ABC):
         The task.
     seed : int
         The seed.
+    order : ndarray of int64, optional
+        The items, the most important first; without it, all are searched for at once.
 
     Attributes
     ----------
@@ -29,13 +41,17 @@ class Search(ABC):
         Whether nothing better is possible.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: Task, seed: int, order: Ints | None = None) -> None:
         self.best: Solution | None = None
         self.is_done = False
         self._task = task
         self._rng = np.array([seed], dtype=np.uint64)
         self._choices = np.random.default_rng(seed)
         self._attempt: Separation | None = None
+        self._levels = [np.arange(len(task.numbers)) if order is None else order]
+        while order is not None and len(self._levels[0]) >= 2 * FEWEST:
+            self._levels.insert(0, order[: len(self._levels[0]) // 2])
+        self._level = 0
 
     def advance(self, problem: Problem, budget: Budget) -> None:
         """Search until the budget is spent.
@@ -56,6 +72,10 @@ class Search(ABC):
             if is_apart is not None:
                 self._attempt = None
                 self._end(problem, self.best, attempt, is_apart)
+            share = (self._level + 1) / max(1, len(self._levels) - 1)
+            if not self._has_all and budget.progress > FIRST_LEVELS * share:
+                self._attempt = None
+                self._add_items(problem)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a better solution.
@@ -74,6 +94,26 @@ class Search(ABC):
         self.best = None
         self.is_done = False
         self._attempt = None
+
+    @property
+    def _items(self) -> Ints:
+        """The items that are searched for now."""
+        return self._levels[self._level]
+
+    @property
+    def _has_all(self) -> bool:
+        """Whether these are all items."""
+        return self._level == len(self._levels) - 1
+
+    def _own(self, poses: Poses) -> Poses:
+        """Return poses without the items that are not searched for now."""
+        inside = np.zeros_like(poses.inside)
+        inside[self._items] = poses.inside[self._items]
+        return Poses(inside, poses.turned, poses.places)
+
+    def _add_items(self, problem: Problem) -> None:
+        """Go on with more items."""
+        self._level += 1
 
     @abstractmethod
     def _constructed(self, problem: Problem) -> Solution:

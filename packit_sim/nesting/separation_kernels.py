@@ -5,24 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inner_kernel, kernel
-from packit_sim.nesting.cost_kernels import (
-    NO_LIMIT,
-    NONE,
-    clamp,
-    fine_cost,
-    put,
-    random,
-    rough_cost,
-    sample,
-    total_overlap,
-    update_overlaps,
-)
+from packit_sim.nesting.cost_kernels import fine_cost, rough_cost, total_overlap, update_overlaps
+from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample
+from packit_sim.nesting.pushing_kernels import push_apart
 
 KEPT = 4
 """Samples of a move that are improved by the fields as they are, besides the present pose."""
 
 REFINED = 2
 """The best of these, which are improved by the surfaces."""
+
+STEPS = 30
+"""Most steps along the gradient of the fine cost."""
+
+OVERSHOOT = 1.1
+"""Factor of the steps to where the gradient says that the cost is 0."""
+
+PATIENCE = 6
+"""Steps without a gain of 2% after which these end."""
+
+GROWTH = 0.05, 0.2
+"""By which share the weight of a pair that overlaps grows: at least, and more for the deepest."""
+
+DECAY = 0.95
+"""Factor of the weight of a pair that does not overlap."""
 
 
 @inner_kernel
@@ -74,25 +80,40 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
 
 
 @inner_kernel
-def _fine_descent(problem, state, i, o, p, found, boxes, reach, rng):
-    """Improve a place by coordinate descent of the fine cost; return its cost."""
-    lookup = problem.lookup
-    trials = np.empty((4, 3))
-    steps = np.full(3, 0.4 * lookup.voxel)
+def _fine_descent(problem, state, i, o, p, found, boxes):
+    """Improve a place along the gradient of the fine cost, last computed there; return its cost."""
     a = state.types[i]
-    while found > 0 and max(steps[0], steps[1], steps[2]) > problem.least_step:
-        count, d, e = _next_trials(p, steps, trials, rng)
-        best = -1
-        for n in range(count):
-            clamp(lookup, a, o, trials[n], boxes)
-            other = fine_cost(problem, state, i, o, trials[n], found, reach)
-            if other < found:
-                found = other
-                best = n
-        if best >= 0:
-            p[:] = trials[best]
-        _scale_steps(steps, d, e, best >= 0)
-    return found
+    slope = state.slope
+    best = p.copy()
+    trial = np.empty(3)
+    least = found
+    idle = 0
+    for _ in range(STEPS):
+        is_blocked = True
+        while is_blocked:  # walls take away components of the slope, one after the other
+            is_blocked = False
+            square = slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2
+            if square < 1e-30:
+                break
+            for d in range(3):
+                trial[d] = p[d] - OVERSHOOT * found / square * slope[d]
+            clamp(problem.lookup, a, o, trial, boxes)
+            for d in range(3):
+                if trial[d] == p[d] and slope[d] != 0:
+                    slope[d] = 0
+                    is_blocked = True
+        if square < 1e-30:
+            break
+        p[:] = trial
+        found = fine_cost(problem, state, i, o, p, NO_LIMIT)
+        idle = 0 if found < 0.98 * least else idle + 1
+        if found < least:
+            least = found
+            best[:] = p
+        if least == 0 or idle > PATIENCE:
+            break
+    p[:] = best
+    return least
 
 
 @inner_kernel
@@ -137,33 +158,11 @@ def _keep(costs, places, turned, found, o, p, spread):
 
 
 @inner_kernel
-def move(problem, state, i, boxes, samples, reach, rng):
+def _move(problem, state, i, boxes, samples, rng):
     """Move an item to the pose of least weighted overlap that is found.
 
     Poses near the present one and all over the container are sampled; the best few are improved,
-    first by the fields as they are, then by the surfaces.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    state : State
-        Where all items are; changed.
-    i : int
-        The item.
-    boxes : ndarray
-        (b, 4) float64, the boxes (see `boxes_of`).
-    samples : int
-        The number of samples.
-    reach : float
-        As for `fine_cost`.
-    rng : ndarray
-        (1,) uint64, the state of the generator.
-
-    Returns
-    -------
-    float
-        Its weighted overlap there.
+    first by the fields as they are, then by the fine cost.
     """
     lookup = problem.lookup
     a = state.types[i]
@@ -173,7 +172,7 @@ def move(problem, state, i, boxes, samples, reach, rng):
     p = np.empty(3)
     current = state.places[i].copy()
     turned = state.turned[i]
-    before = fine_cost(problem, state, i, turned, current, NO_LIMIT, reach)
+    before = fine_cost(problem, state, i, turned, current, NO_LIMIT)
     for n in range(samples):
         near = n % 3 == 0
         o = turned
@@ -204,13 +203,9 @@ def move(problem, state, i, boxes, samples, reach, rng):
             break
         o = kept_turned[k]
         p[:] = kept[k]
-        found = fine_cost(problem, state, i, o, p, NO_LIMIT, NONE)
+        found = fine_cost(problem, state, i, o, p, NO_LIMIT)
         if found > 0:
-            found = _fine_descent(problem, state, i, o, p, found, boxes, NONE, rng)
-        if found == 0:
-            found = fine_cost(problem, state, i, o, p, NO_LIMIT, reach)
-            if found > 0:
-                found = _fine_descent(problem, state, i, o, p, found, boxes, reach, rng)
+            found = _fine_descent(problem, state, i, o, p, found, boxes)
         if found < least:
             least, least_turned = found, o
             best[:] = p
@@ -218,11 +213,10 @@ def move(problem, state, i, boxes, samples, reach, rng):
                 break
     if least < before:
         put(lookup, state, i, least_turned, best)
-    return least
 
 
 @kernel
-def separate(problem, state, best, boxes, samples, passes, reach, rng):
+def separate(problem, state, best, boxes, samples, passes, rng):
     """Move overlapping items in passes; the weights of pairs that overlap grow.
 
     Parameters
@@ -239,8 +233,6 @@ def separate(problem, state, best, boxes, samples, passes, reach, rng):
         Samples of a move.
     passes : int
         The most passes.
-    reach : float
-        As for `fine_cost`.
     rng : ndarray
         (1,) uint64, the state of the generator.
 
@@ -252,6 +244,8 @@ def separate(problem, state, best, boxes, samples, passes, reach, rng):
     count = len(state.types)
     least = total_overlap(problem, state)
     _copy_poses(state, best)
+    turned, places = state.turned.copy(), state.places.copy()
+    overlaps = state.overlaps.copy()
     order = np.arange(count)
     for _ in range(passes):
         if least == 0:
@@ -260,11 +254,22 @@ def separate(problem, state, best, boxes, samples, passes, reach, rng):
         for n in range(count - 1, 0, -1):
             m = int(random(rng) * (n + 1))
             order[n], order[m] = order[m], order[n]
-        for i in order:
+        for k in range(count):
+            i = order[k]
             if state.overlaps[i].max() > 0:
-                move(problem, state, i, boxes, samples, reach, rng)
-                update_overlaps(problem, state, i, reach)
+                _move(problem, state, i, boxes, samples, rng)
+                update_overlaps(problem, state, i)
         total = total_overlap(problem, state)
+        if total > 0:
+            turned[:], places[:], overlaps[:] = state.turned, state.places, state.overlaps
+            push_apart(problem, state, boxes)
+            pushed = total_overlap(problem, state)
+            if pushed >= total:
+                for i in range(count):
+                    if state.inside[i]:
+                        put(problem.lookup, state, i, turned[i], places[i])
+                state.overlaps[:] = overlaps
+            total = min(total, pushed)
         if total < least:
             least = total
             _copy_poses(state, best)
@@ -286,9 +291,8 @@ def _reweight(state):
     for i in range(len(state.types)):
         for j in range(i):
             found = state.overlaps[i, j]
+            weight = max(1.0, state.weights[i, j] * DECAY)
             if found > 0:
-                weight = state.weights[i, j] * (1.2 + 0.8 * found / most)
-            else:
-                weight = max(1.0, state.weights[i, j] * 0.95)
+                weight = state.weights[i, j] * (1 + GROWTH[0] + GROWTH[1] * found / most)
             state.weights[i, j] = weight
             state.weights[j, i] = weight

@@ -6,16 +6,24 @@ import math
 
 import numpy as np
 
+from packit_sim.geometry.arrays import Floats
+from packit_sim.nesting.filling import constructed, least_heights, with_random_poses
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
-from packit_sim.nesting.separation import Separation, constructed, height_of
+from packit_sim.nesting.separation import Separation
 from packit_sim.nesting.tasks import Poses, Solution, Task
 
 _GROWTH, _DECAY = 1.1, 0.7
 """Factors of the shrinkage after a success and after a failure."""
 
-_FROM_BEST = 0.3
-"""Probability of starting again from the best strip after a failure, not from the failed one."""
+_FROM_CURRENT = 0.3
+"""Probability of starting again from the lowest strip after a failure, not from the failed one."""
+
+_ENOUGH = 0.01
+"""Shrinkage below which more items are added."""
+
+_MORE_ROOM = 1.01
+"""Factor of the height if added items find no place."""
 
 
 class StripSearch(Search):
@@ -30,64 +38,108 @@ class StripSearch(Search):
     """
 
     def __init__(self, task: Task, seed: int) -> None:
-        super().__init__(task, seed)
+        super().__init__(task, seed, np.argsort(-task.volumes, kind="stable"))
+        self._current: Poses | None = None
+        self._height = self._target = math.inf
         self._shrink = task.settings.shrink
         self._failed: Poses | None = None
-        self._target = math.inf
+        self._has_room = True
+        self._heights = np.zeros(len(task.numbers))
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
-        """Take over a lower strip; an attempt at a still lower one goes on."""
+        """Take over a lower strip."""
         self.best = solution
-        self.is_done = solution.score[0] <= least_height(problem, self._task) + problem.lookup.slack
-        if solution.score[0] <= self._target:
-            self._attempt = None
+        self.is_done = solution.score[0] <= self._least_height() + problem.lookup.slack
+        if self._has_all and solution.score[0] < self._height:
+            self._current, self._height = solution.poses, solution.score[0]
+            self._failed = None
+            self._has_room = True
+            if solution.score[0] <= self._target:
+                self._attempt = None
 
     def _constructed(self, problem: Problem) -> Solution:
-        return self._solution(
+        self._heights = least_heights(problem, self._task.size)[self._task.numbers]
+        solution = self._solution(
             problem, constructed(problem, self._task, [self._task.size], self._rng)
         )
+        self._current = self._own(solution.poses)
+        self._height = self._height_of(problem, self._current)
+        return solution
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        x, y, _ = self._task.size
-        least = least_height(problem, self._task)
-        self._target = max(best.score[0] * (1 - self._shrink), least)
-        boxes = boxes_of([(x, y, self._target)])
-        if self._failed is None:
-            return Separation(self._task, best.poses, boxes, self._task.settings.patience)
-        from_best = self._choices.random() < _FROM_BEST
-        start = best.poses if from_best else self._failed
+        if self._has_room:
+            least = self._least_height()
+            self._target = max(self._height * (1 - self._shrink), least)
+        start = self._failed or self._current
+        if self._failed and self._has_room and self._choices.random() < _FROM_CURRENT:
+            start = self._current
+        assert start is not None
+        boxes = self._boxes(self._target)
         attempt = Separation(self._task, start, boxes, self._task.settings.patience)
-        largest = np.argsort(-self._task.volumes)[: max(2, len(self._task.volumes) // 2)]
-        if len(largest) > 1:
+        largest = self._items[: max(2, len(self._items) // 2)]
+        if self._failed and self._has_room and len(largest) > 1:
             i, j = self._choices.choice(largest, 2, replace=False)
             attempt.swap(int(i), int(j))
         return attempt
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
         settings = self._task.settings
-        if not is_apart:
-            self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
+        if is_apart:
+            if self._failed is None:
+                self._shrink = min(self._shrink * _GROWTH, settings.shrink)
+            self._failed = None
+            self._has_room = True
+            self._current = attempt.least
+            self._height = self._height_of(problem, attempt.least)
+            if self._has_all and self._height < best.score[0]:
+                self.adopt(problem, self._solution(problem, attempt.least))
+        else:
             self._failed = attempt.least
-            return
-        if self._failed is None:
-            self._shrink = min(self._shrink * _GROWTH, settings.shrink)
+            if self._has_room:
+                self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
+            else:
+                self._target *= _MORE_ROOM
+        is_least = self._height <= self._least_height() + problem.lookup.slack
+        if not self._has_all and self._has_room and (is_least or self._shrink < _ENOUGH):
+            self._add_items(problem)
+
+    def _add_items(self, problem: Problem) -> None:
+        """Put more items at random poses in a strip that is higher by their share of volume."""
+        old = self._items
+        height = self._height if self._has_room else self._target
+        super()._add_items(problem)
+        start = self._current if self._has_room else self._failed or self._current
+        assert start is not None
+        volumes = self._task.volumes
+        more = float(volumes[self._items].sum() / volumes[old].sum())
+        self._target = max(height * more, self._least_height())
+        self._shrink = self._task.settings.shrink / 2
         self._failed = None
-        self.adopt(problem, self._solution(problem, attempt.least))
+        self._has_room = False
+        self._current = with_random_poses(
+            problem,
+            self._task,
+            start,
+            self._items[len(old) :].tolist(),
+            self._boxes(self._target),
+            self._choices,
+        )
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
-        height = height_of(problem, poses, self._task.numbers)
+        height = self._height_of(problem, poses)
+        return Solution((height,), poses, self._boxes(height))
+
+    def _boxes(self, height: float) -> Floats:
         x, y, _ = self._task.size
-        return Solution((height,), poses, boxes_of([(x, y, height)]))
+        return boxes_of([(x, y, height)])
 
+    def _height_of(self, problem: Problem, poses: Poses) -> float:
+        """Return how high the items inside reach; 0 without items."""
+        tops = poses.places[:, 2] + problem.lookup.boxes[self._task.numbers, poses.turned, 5]
+        return float(tops[poses.inside.astype(bool)].max(initial=0.0))
 
-def least_height(problem: Problem, task: Task) -> float:
-    """Return a height that no strip can be lower than: the items' volume, or one of them alone."""
-    x, y, _ = task.size
-    lookup = problem.lookup
-    heights = [float(task.volumes.sum()) / (x * y)]
-    for a in np.unique(task.numbers):
-        own = problem.allowed[a, : problem.allowed_counts[a]]
-        sides = lookup.boxes[a, own, 3:] - lookup.boxes[a, own, :3]
-        fits = (sides[:, :2] <= np.array([x, y]) + lookup.slack).all(axis=1)
-        heights.append(float(sides[fits, 2].min()))
-    return max(heights)
+    def _least_height(self) -> float:
+        """Return a height that no strip is below: the items' volume, or one of them alone."""
+        x, y, _ = self._task.size
+        volume = float(self._task.volumes[self._items].sum())
+        return max(volume / (x * y), float(self._heights[self._items].max()))

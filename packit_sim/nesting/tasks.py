@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.problem import State
@@ -14,7 +17,7 @@ PASSES = 5
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """The settings of a search; the defaults come from measurements (see `benchmarks/nesting.py`).
+    """The settings of a search; the defaults come from measurements (`benchmarks/nesting`).
 
     Attributes
     ----------
@@ -49,11 +52,18 @@ class Budget:
         Seconds of wall time from now on.
     passes : int, optional
         Passes, instead of the time.
+    shares : tuple of float
+        The shares of the whole search before and after these.
     """
 
-    def __init__(self, seconds: float, passes: int | None = None) -> None:
+    def __init__(
+        self, seconds: float, passes: int | None = None, shares: tuple[float, float] = (0.0, 1.0)
+    ) -> None:
+        self._seconds = seconds
         self._end = time.perf_counter() + seconds
         self._passes = passes
+        self._all_passes = passes or 0
+        self._shares = shares
 
     @property
     def is_spent(self) -> bool:
@@ -61,6 +71,16 @@ class Budget:
         if self._passes is None:
             return time.perf_counter() >= self._end
         return self._passes <= 0
+
+    @property
+    def progress(self) -> float:
+        """Which share of the whole search is spent."""
+        if self._passes is None:
+            left = (self._end - time.perf_counter()) / max(self._seconds, 1e-9)
+        else:
+            left = self._passes / max(self._all_passes, 1)
+        first, last = self._shares
+        return last - (last - first) * min(1.0, left)
 
     def take(self) -> int:
         """Return how many passes may come next, at most `PASSES`."""
@@ -93,6 +113,11 @@ class Poses:
     def of(cls, state: State) -> Poses:
         """Copy the poses of a state."""
         return cls(state.inside.copy(), state.turned.copy(), state.places.copy())
+
+    @classmethod
+    def nowhere(cls, count: int) -> Poses:
+        """Return poses of items that are not inside."""
+        return cls(np.zeros(count, np.uint8), np.zeros(count, np.int64), np.zeros((count, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +160,8 @@ class Task:
     values: Floats
     size: tuple[float, float, float]
     settings: SearchSettings = field(default_factory=SearchSettings)
+
+    @cached_property
+    def order(self) -> Ints:
+        """The items, the most valuable by volume first, and of equal ones the largest."""
+        return np.lexsort((-self.volumes, -self.values / self.volumes))

@@ -114,13 +114,16 @@ def spread_points(triangles: Floats, count: int) -> Floats:
     shares = np.where(shares.sum(axis=1, keepdims=True) > 1, 1 - shares, shares)
     own = triangles[some]
     points = own[:, 0] + np.einsum("nk,nkd->nd", shares, own[:, 1:] - own[:, :1])
-    points = np.concatenate((np.unique(corners, axis=0), points))
+    corners = np.unique(corners, axis=0)
+    corners = rng.permutation(corners)[: 8 * count]
+    points = np.concatenate((corners, points))
     chosen = np.empty(min(count, len(points)), np.int64)
     chosen[0] = (points**2).sum(axis=1).argmax()
-    gaps = ((points - points[chosen[0]]) ** 2).sum(axis=1)
+    gaps = np.full(len(points), np.inf)
     for n in range(1, len(chosen)):
+        away = points - points[chosen[n - 1]]
+        gaps = np.minimum(gaps, np.einsum("nd,nd->n", away, away))
         chosen[n] = gaps.argmax()
-        gaps = np.minimum(gaps, ((points - points[chosen[n]]) ** 2).sum(axis=1))
     return np.asarray(points[chosen])
 
 
@@ -145,7 +148,8 @@ def _cells(triangles: Floats, voxel: float) -> tuple[Any, Any]:
 
 def _unpacked(words: Any) -> Any:
     """Return the bits of words of 4 x 4 x 4 cells as booleans (x, y, z)."""
-    bits = (words[..., None] >> np.arange(64, dtype=np.uint64)) & np.uint64(1)
+    octets = np.ascontiguousarray(words).astype("<u8").view(np.uint8)
     x, y, z = words.shape
-    cells = bits.astype(bool).reshape(x, y, z, 4, 4, 4).transpose(0, 3, 1, 4, 2, 5)
+    bits = np.unpackbits(octets, bitorder="little").view(bool)
+    cells = bits.reshape(x, y, z, 4, 4, 4).transpose(0, 3, 1, 4, 2, 5)
     return cells.reshape(4 * x, 4 * y, 4 * z)

@@ -1,0 +1,166 @@
+"""Items put into boxes: where they fit, at random poses, or taken out where they conflict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.nesting.conflict_kernels import find_all_conflicts
+from packit_sim.nesting.construction_kernels import construct
+from packit_sim.nesting.cost_kernels import load
+from packit_sim.nesting.pose_kernels import take_out
+from packit_sim.nesting.problem import Problem, State, boxes_of, state_of
+from packit_sim.nesting.tasks import Poses, Task
+
+
+def loaded(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> State:
+    """Return a state of all items at some poses, moved into their boxes."""
+    state = state_of(task.numbers.tolist())
+    state.inside[:] = poses.inside
+    load(problem, state, poses.turned, poses.places, boxes)
+    return state
+
+
+def constructed(
+    problem: Problem, task: Task, sizes: Sequence[Sequence[float]], rng: npt.NDArray[np.uint64]
+) -> Poses:
+    """Place items in the order of the task, in one box after the other.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : Task
+        The task.
+    sizes : sequence of three floats
+        The sides of each box.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place are not inside.
+    """
+    nowhere = Poses.nowhere(len(task.numbers))
+    return filled(problem, task, nowhere, boxes_of(sizes), task.order, rng)
+
+
+def filled(
+    problem: Problem,
+    task: Task,
+    poses: Poses,
+    boxes: Floats,
+    order: Ints,
+    rng: npt.NDArray[np.uint64],
+) -> Poses:
+    """Put items that are not inside where they fit, in one box after the other.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : Task
+        The task.
+    poses : Poses
+        Where the items are, without conflicts.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    order : ndarray of int64
+        The items that may be put in, in this order.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place are not inside.
+    """
+    state = loaded(problem, task, poses, boxes)
+    for k in range(len(boxes)):
+        left = order[state.inside[order] == 0]
+        if len(left) == 0:
+            break
+        construct(problem, state, left, boxes[k : k + 1], task.settings.construction_samples, rng)
+    return Poses.of(state)
+
+
+def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses:
+    """Take out items until none is in conflict.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : Task
+        The task.
+    poses : Poses
+        Where the items are.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+
+    Returns
+    -------
+    Poses
+        The poses, without conflicts.
+    """
+    state = loaded(problem, task, poses, boxes)
+    find_all_conflicts(problem, state)
+    while state.overlaps.any():
+        worst = int((state.overlaps.sum(axis=1) / np.maximum(task.values, 1e-300)).argmax())
+        take_out(state, worst)
+    return Poses.of(state)
+
+
+def least_heights(problem: Problem, size: Sequence[float]) -> Floats:
+    """Return the least height of each type (t,) in a box, infinite if it fits in no rotation."""
+    lookup = problem.lookup
+    sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
+    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
+    heights = np.where(fits, sides[..., 2], np.inf)
+    rows = zip(heights, problem.allowed, problem.allowed_counts, strict=True)
+    return np.array([own[allowed[:count]].min() for own, allowed, count in rows])
+
+
+def with_random_poses(
+    problem: Problem,
+    task: Task,
+    poses: Poses,
+    items: list[int],
+    boxes: Floats,
+    choices: np.random.Generator,
+) -> Poses:
+    """Put items at random poses in some boxes.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : Task
+        The task.
+    poses : Poses
+        Where all items are.
+    items : list of int
+        The items.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    choices : numpy.random.Generator
+        Chooses the poses.
+
+    Returns
+    -------
+    Poses
+        The poses; those items are inside.
+    """
+    inside, turned, places = poses.inside.copy(), poses.turned.copy(), poses.places.copy()
+    for i in items:
+        a = task.numbers[i]
+        own: Ints = problem.allowed[a, : problem.allowed_counts[a]]
+        turned[i] = choices.choice(own)
+        box = boxes[choices.integers(len(boxes))]
+        places[i] = choices.random(3) * box[1:] + (box[0], 0, 0)
+        inside[i] = 1
+    return Poses(inside, turned, places)

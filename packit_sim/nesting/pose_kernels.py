@@ -1,0 +1,93 @@
+"""Kernels that change where items are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
+
+NO_LIMIT = 1e300
+"""A cost that is never reached."""
+
+
+@inner_kernel
+def random(state):
+    """Return a number in [0, 1), and advance the state (1,) uint64 of the generator."""
+    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) / 9007199254740992.0
+
+
+@inner_kernel
+def put(lookup, state, i, o, p):
+    """Set the pose of an item: a rotation's number and a place (3,)."""
+    a = state.types[i]
+    state.inside[i] = 1
+    state.turned[i] = o
+    less = lookup.slack - lookup.clearance
+    for d in range(3):
+        state.places[i, d] = p[d]
+        state.bounds[i, d] = p[d] + lookup.boxes[a, o, d] + less
+        state.bounds[i, 3 + d] = p[d] + lookup.boxes[a, o, 3 + d] - less
+
+
+@kernel
+def take_out(state, i):
+    """Move an item to where it is in nobody's way."""
+    state.inside[i] = 0
+    state.bounds[i, :3] = NO_LIMIT
+    state.bounds[i, 3:] = -NO_LIMIT
+    state.overlaps[i] = 0
+    state.overlaps[:, i] = 0
+
+
+@inlined
+def apart(state, i, j):
+    """Return whether the bounding boxes of two items have nothing in common."""
+    bounds = state.bounds
+    return (
+        bounds[j, 5] <= bounds[i, 2]
+        or bounds[j, 2] >= bounds[i, 5]
+        or bounds[j, 3] <= bounds[i, 0]
+        or bounds[j, 0] >= bounds[i, 3]
+        or bounds[j, 4] <= bounds[i, 1]
+        or bounds[j, 1] >= bounds[i, 4]
+    )
+
+
+@kernel
+def box_of(boxes, x):
+    """Return the number of the box that a place at x is in, or is next to."""
+    k = len(boxes) - 1
+    while k > 0 and x < boxes[k, 0] - 0.5 * boxes[k, 1]:
+        k -= 1
+    return k
+
+
+@inner_kernel
+def clamp(lookup, a, o, p, boxes):
+    """Move a place (3,) into its box; return whether the item fits into that."""
+    box = boxes[box_of(boxes, p[0])]
+    for d in range(3):
+        start = box[0] if d == 0 else 0.0
+        least = start - lookup.boxes[a, o, d]
+        most = start + box[1 + d] - lookup.boxes[a, o, 3 + d]
+        if most < least:
+            if most < least - lookup.slack:
+                return False
+            most = least
+        p[d] = min(max(p[d], least), most)
+    return True
+
+
+@inner_kernel
+def sample(lookup, a, o, p, box, rng):
+    """Write a random place in a box (4,) to `p` (3,); for an item that is too large, its corner."""
+    for d in range(3):
+        start = box[0] if d == 0 else 0.0
+        least = start - lookup.boxes[a, o, d]
+        most = start + box[1 + d] - lookup.boxes[a, o, 3 + d]
+        p[d] = least + random(rng) * max(0.0, most - least)
