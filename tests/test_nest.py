@@ -206,7 +206,7 @@ def test_cubes_fill_a_strip_and_boxes(seed) -> None:
     strip = nest(cubes, (2, 2, OPEN), seed=seed, settings=quick(3000))
     check(strip)
     assert strip.height == pytest.approx(2, abs=1e-3) and len(strip.placements) == 8
-    knapsack = nest(cubes, (2, 2, 1.5), "knapsack", seed=seed, settings=quick(600))
+    knapsack = nest(cubes, (2, 2, 1.5), "knapsack", seed=seed, settings=quick(300))
     check(knapsack)
     assert len(knapsack.placements) == 4
     bins = nest(cubes, (2, 1, 1), "bins", seed=seed, settings=quick(3000))

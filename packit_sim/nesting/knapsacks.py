@@ -22,8 +22,8 @@ _MOST_IN = 3
 _MOST_OUT = 2
 """Most items that are taken out for others at a time."""
 
-_GAIN = 0.05
-"""Largest share of the value that an exchange is to gain."""
+_LEAST_GAIN, _GAIN = 1e-9, 0.05
+"""Least and largest share of the value that an exchange is to gain."""
 
 _CHOICES = 100
 """Exchanges among which one that gains as much is looked for."""
@@ -125,7 +125,7 @@ class KnapsackSearch(Search):
             some = self._choices.permutation(out)[: 1 + self._choices.integers(_MOST_IN)]
             others = self._choices.permutation(packed)[: self._choices.integers(_MOST_OUT + 1)]
             gain = now + values[some].sum() - values[others].sum() - most
-            if 0 < gain < least:
+            if _LEAST_GAIN * most < gain < least:
                 comes, goes, least = some, others, gain
             if least < _GAIN * most:
                 break
