@@ -83,6 +83,16 @@ class Answer:
         """Return the same boxes with their parts in an order of packing, if it is required.
 
         Where gravity matters, parts come straight down to where they rest, if they may touch.
+
+        Parameters
+        ----------
+        task : PackTask
+            The task.
+
+        Returns
+        -------
+        Answer
+            The boxes.
         """
         requirements = task.requirements
         if requirements is None:
