@@ -41,7 +41,7 @@ SIMPLE = 200
 SOLID_VOXELS = 200
 """Voxels along the longest side of an item for what it encloses without being closed."""
 
-DISTANCE_CELLS = 50
+DISTANCE_CELLS = 40
 """Cells of the grids of signed distances along an item's longest side."""
 
 MARGIN = 3.0
@@ -124,6 +124,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         voxels=np.concatenate(flat),
         voxel_fields=voxel_fields.reshape(len(types), -1, 4).astype(np.int64),
     )
+    parts = [Parts.of(vertices, each.faces) for each, vertices in zip(types, centred, strict=True)]
     return Problem(
         lookup,
         refined=refined,
@@ -132,8 +133,8 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         allowed_counts=counts,
         reach=longest * 0.5,
         surfaces=_surfaces(types, centred, tolerance),
-        closed=_closed(types, centred),
-        solids=_solids(types, centred),
+        closed=_closed(centred, parts),
+        solids=_solids(types, centred, parts),
         distances=_distances(types, centred, clearance),
         counts=np.zeros(4, np.int64),
         shift=np.zeros(3),
@@ -218,11 +219,8 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
     return Surfaces(np.concatenate(columns[0]), *_joined(*columns[1:]))
 
 
-def _closed(types: Sequence[ItemType], centred: list[Floats]) -> Closed:
-    found = [
-        PartArrays.of(vertices, Parts.of(vertices, each.faces))
-        for each, vertices in zip(types, centred, strict=True)
-    ]
+def _closed(centred: list[Floats], parts: Sequence[Parts]) -> Closed:
+    found = [PartArrays.of(vertices, each) for each, vertices in zip(parts, centred, strict=True)]
     triangles, starts, boxes, box_starts, leaves, leaf_starts = _joined(
         [each.triangles for each in found],
         [each.boxes for each in found],
@@ -232,22 +230,29 @@ def _closed(types: Sequence[ItemType], centred: list[Floats]) -> Closed:
     return Closed(triangles, part, starts, boxes, box_starts, leaves, leaf_starts)
 
 
-def _solids(types: Sequence[ItemType], centred: list[Floats]) -> Solids:
+def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Parts]) -> Solids:
     points, inner = [], []
     dims = np.zeros((len(types), 3), np.int64)
+    lows = np.zeros((len(types), 3))
     voxels = np.ones(len(types))
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
-        parts = Parts.of(vertices, each.faces)
-        points.append(vertices[parts.vertices] * (1 - INWARD))
-        found = np.empty(0, np.uint8)
-        if len(parts.closed) < len(each.faces):
+        points.append(vertices[parts[n].vertices] * (1 - INWARD))
+        found = np.empty((0, 0, 0), np.uint64)
+        if len(parts[n].closed) < len(each.faces):
             voxels[n] = each.extents.max() / SOLID_VOXELS
-            cells = enclosed(vertices[each.faces], voxels[n])
-            dims[n] = cells.shape
-            found = cells.ravel()
-        inner.append(found)
+            found, lows[n] = enclosed(vertices[each.faces], voxels[n])
+            if not found.any():
+                found = np.empty((0, 0, 0), np.uint64)
+        dims[n] = found.shape
+        inner.append(found.ravel())
     return Solids(
-        np.concatenate(points), _starts(points), np.concatenate(inner), _starts(inner), dims, voxels
+        np.concatenate(points),
+        _starts(points),
+        np.concatenate(inner),
+        _starts(inner),
+        dims,
+        lows,
+        voxels,
     )
 
 

@@ -264,10 +264,9 @@ def _holds(problem, around, inside, turn, inside_turn, shift):
     start = s.starts[around]
     if s.starts[around + 1] == start:
         return False
-    y, z = s.dims[around, 1], s.dims[around, 2]
     per_voxel = 1 / s.voxels[around]
     for n in range(len(points)):
-        at = start
+        at, bit = 0, 0
         for d in range(3):
             place = 0.0
             for e in range(3):
@@ -275,11 +274,12 @@ def _holds(problem, around, inside, turn, inside_turn, shift):
                 for f in range(3):
                     whole += inside_turn[e, f] * points[n, f]
                 place += turn[e, d] * whole
-            cell = int(np.floor(place * per_voxel + s.dims[around, d] * 0.5))
-            if not 0 <= cell < s.dims[around, d]:
+            cell = int(np.floor((place - s.lows[around, d]) * per_voxel))
+            if not 0 <= cell < 4 * s.dims[around, d]:
                 at = -1
                 break
-            at += cell * (y * z if d == 0 else z if d == 1 else 1)
-        if at >= 0 and s.enclosed[at]:
+            at = at * s.dims[around, d] + (cell >> 2)
+            bit = 4 * bit + (cell & 3)
+        if at >= 0 and s.enclosed[start + at] >> np.uint64(bit) & np.uint64(1):
             return True
     return False

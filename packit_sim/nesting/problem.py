@@ -69,9 +69,12 @@ class Solids(NamedTuple):
     point_starts, starts : ndarray
         (t + 1,) int64.
     enclosed : ndarray
-        (c,) uint8, voxels that surfaces which are not closed enclose, of type t from starts[t] on.
+        (c,) uint64, words of 4 x 4 x 4 voxels that surfaces which are not closed enclose, of type t
+        from starts[t] on.
     dims : ndarray
-        (t, 3) int64, the numbers of these voxels along the axes, around the origin.
+        (t, 3) int64, the numbers of these words along the axes.
+    lows : ndarray
+        (t, 3) float64, the lowest corners of the first ones.
     voxels : ndarray
         (t,) float64, their sides.
     """
@@ -81,6 +84,7 @@ class Solids(NamedTuple):
     enclosed: Any
     starts: Any
     dims: Any
+    lows: Any
     voxels: Any
 
 

@@ -38,7 +38,7 @@ class SearchSettings:
     samples: int = 90
     patience: int = 60
     exchange_patience: int = 15
-    construction_samples: int = 300
+    construction_samples: int = 150
     shrink: float = 0.04
     least_shrink: float = 0.0002
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import FINE_PER_CELL
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
 
@@ -109,13 +109,13 @@ def spread_points(triangles: Floats, count: int) -> Floats:
         np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
     )
     rng = np.random.default_rng(0)
-    some = rng.choice(len(triangles), 8 * count, p=areas / areas.sum())
-    shares = rng.random((8 * count, 2))
+    some = rng.choice(len(triangles), 4 * count, p=areas / areas.sum())
+    shares = rng.random((4 * count, 2))
     shares = np.where(shares.sum(axis=1, keepdims=True) > 1, 1 - shares, shares)
     own = triangles[some]
     points = own[:, 0] + np.einsum("nk,nkd->nd", shares, own[:, 1:] - own[:, :1])
     corners = np.unique(corners, axis=0)
-    corners = rng.permutation(corners)[: 8 * count]
+    corners = rng.permutation(corners)[: 4 * count]
     points = np.concatenate((corners, points))
     chosen = np.empty(min(count, len(points)), np.int64)
     chosen[0] = (points**2).sum(axis=1).argmax()
@@ -127,13 +127,40 @@ def spread_points(triangles: Floats, count: int) -> Floats:
     return np.asarray(points[chosen])
 
 
-def enclosed(triangles: Floats, voxel: float) -> Any:
-    """Return the voxels that a surface encloses and does not touch; as `voxelized`."""
-    return np.ascontiguousarray(_cells(triangles, voxel)[1]).view(np.uint8)
+def enclosed(triangles: Floats, voxel: float) -> tuple[Any, Floats]:
+    """Return the voxels that a surface encloses and does not touch.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (n, 3, 3)
+        The corners of its triangles.
+    voxel : float
+        The side of the voxels.
+
+    Returns
+    -------
+    ndarray of uint64, shape (x, y, z)
+        Words of 4 x 4 x 4 voxels (see `word_kernels`).
+    ndarray of float64, shape (3,)
+        The lowest corner of the first word.
+    """
+    _, inner, low, _ = _words(triangles, voxel)
+    return inner, low
 
 
 def _cells(triangles: Floats, voxel: float) -> tuple[Any, Any]:
-    """Return the voxels (x, y, z) that are touched, and those that are enclosed, as booleans."""
+    """Return the voxels (x, y, z) that are touched, and those that are enclosed, as booleans.
+
+    They are symmetric to the origin.
+    """
+    touched, inner, low, count = _words(triangles, voxel)
+    first = np.round((-count * voxel / 2 - low) / voxel).astype(np.int64)
+    a, b, c = (slice(n, n + m) for n, m in zip(first, count, strict=True))
+    return _unpacked(touched)[a, b, c], _unpacked(inner)[a, b, c]
+
+
+def _words(triangles: Floats, voxel: float) -> tuple[Any, Any, Floats, Ints]:
+    """Return touched and enclosed voxels in words, their lowest corner, and how many are needed."""
     reach = np.abs(triangles).max(axis=(0, 1))
     count = np.maximum(1, np.ceil(2 * reach / voxel - 1e-6)).astype(np.int64)
     words = (count + 2 + FINE_PER_CELL - 1) // FINE_PER_CELL
@@ -141,9 +168,7 @@ def _cells(triangles: Floats, voxel: float) -> tuple[Any, Any]:
     shift = np.where((total - count) % 2, voxel / 2, 0.0)
     touched = touched_cells(triangles + shift, words, voxel * FINE_PER_CELL, 1e-6 * voxel)
     inner = ~reached_cells(touched) & ~touched
-    margin = (total - count + (shift > 0)) // 2
-    a, b, c = (slice(first, first + n) for first, n in zip(margin, count, strict=True))
-    return _unpacked(touched)[a, b, c], _unpacked(inner)[a, b, c]
+    return touched, inner, -total * voxel / 2 - shift, count
 
 
 def _unpacked(words: Any) -> Any:
