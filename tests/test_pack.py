@@ -197,7 +197,6 @@ def test_the_pieces_of_a_cube_are_put_together_again() -> None:
     assert packed.density == pytest.approx(1) and packed.verify() == []
 
 
-@pytest.mark.xfail(reason="the nester stops at 26.5; before it pushed all apart together, at 25.4")
 def test_bowls_are_nested() -> None:
     profile = np.array([[0, 0], [12, 0], [20, 18], [18.5, 18], [11, 1.5], [0, 1.5]])
     bowl = creation.revolve(profile, sections=12)

@@ -42,7 +42,7 @@ SOLID_VOXELS = 200
 """Voxels along the longest side of an item for what it encloses without being closed."""
 
 DISTANCE_CELLS = 40
-"""Cells of the grids of signed distances along an item's longest side."""
+"""Cells of the grids of signed distances along an item's longest side, with the clearance."""
 
 MARGIN = 3.0
 """Cells around an item, besides the clearance, in which distances to it are known."""
@@ -259,7 +259,7 @@ def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Pa
 def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: float) -> Distances:
     values, points = [], []
     dims = np.zeros((len(types), 3), np.int64)
-    cells = np.array([each.extents.max() / DISTANCE_CELLS for each in types])
+    cells = np.array([(each.extents.max() + 2 * clearance) / DISTANCE_CELLS for each in types])
     margin = clearance + MARGIN * float(cells.max())
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
         triangles = vertices[each.faces]

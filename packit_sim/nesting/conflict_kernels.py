@@ -46,7 +46,7 @@ def find_conflicts(problem, state, i, count):
             first, other, rel, sx, sy, sz = offset(problem.lookup, state, i, o, p, j)
             if not in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5):
                 continue
-        margin = max(distance, 2 * state.margins[i, j]) + BUMP
+        margin = max(distance, state.margins[i, j], 2 * state.margins[i, j]) + BUMP
         state.margins[i, j] = margin
         state.margins[j, i] = margin
         found += 1
@@ -76,3 +76,26 @@ def find_all_conflicts(problem, state):
     if found:
         update_all_overlaps(problem, state)
     return found
+
+
+@inner_kernel
+def allow_contacts(problem, state):
+    """Let pairs overlap a little that are not in conflict by the surfaces: their margins shrink.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : State
+        Where all items are, with their overlaps; margins and overlaps are changed.
+    """
+    for i in range(len(state.types)):
+        for j in range(i):
+            if not 0 < state.overlaps[i, j] < DEEP:
+                continue
+            o, p = state.turned[i], state.places[i]
+            distance = distance_of(problem, state, i, o, p, j)[0]
+            first, other, rel, sx, sy, sz = offset(problem.lookup, state, i, o, p, j)
+            if not in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5):
+                state.margins[i, j] = state.margins[j, i] = distance
+                state.overlaps[i, j] = state.overlaps[j, i] = 0

@@ -20,7 +20,7 @@ FAR = 1.5
 """Voxels of distance by fields from which on there is no conflict, unless they are wrong by more.
 """
 
-CROSSING = 1.0
+CROSSING = 2.0
 """Voxels of depth by fields from which on these count, and not points.
 
 Points that are deep in a thin item do not say how far the way out is.

@@ -228,7 +228,8 @@ class State(NamedTuple):
     depths : ndarray
         (n,) float64, room for the depths of one item and each other one.
     margins : ndarray
-        (n, n) float64, distances in voxels below which pairs count as overlapping.
+        (n, n) float64, distances in voxels below which pairs count as overlapping; negative
+        where the surfaces allow more.
     slope : ndarray
         (3,) float64, room for the gradient of an item's cost.
     """

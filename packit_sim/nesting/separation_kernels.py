@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.nesting.conflict_kernels import DEEP, allow_contacts
 from packit_sim.nesting.cost_kernels import fine_cost, rough_cost, total_overlap, update_overlaps
 from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample
 from packit_sim.nesting.pushing_kernels import push_apart
@@ -269,7 +270,9 @@ def separate(problem, state, best, boxes, samples, passes, rng):
                     if state.inside[i]:
                         put(problem.lookup, state, i, turned[i], places[i])
                 state.overlaps[:] = overlaps
-            total = min(total, pushed)
+            if state.overlaps.max() < DEEP:
+                allow_contacts(problem, state)
+            total = total_overlap(problem, state)
         if total < least:
             least = total
             _copy_poses(state, best)
