@@ -261,6 +261,36 @@ def test_the_same_seed_gives_the_same_packing_in_every_process() -> None:
     assert output.strip() == hashlib.sha256(found).hexdigest()
 
 
+@pytest.mark.parametrize(
+    ("objective", "size"),
+    [("strip", (2, 2, OPEN)), ("knapsack", (1.7, 1.7, 1.7)), ("bins", (1.7, 1.7, 1.7))],
+)
+def test_two_workers_pack_items_of_many_sizes(objective, size) -> None:
+    """So many items that the largest are searched for alone at first."""
+    sides = {1.0: 2, 0.6: 4, 0.4: 6, 0.25: 8}
+    cubes = [of(creation.box((side,) * 3), str(side), demand=n) for side, n in sides.items()]
+    scores: list[float] = []
+    score = {
+        "strip": lambda p: p.height,
+        "knapsack": lambda p: -p.volume,
+        "bins": lambda p: p.boxes,
+    }
+    packing = nest(
+        cubes,
+        size,
+        objective,
+        callback=lambda found, _: scores.append(score[objective](found)),
+        settings=quick(300, workers=2),
+    )
+    check(packing)
+    assert scores == sorted(scores, reverse=True)
+    if objective == "knapsack":
+        assert packing.volume > 0.45 * packing.container.volume
+    else:
+        assert packing.left_out == (0, 0, 0, 0)
+        assert packing.height < 2 if objective == "strip" else packing.boxes == 2
+
+
 @pytest.mark.slow
 def test_two_workers_exchange_the_best_and_are_repeatable() -> None:
     def run() -> Packing:

@@ -103,7 +103,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 def announce() -> None:
     """Log that kernels are compiled, unless that was said before in this installation."""
     if _is_first():
-        _log.warning("compiling the placement engine: takes about 30 s, once per installation")
+        _log.warning("compiling the placement engine, once per installation: 30 s to 2 minutes")
 
 
 def _probe() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.filling import constructed, with_random_poses
+from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.separation import Separation
@@ -90,4 +91,4 @@ class BinsSearch(Search):
 
 def _box_numbers(poses: Poses, boxes: Floats) -> Ints:
     """Return the number of each item's box."""
-    return np.asarray(np.searchsorted(boxes[:, 0] - 0.5 * boxes[0, 1], poses.places[:, 0]) - 1)
+    return np.array([box_of(boxes, x) for x in poses.places[:, 0]])

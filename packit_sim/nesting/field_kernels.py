@@ -13,7 +13,7 @@ BIAS = 0.9
 """Voxels by which the distance of two sets of voxels is on average less than their items'."""
 
 REACH = 3
-"""Voxels beyond the clearance up to which distances are told apart."""
+"""Voxels beyond the clearance up to which a field holds distances."""
 
 _BAND = -4.0, 2.0
 """Distances in voxels between which nodes may be computed by the surfaces."""

@@ -104,7 +104,7 @@ class Distances(NamedTuple):
     points : ndarray
         (p, 3) float64; those of type t from point_starts[t] on.
     margin : float
-        A length, up to which distances outside are told apart.
+        The largest distance that counts.
     """
 
     values: Any

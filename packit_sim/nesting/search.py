@@ -47,6 +47,7 @@ class Search(ABC):
         self._task = task
         self._rng = np.array([seed], dtype=np.uint64)
         self._choices = np.random.default_rng(seed)
+        self._is_begun = False
         self._attempt: Separation | None = None
         self._levels = [np.arange(len(task.numbers)) if order is None else order]
         while order is not None and len(self._levels[0]) >= 2 * FEWEST:
@@ -63,8 +64,11 @@ class Search(ABC):
         budget : Budget
             The budget.
         """
-        if self.best is None:
-            self.adopt(problem, self._constructed(problem))
+        if not self._is_begun:
+            self._is_begun = True
+            first = self._constructed(problem)
+            if self.best is None or first.score < self.best.score:
+                self.adopt(problem, first)
         while self.best is not None and not (self.is_done or budget.is_spent):
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
@@ -93,6 +97,7 @@ class Search(ABC):
         """Forget what was found, which is not valid: begin again with a construction."""
         self.best = None
         self.is_done = False
+        self._is_begun = False
         self._attempt = None
 
     @property
