@@ -17,11 +17,11 @@ from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.tasks import Budget, Solution
 
-ROUNDS = 12
-"""Rounds into which the time is divided."""
-
-SECONDS = 1.0, 10.0
+SECONDS = 1.0, 20.0
 """Shortest and longest time of a round."""
+
+GROWTH = 0.25
+"""Time of a round as a share of that before: the first ones show something soon."""
 
 PASSES = 100
 """Passes of a round, where passes are counted instead of the time."""
@@ -113,16 +113,17 @@ def rounds(
     """
     start = time.perf_counter()
     end = start + limits.seconds
-    longest = min(max(limits.seconds / ROUNDS, SECONDS[0]), SECONDS[1])
     passes = limits.passes
     best: Solution | None = None
     for number in count():
         is_alone = number < (2 if passes is None else 1)
-        length = 0.0 if number == 0 else SECONDS[0] if is_alone else longest
-        seconds = min(length, end - time.perf_counter())
+        now = time.perf_counter()
+        length = SECONDS[0] if is_alone else GROWTH * (now - start)
+        length = min(max(length, SECONDS[0]), SECONDS[1])
+        seconds = min(length, end - now) if number else 0.0
         share = None if passes is None else min(PASSES, passes) if number else 0
         if passes is None or limits.passes is None:
-            before = (time.perf_counter() - start) / limits.seconds
+            before = (now - start) / limits.seconds
             shares = before, before + seconds / limits.seconds
         else:
             before = 1 - passes / limits.passes

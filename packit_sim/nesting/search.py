@@ -110,6 +110,12 @@ class Search(ABC):
         """Whether these are all items."""
         return self._level == len(self._levels) - 1
 
+    @property
+    def _later(self) -> list[Ints]:
+        """The items of each level up to now that the one before does not have."""
+        pairs = zip(self._levels[: self._level], self._levels[1:], strict=False)
+        return [new[len(old) :] for old, new in pairs]
+
     def _own(self, poses: Poses) -> Poses:
         """Return poses without the items that are not searched for now."""
         inside = np.zeros_like(poses.inside)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.conflict_kernels import find_all_conflicts
 from packit_sim.nesting.cost_kernels import load
 from packit_sim.nesting.filling import loaded
@@ -32,6 +33,8 @@ class Separation:
         The boxes.
     patience : int
         Passes without a gain after which it gives up.
+    later : sequence of ndarray of int64
+        Items that are left out at first, and join one set after the other when the rest is apart.
 
     Attributes
     ----------
@@ -41,8 +44,16 @@ class Separation:
         The boxes.
     """
 
-    def __init__(self, task: Task, poses: Poses, boxes: Floats, patience: int) -> None:
-        self.least = poses
+    def __init__(
+        self,
+        task: Task,
+        poses: Poses,
+        boxes: Floats,
+        patience: int,
+        later: Sequence[Ints] = (),
+    ) -> None:
+        self._later = [items[poses.inside[items] > 0] for items in later]
+        self.least = poses.changed(np.concatenate(self._later), 0) if later else poses
         self.boxes = boxes
         self._task = task
         self._patience = patience
@@ -81,7 +92,11 @@ class Separation:
                 least = self.least
                 load(problem, self._state, least.turned, least.places, self.boxes)
                 if find_all_conflicts(problem, self._state) == 0:
-                    return True
+                    if not self._later:
+                        return True
+                    self.least = least.changed(self._later.pop(0), 1)
+                    self._state = loaded(problem, self._task, self.least, self.boxes)
+                    self._idle = 0
                 self._overlap = math.inf
             if budget.is_spent:
                 return None
@@ -100,4 +115,6 @@ class Separation:
             if overlap < self._overlap:
                 self._overlap = overlap
                 self.least = Poses.of(found)
+        for items in self._later:
+            self.least = self.least.changed(items, 1)
         return False

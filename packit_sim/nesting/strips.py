@@ -75,7 +75,8 @@ class StripSearch(Search):
             start = self._current
         assert start is not None
         boxes = self._boxes(self._target)
-        attempt = Separation(self._task, start, boxes, self._task.settings.patience)
+        later = self._later if self._failed and self._has_room else ()
+        attempt = Separation(self._task, start, boxes, self._task.settings.patience, later)
         largest = self._items[: max(2, len(self._items) // 2)]
         if self._failed and self._has_room and len(largest) > 1:
             i, j = self._choices.choice(largest, 2, replace=False)

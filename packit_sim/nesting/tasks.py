@@ -114,6 +114,12 @@ class Poses:
         """Copy the poses of a state."""
         return cls(state.inside.copy(), state.turned.copy(), state.places.copy())
 
+    def changed(self, items: Ints, inside: int) -> Poses:
+        """Return the same poses with some items inside, or not."""
+        now = self.inside.copy()
+        now[items] = inside
+        return Poses(now, self.turned, self.places)
+
     @classmethod
     def nowhere(cls, count: int) -> Poses:
         """Return poses of items that are not inside."""
