@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.filling import constructed, least_heights, with_random_poses
+from packit_sim.nesting.filling import constructed, filled, least_heights, with_random_poses
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.separation import Separation
@@ -22,7 +22,7 @@ _FROM_CURRENT = 0.3
 _ENOUGH = 0.01
 """Shrinkage below which more items are added."""
 
-_MORE_ROOM = 1.01
+_MORE_ROOM = 1.02
 """Factor of the height if added items find no place."""
 
 
@@ -105,7 +105,7 @@ class StripSearch(Search):
             self._add_items(problem)
 
     def _add_items(self, problem: Problem) -> None:
-        """Put more items at random poses in a strip that is higher by their share of volume."""
+        """Put more items in where they fit, or at random poses; the strip grows by their share."""
         old = self._items
         height = self._height if self._has_room else self._target
         super()._add_items(problem)
@@ -117,14 +117,10 @@ class StripSearch(Search):
         self._shrink = self._task.settings.shrink / 2
         self._failed = None
         self._has_room = False
-        self._current = with_random_poses(
-            problem,
-            self._task,
-            start,
-            self._items[len(old) :].tolist(),
-            self._boxes(self._target),
-            self._choices,
-        )
+        boxes = self._boxes(self._target)
+        poses = filled(problem, self._task, start, boxes, self._items, self._rng)
+        left = self._items[poses.inside[self._items] == 0].tolist()
+        self._current = with_random_poses(problem, self._task, poses, left, boxes, self._choices)
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
         height = self._height_of(problem, poses)
