@@ -76,7 +76,7 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
     compile_or_load = compiled.compile
 
     def alone(signature: Any) -> Any:
-        with global_compiler_lock, _lock():
+        with global_compiler_lock, _lock(function.__module__):
             return compile_or_load(signature)
 
     compiled.compile = alone
@@ -164,9 +164,10 @@ class _ProcessLock:
 
 
 @cache
-def _lock() -> AbstractContextManager[None]:
+def _lock(module: str) -> AbstractContextManager[None]:
+    """Return the lock of a module's kernels; those that it calls never call it."""
     folder = kernel_folder()
-    return nullcontext() if folder is None else _ProcessLock(folder / "packit-sim.lock")
+    return nullcontext() if folder is None else _ProcessLock(folder / f"{module}.lock")
 
 
 def _is_first() -> bool:

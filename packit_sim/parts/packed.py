@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.answers import FilledBox
@@ -89,12 +90,12 @@ class PackedParts:
     @cached_property
     def volume(self) -> float:
         """The volume of all packed parts."""
-        return sum(self.part(one).volume for _, one in self.placements)
+        return plain_sum(self.part(one).volume for _, one in self.placements)
 
     @property
     def density(self) -> float:
         """The volume of the packed parts, divided by that of the boxes with parts."""
-        space = sum(box.type.container.volume for box in self.boxes)
+        space = plain_sum(box.type.container.volume for box in self.boxes)
         return self.volume / space if space else 0.0
 
     @property

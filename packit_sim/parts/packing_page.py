@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from packit_sim.core import templates
 from packit_sim.core.files import replace_text
+from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
 from packit_sim.libraries.library import assets_folder
 from packit_sim.parts.box_pictures import shown
@@ -46,7 +47,9 @@ def write_page(packed: PackedParts, path: Path) -> Path:
     boxes = []
     for box in packed.boxes:
         state = shown(box.packing)
-        number = models.add(state.cells, state.placed, sum(p.item.volume for p in state.placed))
+        number = models.add(
+            state.cells, state.placed, plain_sum(p.item.volume for p in state.placed)
+        )
         boxes.append({"name": box.type.name, "model": number, "count": len(state.placed)})
     placed = packed.task.counts([one for _, one in packed.placements])
     parts = [

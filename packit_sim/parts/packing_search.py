@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.nesting.packing import Packing
@@ -227,7 +228,7 @@ class PackingSearch:
         box = self.task.boxes[0]
         if box.count is None:
             return True
-        volume = sum(self.task.parts[n].volume * k for n, k in counts.items())
+        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
         return box.count > 1 and volume <= _FULL * box.count * box.container.volume
 
     def _is_done(self, answer: Answer, counts: Mapping[int, int]) -> bool:
@@ -243,7 +244,7 @@ class PackingSearch:
 
     def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
         """Return the time for a box: that of all boxes that may follow is the same."""
-        volume = sum(self.task.parts[n].volume * k for n, k in counts.items())
+        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
         needed = math.ceil(volume / (_FULL * self._inner(box).volume))
         return self._left / max(1, min(needed, more + 1))
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.nesting.build import candidates
@@ -112,13 +113,13 @@ def unit_notes(
     if not notes and parts:
         volume = max(box.container.volume for box in boxes)
         inch = [factor("in", part.part.unit) for part in parts]
-        larger = sum(p.volume * p.part.count * f**3 for p, f in zip(parts, inch, strict=True))
+        larger = plain_sum(p.volume * p.part.count * f**3 for p, f in zip(parts, inch, strict=True))
         is_all = all(
             f > 1 and any(fits(sides(part) * f, box.size, margin) for box in boxes)
             for part, f in zip(parts, inch, strict=True)
         )
         if is_all and larger < volume:
-            share = sum(p.volume * p.part.count for p in parts) / volume
+            share = plain_sum(p.volume * p.part.count for p in parts) / volume
             notes.append(
                 f"all parts together have {share:.2g} of the box's volume: "
                 f"are they in inches instead of {parts[0].part.unit}?"
