@@ -21,8 +21,8 @@ FIRST_LEVELS = 0.4
 class Search(ABC):
     """A search by attempts, which can go on in another process: all that it needs is in it.
 
-    It begins with a few items, the most important ones, and goes on with twice as many when it
-    finds nothing better: few items are arranged quickly, and large ones find no room later.
+    The most important items are arranged first. Whenever that finds nothing better, the number of
+    items doubles: few items are arranged quickly, and large ones find no room later.
 
     Parameters
     ----------

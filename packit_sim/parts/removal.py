@@ -279,7 +279,7 @@ class _Search:
 def _blockers(
     sweeps: PartSweeps, part: int, left: Sequence[int], outs: Sequence[Direction]
 ) -> tuple[int, ...]:
-    """Return the parts that are in the way of a part's straight moves out of the box."""
+    """Return the parts that block a part's straight moves out of the box."""
     found = {
         n
         for direction in outs
