@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from packit_sim.core.compilation import inner_kernel, kernel
-from packit_sim.nesting.cost_kernels import distance_of, offset, update_all_overlaps
+import numpy as np
+
+from packit_sim.core.compilation import inlined, kernel
+from packit_sim.nesting.cost_kernels import distance_of, offset, update_overlaps
 from packit_sim.nesting.overlap_kernels import in_conflict
-from packit_sim.nesting.pose_kernels import NO_LIMIT, apart
+from packit_sim.nesting.pose_kernels import NO_LIMIT, apart, clamp, put, take_out
 
 DEEP = 0.3
 """Voxels of depth from which on there is a conflict."""
@@ -14,7 +16,7 @@ BUMP = 0.01
 """Voxels by which a margin grows at first, and then twice as much each time."""
 
 
-@inner_kernel
+@inlined
 def find_conflicts(problem, state, i, count):
     """Find the items in conflict with one, by the surfaces, and let their margins grow.
 
@@ -35,50 +37,21 @@ def find_conflicts(problem, state, i, count):
         How many there are.
     """
     found = 0
-    o, p = state.turned[i], state.places[i]
     for j in range(count):
         if i == j or apart(state, i, j):
             continue
-        distance = distance_of(problem, state, i, o, p, j)[0]
+        distance = distance_of(problem, state, i, state.turned[i], state.places[i], j)[0]
         if distance == NO_LIMIT:
             continue
-        if distance >= -DEEP:
-            first, other, rel, sx, sy, sz = offset(problem.lookup, state, i, o, p, j)
-            if not in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5):
-                continue
-        margin = max(distance, state.margins[i, j], 2 * state.margins[i, j]) + BUMP
-        state.margins[i, j] = margin
-        state.margins[j, i] = margin
-        found += 1
+        if distance < -DEEP or _is_conflict(problem, state, i, j, distance):
+            margin = max(distance, state.margins[i, j], 2 * state.margins[i, j]) + BUMP
+            state.margins[i, j] = margin
+            state.margins[j, i] = margin
+            found += 1
     return found
 
 
-@kernel
-def find_all_conflicts(problem, state):
-    """Find all items in conflict, by the surfaces; these pairs then overlap, as margins grow.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    state : State
-        Where all items are; its margins and overlaps are changed.
-
-    Returns
-    -------
-    int
-        The number of conflicts.
-    """
-    found = 0
-    for i in range(len(state.types)):
-        if state.inside[i]:
-            found += find_conflicts(problem, state, i, i)
-    if found:
-        update_all_overlaps(problem, state)
-    return found
-
-
-@inner_kernel
+@inlined
 def allow_contacts(problem, state):
     """Let pairs overlap a little that are not in conflict by the surfaces: their margins shrink.
 
@@ -93,9 +66,68 @@ def allow_contacts(problem, state):
         for j in range(i):
             if not 0 < state.overlaps[i, j] < DEEP:
                 continue
-            o, p = state.turned[i], state.places[i]
-            distance = distance_of(problem, state, i, o, p, j)[0]
-            first, other, rel, sx, sy, sz = offset(problem.lookup, state, i, o, p, j)
-            if not in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5):
+            distance = distance_of(problem, state, i, state.turned[i], state.places[i], j)[0]
+            if not _is_conflict(problem, state, i, j, distance):
                 state.margins[i, j] = state.margins[j, i] = distance
                 state.overlaps[i, j] = state.overlaps[j, i] = 0
+
+
+@inlined
+def _is_conflict(problem, state, i, j, distance):
+    """Return whether two items at a distance in voxels are in conflict by their surfaces."""
+    first, other, rel, sx, sy, sz = offset(
+        problem.lookup, state, i, state.turned[i], state.places[i], j
+    )
+    return in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5)
+
+
+@kernel
+def load(problem, state, turned, places, boxes, is_checked):
+    """Put the items that are inside at some poses, moved into their boxes; take out the others.
+
+    An item that does not fit into its box takes another rotation; it must fit in one of its own.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : State
+        Where all items are; changed.
+    turned : ndarray
+        (n,) int64, the numbers of their rotations.
+    places : ndarray
+        (n, 3) float64, the places of their origins.
+    boxes : ndarray
+        (b, 4) float64, the boxes (see `boxes_of`).
+    is_checked : bool
+        Whether to find all conflicts, by the surfaces; these pairs then overlap, as margins grow.
+
+    Returns
+    -------
+    int
+        The number of conflicts that were found.
+    """
+    lookup = problem.lookup
+    p = np.empty(3)
+    for i in range(len(state.types)):
+        if not state.inside[i]:
+            take_out(state, i)
+            state.turned[i] = turned[i]
+            state.places[i] = places[i]
+            continue
+        a, o = state.types[i], turned[i]
+        p[:] = places[i]
+        k = 0
+        while not clamp(lookup, a, o, p, boxes) and k < problem.allowed_counts[a]:
+            o = problem.allowed[a, k]
+            k += 1
+        put(lookup, state, i, o, p)
+    found = 0
+    if is_checked:
+        for i in range(len(state.types)):
+            if state.inside[i]:
+                found += find_conflicts(problem, state, i, i)
+    for i in range(len(state.types)):
+        if state.inside[i]:
+            update_overlaps(problem, state, i)
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.nesting.conflict_kernels import find_conflicts
 from packit_sim.nesting.cost_kernels import fine_cost, rough_cost
 from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample, take_out
@@ -123,25 +123,27 @@ def _put_on_top(problem, state, i, height, box):
     return NO_LIMIT
 
 
-@inner_kernel
+@inlined
 def _is_lowered(problem, state, i, o, p, box, limit):
     """Lower an item; return whether it then is not in conflict and lower than a limit."""
     place = p.copy()
+    is_free = False
     for margin in MARGINS:
         state.margins[i, :] = margin
         p[:] = place
         if fine_cost(problem, state, i, o, p, 1e-9) > 0:
-            return False
+            break
         _lower(problem, state, i, o, p, box)
         if p[2] + problem.lookup.boxes[state.types[i], o, 5] >= limit:
-            return False
+            break
         put(problem.lookup, state, i, o, p)
-        if find_conflicts(problem, state, i, len(state.types)) == 0:
-            return True
-    return False
+        is_free = find_conflicts(problem, state, i, len(state.types)) == 0
+        if is_free:
+            break
+    return is_free
 
 
-@inner_kernel
+@inlined
 def _lower(problem, state, i, o, p, box):
     """Lower an item, and move it to the left and back, as far as steps without conflict lead."""
     lookup = problem.lookup

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from packit_sim.core.compilation import inlined, inner_kernel, kernel
+from packit_sim.core.compilation import inlined, inner_kernel
 from packit_sim.nesting.distance_kernels import least_distance
 from packit_sim.nesting.overlap_kernels import (
     add_field,
@@ -14,7 +12,7 @@ from packit_sim.nesting.overlap_kernels import (
     settle,
     settled,
 )
-from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, take_out
+from packit_sim.nesting.pose_kernels import NO_LIMIT
 
 FAR = 1.5
 """Voxels of distance by fields from which on there is no conflict, unless they are wrong by more.
@@ -196,20 +194,12 @@ def _beside(state, i, j, lx, ly, lz, hx, hy, hz):
     )
 
 
-@inner_kernel
+@inlined
 def update_overlaps(problem, state, i):
     """Compute the overlaps of an item with all others again."""
     fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT)
     state.overlaps[i] = state.depths
     state.overlaps[:, i] = state.depths
-
-
-@inner_kernel
-def update_all_overlaps(problem, state):
-    """Compute the overlaps of all items again."""
-    for i in range(len(state.types)):
-        if state.inside[i]:
-            update_overlaps(problem, state, i)
 
 
 @inner_kernel
@@ -222,40 +212,3 @@ def total_overlap(problem, state):
             if state.overlaps[i, j] > 0:
                 total += state.overlaps[i, j] * sizes[state.types[i]] * sizes[state.types[j]]
     return total
-
-
-@kernel
-def load(problem, state, turned, places, boxes):
-    """Put the items that are inside at some poses, moved into their boxes; take out the others.
-
-    An item that does not fit into its box takes another rotation; it must fit in one of its own.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    state : State
-        Where all items are; changed.
-    turned : ndarray
-        (n,) int64, the numbers of their rotations.
-    places : ndarray
-        (n, 3) float64, the places of their origins.
-    boxes : ndarray
-        (b, 4) float64, the boxes (see `boxes_of`).
-    """
-    lookup = problem.lookup
-    p = np.empty(3)
-    for i in range(len(state.types)):
-        if not state.inside[i]:
-            take_out(state, i)
-            state.turned[i] = turned[i]
-            state.places[i] = places[i]
-            continue
-        a, o = state.types[i], turned[i]
-        p[:] = places[i]
-        k = 0
-        while not clamp(lookup, a, o, p, boxes) and k < problem.allowed_counts[a]:
-            o = problem.allowed[a, k]
-            k += 1
-        put(lookup, state, i, o, p)
-    update_all_overlaps(problem, state)

@@ -8,19 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.nesting.conflict_kernels import find_all_conflicts
+from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.construction_kernels import construct
-from packit_sim.nesting.cost_kernels import load
 from packit_sim.nesting.pose_kernels import take_out
 from packit_sim.nesting.problem import Problem, State, boxes_of, state_of
 from packit_sim.nesting.tasks import Poses, Task
 
 
-def loaded(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> State:
-    """Return a state of all items at some poses, moved into their boxes."""
+def loaded(
+    problem: Problem, task: Task, poses: Poses, boxes: Floats, is_checked: bool = False
+) -> State:
+    """Return a state of all items at some poses, moved into their boxes (see `load`)."""
     state = state_of(task.numbers.tolist())
     state.inside[:] = poses.inside
-    load(problem, state, poses.turned, poses.places, boxes)
+    load(problem, state, poses.turned, poses.places, boxes, is_checked)
     return state
 
 
@@ -107,8 +108,7 @@ def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses
     Poses
         The poses, without conflicts.
     """
-    state = loaded(problem, task, poses, boxes)
-    find_all_conflicts(problem, state)
+    state = loaded(problem, task, poses, boxes, is_checked=True)
     while state.overlaps.any():
         worst = int((state.overlaps.sum(axis=1) / np.maximum(task.values, 1e-300)).argmax())
         take_out(state, worst)

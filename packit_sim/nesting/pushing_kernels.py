@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel
+from packit_sim.core.compilation import inlined
 from packit_sim.nesting.cost_kernels import distance_of, update_overlaps
 from packit_sim.nesting.pose_kernels import NO_LIMIT, apart, clamp, put
 
@@ -18,7 +18,7 @@ PATIENCE = 4
 """Sweeps without a gain of 5% after which pushing ends."""
 
 
-@inner_kernel
+@inlined
 def push_apart(problem, state, boxes):
     """Push overlapping items apart, pair by pair, each by half of the depth.
 

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.nesting.conflict_kernels import find_all_conflicts
-from packit_sim.nesting.cost_kernels import load
+from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.filling import loaded
 from packit_sim.nesting.problem import Problem, State, state_of
 from packit_sim.nesting.separation_kernels import separate
@@ -90,8 +89,7 @@ class Separation:
         while self._idle < self._patience:
             if self._overlap == 0:
                 least = self.least
-                load(problem, self._state, least.turned, least.places, self.boxes)
-                if find_all_conflicts(problem, self._state) == 0:
+                if not load(problem, self._state, least.turned, least.places, self.boxes, True):
                     if not self._later:
                         return True
                     self.least = least.changed(self._later.pop(0), 1)

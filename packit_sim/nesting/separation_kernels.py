@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inner_kernel, kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.nesting.conflict_kernels import DEEP, allow_contacts
 from packit_sim.nesting.cost_kernels import fine_cost, rough_cost, total_overlap, update_overlaps
 from packit_sim.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample
@@ -59,7 +59,7 @@ def _next_trials(p, steps, trials, rng):
     return count, d, e
 
 
-@inner_kernel
+@inlined
 def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
     """Improve a place by coordinate descent of the rough cost; return its cost."""
     trials = np.empty((4, 3))
@@ -80,7 +80,7 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
     return found
 
 
-@inner_kernel
+@inlined
 def _fine_descent(problem, state, i, o, p, found, boxes):
     """Improve a place along the gradient of the fine cost, last computed there; return its cost."""
     a = state.types[i]
@@ -158,7 +158,7 @@ def _keep(costs, places, turned, found, o, p, spread):
     turned[k] = o
 
 
-@inner_kernel
+@inlined
 def _move(problem, state, i, boxes, samples, rng):
     """Move an item to the pose of least weighted overlap that is found.
 
