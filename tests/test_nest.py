@@ -443,7 +443,7 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"settings": NestSettings(iterations=-2)}, ArgumentError, "iterations -2"),
     ({"settings": NestSettings(iterations=1.5)}, ArgumentError, "iterations 1.5.*integer"),  # type: ignore[arg-type]
     ({"settings": NestSettings(workers=-1)}, WorkersError, "-1 workers.*0 for one per core"),
-    ({"settings": NestSettings(backend="ssh")}, WorkersError, "'ssh'.*loky, ray"),  # type: ignore[arg-type]
+    ({"settings": NestSettings(backend="ssh")}, WorkersError, "'ssh'.*threads, ray"),  # type: ignore[arg-type]
 ]
 
 

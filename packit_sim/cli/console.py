@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.segment import Segment
 
 from packit_sim.core.errors import PackItError
-from packit_sim.core.parallel import BackendName
+from packit_sim.core.parallel import BackendName, SearchBackend
 from packit_sim.core.plain_text import plain
 from packit_sim.datasets.pack_files import dataset_library
 from packit_sim.geometry.shapes import Shape
@@ -76,6 +76,13 @@ PiecesOption = Annotated[
 WorkersOption = Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")]
 BackendOption = Annotated[
     BackendName, typer.Option(help="Where the processes run: on this machine, or a Ray cluster.")
+]
+SearchesOption = Annotated[
+    int, typer.Option("--workers", min=0, help="Number of searches at a time; 0: one per core.")
+]
+SearchBackendOption = Annotated[
+    SearchBackend,
+    typer.Option("--backend", help="Where the searches run: in this process, or on a Ray cluster."),
 ]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
 

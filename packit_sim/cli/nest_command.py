@@ -10,9 +10,9 @@ import typer
 
 from packit_sim.cli.console import (
     AddressOption,
-    BackendOption,
+    SearchBackendOption,
+    SearchesOption,
     SeedOption,
-    WorkersOption,
     console,
     prepare_folder,
     progress_bars,
@@ -45,15 +45,15 @@ def nest_command(
     iterations: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Passes over the items in each process, instead of --time; repeatable."
+            min=1, help="Passes over the items of each search, instead of --time; repeatable."
         ),
     ] = None,
     seed: SeedOption = 0,
     clearance: Annotated[
         float, typer.Option(help="Smallest distance between two items, in the instance's unit.")
     ] = 0.0,
-    workers: WorkersOption = 0,
-    backend: BackendOption = "loky",
+    workers: SearchesOption = 0,
+    backend: SearchBackendOption = "threads",
     address: AddressOption = None,
     out: Annotated[
         Path | None,

@@ -9,9 +9,9 @@ import typer
 
 from packit_sim.cli.console import (
     AddressOption,
-    BackendOption,
+    SearchBackendOption,
+    SearchesOption,
     SeedOption,
-    WorkersOption,
     console,
     prepare_folder,
     progress_bars,
@@ -92,12 +92,12 @@ def pack_command(
     iterations: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Passes over the parts in each process, instead of --time; repeatable."
+            min=1, help="Passes over the parts of each search, instead of --time; repeatable."
         ),
     ] = None,
     seed: SeedOption = 0,
-    workers: WorkersOption = 0,
-    backend: BackendOption = "loky",
+    workers: SearchesOption = 0,
+    backend: SearchBackendOption = "threads",
     address: AddressOption = None,
 ) -> None:
     """Pack your own parts into boxes, at their real sizes.

@@ -8,7 +8,7 @@ import pickle
 import platform
 import socket
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from queue import SimpleQueue
@@ -31,6 +31,9 @@ BackendName = Literal["loky", "ray"]
 
 BACKENDS: tuple[str, ...] = get_args(BackendName)
 """Processes of this machine (loky), or of a Ray cluster (the extra `cluster`)."""
+
+SearchBackend = Literal["threads", "ray"]
+"""Threads of this process, or processes of a Ray cluster."""
 
 MAX_RETRIES = 20
 """Maximum retries of a job whose process or machine was lost; more suggest that it kills them."""
@@ -76,10 +79,7 @@ class Workers:
     ) -> None:
         if backend not in BACKENDS:
             raise WorkersError(f"no backend {backend!r}: choose from {', '.join(BACKENDS)}")
-        if count < 0:
-            raise WorkersError(
-                f"{count} workers are not possible: choose 1 or more, or 0 for one per core"
-            )
+        _check_count(count)
         if address is not None and backend != "ray":
             raise WorkersError(f"address {address!r} needs the backend ray")
         is_ray = backend == "ray"
@@ -139,6 +139,43 @@ class Workers:
             self._parallel.__exit__(*raised)
             self._parallel = None
         self._leave()
+
+
+class Threads:
+    """Threads of this process, for jobs that mostly run compiled kernels.
+
+    Parameters
+    ----------
+    count : int
+        The number of threads; 0: one per core.
+
+    Raises
+    ------
+    WorkersError
+        If the number is not possible.
+    """
+
+    def __init__(self, count: int = 0) -> None:
+        _check_count(count)
+        self.count = count or joblib.effective_n_jobs(-1)
+        self._pool = ThreadPoolExecutor(self.count)
+
+    def map(self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]) -> list[_T]:
+        """Return the function's results for all arguments, in their order."""
+        return [each.result() for each in [self._pool.submit(function, *a) for a in arguments]]
+
+    def __enter__(self) -> Threads:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._pool.shutdown()
+
+
+def _check_count(count: int) -> None:
+    if count < 0:
+        raise WorkersError(
+            f"{count} workers are not possible: choose 1 or more, or 0 for one per core"
+        )
 
 
 class Actors:

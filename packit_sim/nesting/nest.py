@@ -6,12 +6,13 @@ import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, PackItError
-from packit_sim.core.parallel import BackendName, Workers
+from packit_sim.core.parallel import SearchBackend, Threads, Workers, WorkersError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
@@ -50,20 +51,20 @@ class NestSettings:
     Attributes
     ----------
     workers : int
-        The number of processes; 0: one per core.
+        The number of searches at a time; 0: one per core.
     backend : str
-        Where they run: "loky" or "ray".
+        Where they run: "threads" of this process, or processes of a "ray" cluster.
     address : str, optional
         The address of the Ray cluster's head.
     iterations : int, optional
-        Passes over the items of each process, instead of the time: the same seed and number of
-        processes then give the same packing.
+        Passes over the items of each search, instead of the time: the same seed and number of
+        workers then give the same packing.
     search : SearchSettings
         The settings of the search.
     """
 
     workers: int = 0
-    backend: BackendName = "loky"
+    backend: SearchBackend = "threads"
     address: str | None = None
     iterations: int | None = None
     search: SearchSettings = field(default_factory=SearchSettings)
@@ -144,7 +145,7 @@ def nest(
         return None if found else packing
 
     best: Packing | None = None
-    with Workers(settings.workers, settings.backend, settings.address) as workers:
+    with _workers(settings) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
         limits = Limits(start + time - clock.perf_counter(), settings.iterations)
@@ -158,6 +159,17 @@ def nest(
     if best is None:
         raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
+
+
+def _workers(settings: NestSettings) -> Workers | Threads:
+    if settings.backend == "ray":
+        return Workers(settings.workers, "ray", settings.address)
+    if settings.backend not in get_args(SearchBackend):
+        choices = ", ".join(get_args(SearchBackend))
+        raise WorkersError(f"no backend {settings.backend!r}: choose from {choices}")
+    if settings.address is not None:
+        raise WorkersError(f"address {settings.address!r} needs the backend ray")
+    return Threads(settings.workers)
 
 
 def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:

@@ -246,6 +246,21 @@ class State(NamedTuple):
     slope: Any
 
 
+def with_own_room(problem: Problem) -> Problem:
+    """Return a problem that shares all but fields, counts and room to work in: for a thread."""
+    lookup = problem.lookup
+    fields = _emptied(lookup, "fields", "values", "used")
+    fields["numbers"] = np.full_like(lookup.numbers, -1)
+    room = _emptied(problem, "counts", "shift", "waiting", "triangle")
+    return problem._replace(lookup=lookup._replace(**fields), **room)
+
+
+def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
+    """Return zeros like some arrays, whose memory is first used when they are written."""
+    found = {name: getattr(arrays, name) for name in names}
+    return {name: np.zeros(each.shape, each.dtype) for name, each in found.items()}
+
+
 def boxes_of(sizes: Sequence[Sequence[float]]) -> Floats:
     """Arrange boxes beside each other, so far apart that items in different ones don't meet.
 

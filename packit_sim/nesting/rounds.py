@@ -1,19 +1,20 @@
-"""Searches in several processes, which exchange their best solutions after each round."""
+"""Searches on several cores, which exchange their best solutions after each round."""
 
 from __future__ import annotations
 
 import hashlib
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 
-from packit_sim.core.parallel import Workers
+from packit_sim.core.parallel import Threads, Workers
 from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.problem import Problem
+from packit_sim.nesting.problem import Problem, with_own_room
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.tasks import Budget, Solution
 
@@ -28,7 +29,7 @@ PASSES = 100
 
 
 class Problems:
-    """A problem that each process computes once.
+    """A problem that each process computes once, and of which each thread has its own fields.
 
     Parameters
     ----------
@@ -52,12 +53,19 @@ class Problems:
         return hash(self._digest)
 
     def get(self) -> Problem:
-        """Return the problem."""
-        return _built(self)
+        """Return the problem, for this thread."""
+        if getattr(_own, "problems", None) != self:
+            _own.problem = with_own_room(_built(self))
+            _own.problems = self
+        problem: Problem = _own.problem
+        return problem
 
     def build(self) -> Problem:
         """Compute the problem."""
         return build(*self._arguments)
+
+
+_own = threading.local()
 
 
 @lru_cache(maxsize=1)
@@ -85,13 +93,10 @@ def rounds(
     problems: Problems,
     searches: Sequence[Search],
     limits: Limits,
-    workers: Workers,
+    workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
 ) -> Iterator[Packing]:
-    """Search in rounds.
-
-    The first packing is constructed in this process. If the time is limited, this process also
-    searches for a second: small problems need no others.
+    """Search in rounds, the first of which only constructs a packing.
 
     Parameters
     ----------
@@ -101,7 +106,7 @@ def rounds(
         The searches, one for each worker.
     limits : Limits
         When to end.
-    workers : Workers
+    workers : Workers or Threads
         Where they run.
     check : callable
         Returns the packing of a solution, or None if it is not valid.
@@ -113,13 +118,12 @@ def rounds(
     """
     start = time.perf_counter()
     end = start + limits.seconds
+    problems.get()
     passes = limits.passes
     best: Solution | None = None
     for number in count():
-        is_alone = number < (2 if passes is None else 1)
         now = time.perf_counter()
-        length = SECONDS[0] if is_alone else GROWTH * (now - start)
-        length = min(max(length, SECONDS[0]), SECONDS[1])
+        length = min(max(GROWTH * (now - start), SECONDS[0]), SECONDS[1])
         seconds = min(length, end - now) if number else 0.0
         share = None if passes is None else min(PASSES, passes) if number else 0
         if passes is None or limits.passes is None:
@@ -128,11 +132,14 @@ def rounds(
         else:
             before = 1 - passes / limits.passes
             shares = before, before + (share or 0) / limits.passes
-        chosen = searches[: 1 if is_alone else None]
-        jobs = [(problems, each, seconds, share, shares) for each in chosen]
-        found = workers.map(_advance, jobs) if len(jobs) > 1 else [_advance(*jobs[0])]
-        searches = [*found, *searches[len(jobs) :]]
-        for solution in sorted((each.best for each in found if each.best), key=_score):
+        try:
+            jobs = [(problems, each, seconds, share, shares) for each in searches]
+            searches = workers.map(_advance, jobs)
+        except KeyboardInterrupt:
+            for each in searches:
+                each.stop()
+            raise
+        for solution in sorted((each.best for each in searches if each.best), key=_score):
             if best is not None and solution.score >= best.score:
                 break
             packing = check(solution)

@@ -48,6 +48,7 @@ class Search(ABC):
         self._rng = np.array([seed], dtype=np.uint64)
         self._choices = np.random.default_rng(seed)
         self._is_begun = False
+        self._budget: Budget | None = None
         self._attempt: Separation | None = None
         self._levels = [np.arange(len(task.numbers)) if order is None else order]
         while order is not None and len(self._levels[0]) >= 2 * FEWEST:
@@ -64,6 +65,7 @@ class Search(ABC):
         budget : Budget
             The budget.
         """
+        self._budget = budget
         if not self._is_begun:
             self._is_begun = True
             first = self._constructed(problem)
@@ -92,6 +94,12 @@ class Search(ABC):
             The solution.
         """
         self.best = solution
+
+    def stop(self) -> None:
+        """End `advance` soon, which runs in another thread."""
+        self.is_done = True
+        if self._budget is not None:
+            self._budget.spend()
 
     def restart(self) -> None:
         """Forget what was found, which is not valid: begin again with a construction."""

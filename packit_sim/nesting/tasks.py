@@ -82,6 +82,10 @@ class Budget:
         first, last = self._shares
         return last - (last - first) * min(1.0, left)
 
+    def spend(self) -> None:
+        """Leave nothing."""
+        self._end, self._passes = 0.0, None
+
     def take(self) -> int:
         """Return how many passes may come next, at most `PASSES`."""
         if self._passes is None:

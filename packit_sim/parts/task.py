@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.parallel import BackendName
+from packit_sim.core.parallel import SearchBackend
 from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import validity
 from packit_sim.nesting.item_types import ItemType
@@ -57,13 +57,13 @@ class PackSettings:
     constraints : sequence of Constraint
         What else every packing must fulfil; parts that break a constraint are left out.
     workers : int
-        The number of processes; 0: one per core.
+        The number of searches at a time; 0: one per core.
     backend : str
-        Where they run: "loky" or "ray".
+        Where they run: "threads" of this process, or processes of a "ray" cluster.
     address : str, optional
         The address of the Ray cluster's head.
     iterations : int, optional
-        Passes over the parts of each process, instead of the time: a repeatable search.
+        Passes over the parts of each search, instead of the time: a repeatable search.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class PackSettings:
     stable: float | None = None
     constraints: Sequence[Constraint] = ()
     workers: int = 0
-    backend: BackendName = "loky"
+    backend: SearchBackend = "threads"
     address: str | None = None
     iterations: int | None = None
 
