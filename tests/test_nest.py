@@ -1,6 +1,7 @@
 """The nester: its packings are valid by independent checks, repeatable, and better over time."""
 
 import hashlib
+import json
 import math
 import os
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from itertools import combinations, pairwise
 from typing import Any
@@ -28,10 +30,11 @@ from packit_sim import (
     ShapeLibrary,
     nest,
 )
-from packit_sim.core.errors import ArgumentError, MeshError
+from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
 from packit_sim.nesting import nest as nest_module
 from packit_sim.nesting.nest import NestingError
+from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.rotation_sets import matrices
 from packit_sim.nesting.validity import tolerance
 
@@ -228,6 +231,107 @@ def test_a_clearance_holds(objective) -> None:
             least = min(least, solid(one).min_gap(solid(other), 1.0))
     slack = tolerance(packing.container.longest, 1.0)
     assert clearance - slack <= least < 2 * clearance
+
+
+def wall(*extents: float, at: tuple[float, float, float], name: str = "wall") -> ItemType:
+    """A box whose lower corner is at a place in the container."""
+    box = creation.box(extents)
+    return of(box.apply_translation(np.array(at) + np.array(extents) / 2), name)
+
+
+@pytest.mark.parametrize(
+    ("objective", "size", "clearance"),
+    [("strip", (3, 3, OPEN), 0.0), ("knapsack", (2.6, 2.6, 2.6), 0.05)],
+)
+def test_items_keep_clear_of_obstacles(objective, size, clearance, tmp_path) -> None:
+    """One obstacle stands inside, one reaches through a wall; neither counts as packed."""
+    obstacles = [wall(0.5, 0.5, 1.5, at=(1.1, 1.2, 0)), wall(2, 0.7, 9, at=(-1, -0.5, -3))]
+    packing = nest(
+        mixed("cube"),
+        size,
+        objective,
+        clearance=clearance,
+        settings=quick(60, workers=2),
+        obstacles=obstacles,
+    )
+    check(packing)
+    assert len(packing.placements) == 8 if objective == "strip" else packing.placements
+    assert packing.height < 4
+    slack = tolerance(packing.container.longest, 1.0)
+    for _, mesh in placed(packing):
+        for each in obstacles:
+            gap = solid(mesh).min_gap(solid(trimesh.Trimesh(each.vertices, each.faces)), 1.0)
+            common = solid(mesh) ^ solid(trimesh.Trimesh(each.vertices, each.faces))
+            assert gap >= clearance - slack and common.volume() <= slack * mesh.area
+    packing.write(tmp_path / "packing.json")
+    report = verify_packing(tmp_path / "packing.json")
+    assert report.holds and report.volume == pytest.approx(packing.volume)
+
+
+def test_an_item_in_an_obstacle_is_found(tmp_path) -> None:
+    packing = nest([of(cube(), "cube")], (3, 3, OPEN), settings=quick(1))
+    for obstacle, problem in (
+        (wall(3, 3, 0.5, at=(0, 0, 0), name="plate"), "crosses plate"),
+        (wall(9, 9, 9, at=(-3, -3, -3), name="block"), "lies, in part or whole, inside block"),
+    ):
+        blocked = replace(packing, obstacles=(obstacle,))
+        (sentence,) = blocked.problems()
+        assert sentence == f"item 0 ('cube') {problem}"
+        blocked.write(tmp_path / "packing.json")
+        assert not verify_packing(tmp_path / "packing.json").holds
+    assert replace(packing, obstacles=(wall(3, 3, 3, at=(0, 0, 1.1)),)).problems() == []
+
+
+def test_an_obstacle_outside_the_folder_is_not_read(tmp_path) -> None:
+    plate = wall(1, 1, 0.5, at=(0, 0, 2))
+    packing = nest([of(cube())], (3, 3, OPEN), settings=quick(1), obstacles=[plate])
+    packing.write(tmp_path / "packing.json")
+    text = (tmp_path / "packing.json").read_text()
+    (mesh,) = {each["mesh"] for each in json.loads(text)["obstacles"]}
+    (tmp_path / "packing.json").write_text(text.replace(mesh, "../plate.obj"))
+    with pytest.raises(PackFormatError, match=r"obstacles\[0\].mesh.*inside the packing's folder"):
+        verify_packing(tmp_path / "packing.json")
+
+
+def test_an_obstacle_that_fills_the_box_leaves_no_room() -> None:
+    full = [wall(2, 2, 2, at=(0, 0, 0))]
+    packing = nest([of(cube())], (2, 2, 2), "knapsack", settings=quick(), obstacles=full)
+    assert packing.left_out == (1,)
+    above = nest([of(cube())], (2, 2, OPEN), settings=quick(), obstacles=full)
+    assert above.problems() == [] and above.height == pytest.approx(3, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("objective", "size"),
+    [("strip", (3, 3, OPEN)), ("knapsack", (2.5, 2.5, 2.5)), ("bins", (2.2, 2.2, 2.2))],
+)
+def test_a_search_begins_with_a_former_packing(objective, size) -> None:
+    former = nest(mixed("cube"), size, objective, settings=quick(60))
+    first: list[Packing] = []
+    again = nest(
+        mixed("cube"),
+        size,
+        objective,
+        seed=7,
+        callback=lambda found, _: first.append(found),
+        settings=quick(1),
+        start=former,
+    )
+    check(again)
+    assert {p.pose.round(9).tobytes() for p in first[0].placements} >= {
+        p.pose.round(9).tobytes() for p in former.placements
+    }
+    if objective == "bins":
+        return
+    obstacle = wall(1, 1, 1, at=(0.8, 0.8, 0.8))
+    moved = nest(
+        mixed("cube"), size, objective, settings=quick(1), obstacles=[obstacle], start=former
+    )
+    check(moved)
+    kept = {p.pose.tobytes() for p in moved.placements} & {
+        p.pose.tobytes() for p in first[0].placements
+    }
+    assert kept and len(kept) < len(former.placements)
 
 
 def test_nothing_is_put_into_a_closed_body_but_into_an_open_one() -> None:
@@ -439,6 +543,17 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"container": (2, 2)}, ArgumentError, r"\(2, 2\).*three numbers"),
     ({"container": 2}, ArgumentError, "2 is not possible.*three numbers"),
     ({"container": (0, 2, OPEN)}, ArgumentError, "side 0.0 along x"),
+    (
+        {"container": (2, 2, 2), "objective": "bins", "obstacles": [of(cube())]},
+        ArgumentError,
+        "obstacles are not possible.*bins",
+    ),
+    ({"obstacles": [3]}, ArgumentError, r"obstacles\[0\] is of type int"),
+    (
+        {"start": Packing((of(ball()),), BoxContainer((2, 2, OPEN)), ())},
+        ArgumentError,
+        "other items",
+    ),
     ({"settings": NestSettings(iterations=0)}, ArgumentError, "iterations 0.*at least 1"),
     ({"settings": NestSettings(iterations=-2)}, ArgumentError, "iterations -2"),
     ({"settings": NestSettings(iterations=1.5)}, ArgumentError, "iterations 1.5.*integer"),  # type: ignore[arg-type]

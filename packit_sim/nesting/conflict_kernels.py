@@ -10,7 +10,7 @@ from packit_sim.nesting.overlap_kernels import in_conflict
 from packit_sim.nesting.pose_kernels import NO_LIMIT, apart, clamp, put, take_out
 
 DEEP = 0.3
-"""Voxels of depth from which on there is a conflict."""
+"""Voxels of depth from which on pairs are taken to be in conflict during a search."""
 
 BUMP = 0.01
 """Voxels by which a margin grows at first, and then twice as much each time."""
@@ -19,6 +19,8 @@ BUMP = 0.01
 @inlined
 def find_conflicts(problem, state, i, count):
     """Find the items in conflict with one, by the surfaces, and let their margins grow.
+
+    Margins of pairs that overlap by fields or points, but not by the surfaces, shrink.
 
     Parameters
     ----------
@@ -43,11 +45,13 @@ def find_conflicts(problem, state, i, count):
         distance = distance_of(problem, state, i, state.turned[i], state.places[i], j)[0]
         if distance == NO_LIMIT:
             continue
-        if distance < -DEEP or _is_conflict(problem, state, i, j, distance):
+        if _is_conflict(problem, state, i, j, distance):
             margin = max(distance, state.margins[i, j], 2 * state.margins[i, j]) + BUMP
             state.margins[i, j] = margin
             state.margins[j, i] = margin
             found += 1
+        elif distance < state.margins[i, j]:
+            state.margins[i, j] = state.margins[j, i] = distance
     return found
 
 
@@ -85,7 +89,8 @@ def _is_conflict(problem, state, i, j, distance):
 def load(problem, state, turned, places, boxes, is_checked):
     """Put the items that are inside at some poses, moved into their boxes; take out the others.
 
-    An item that does not fit into its box takes another rotation; it must fit in one of its own.
+    Obstacles stay where they are. An item that does not fit into its box takes another rotation; it
+    must fit in one of its own.
 
     Parameters
     ----------
@@ -117,8 +122,8 @@ def load(problem, state, turned, places, boxes, is_checked):
             continue
         a, o = state.types[i], turned[i]
         p[:] = places[i]
-        k = 0
-        while not clamp(lookup, a, o, p, boxes) and k < problem.allowed_counts[a]:
+        k = 0 if i < state.movable else problem.allowed_counts[a]
+        while k < problem.allowed_counts[a] and not clamp(lookup, a, o, p, boxes):
             o = problem.allowed[a, k]
             k += 1
         put(lookup, state, i, o, p)
@@ -126,8 +131,8 @@ def load(problem, state, turned, places, boxes, is_checked):
     if is_checked:
         for i in range(len(state.types)):
             if state.inside[i]:
-                found += find_conflicts(problem, state, i, i)
-    for i in range(len(state.types)):
+                found += find_conflicts(problem, state, i, min(i, state.movable))
+    for i in range(state.movable):
         if state.inside[i]:
             update_overlaps(problem, state, i)
     return found

@@ -11,7 +11,7 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.construction_kernels import construct
 from packit_sim.nesting.pose_kernels import take_out
-from packit_sim.nesting.problem import Problem, State, boxes_of, state_of
+from packit_sim.nesting.problem import Problem, State, boxes_of
 from packit_sim.nesting.tasks import Poses, Task
 
 
@@ -19,7 +19,7 @@ def loaded(
     problem: Problem, task: Task, poses: Poses, boxes: Floats, is_checked: bool = False
 ) -> State:
     """Return a state of all items at some poses, moved into their boxes (see `load`)."""
-    state = state_of(task.numbers.tolist())
+    state = task.state()
     state.inside[:] = poses.inside
     load(problem, state, poses.turned, poses.places, boxes, is_checked)
     return state
@@ -28,7 +28,7 @@ def loaded(
 def constructed(
     problem: Problem, task: Task, sizes: Sequence[Sequence[float]], rng: npt.NDArray[np.uint64]
 ) -> Poses:
-    """Place items in the order of the task, in one box after the other.
+    """Place items that have no place to begin with, in the order of the task, box after box.
 
     Parameters
     ----------
@@ -46,8 +46,11 @@ def constructed(
     Poses
         The poses; items for which there is no place are not inside.
     """
-    nowhere = Poses.nowhere(len(task.numbers))
-    return filled(problem, task, nowhere, boxes_of(sizes), task.order, rng)
+    boxes = boxes_of(sizes)
+    poses = task.nowhere
+    if task.start is not None:
+        poses = repaired(problem, task, task.start, boxes)
+    return filled(problem, task, poses, boxes, task.order, rng)
 
 
 def filled(
@@ -110,8 +113,8 @@ def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses
     """
     state = loaded(problem, task, poses, boxes, is_checked=True)
     while state.overlaps.any():
-        worst = int((state.overlaps.sum(axis=1) / np.maximum(task.values, 1e-300)).argmax())
-        take_out(state, worst)
+        overlaps = state.overlaps[: task.count].sum(axis=1)
+        take_out(state, int((overlaps / np.maximum(task.values, 1e-300)).argmax()))
     return Poses.of(state)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.nesting.filling import (
     constructed,
@@ -52,19 +53,20 @@ class KnapsackSearch(Search):
     def __init__(self, task: Task, seed: int) -> None:
         super().__init__(task, seed, task.order)
         self._boxes = boxes_of([task.size])
-        self._fits = np.ones(len(task.numbers), bool)
+        self._fits = np.ones(task.count, bool)
         self._failures = 0
-        self._good = self._current = Poses.nowhere(len(task.numbers))
+        self._good = self._current = task.nowhere
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
         self.best = solution
-        self.is_done = bool((solution.poses.inside.astype(bool) | ~self._fits).all())
+        self.is_done = bool((self._packed(solution.poses) | ~self._fits).all())
         if self._has_all and -solution.score[0] > self._value(self._good):
             self._good = self._current = solution.poses
 
     def _constructed(self, problem: Problem) -> Solution:
-        heights = least_heights(problem, self._task.size)[self._task.numbers]
+        numbers = self._task.numbers[: self._task.count]
+        heights = least_heights(problem, self._task.size)[numbers]
         self._fits = np.isfinite(heights)
         solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
         self._good = self._current = self._own(solution.poses)
@@ -107,7 +109,11 @@ class KnapsackSearch(Search):
             self.adopt(problem, found)
 
     def _value(self, poses: Poses) -> float:
-        return float(self._task.values[poses.inside.astype(bool)].sum())
+        return float(self._task.values[self._packed(poses)].sum())
+
+    def _packed(self, poses: Poses) -> npt.NDArray[np.bool_]:
+        """Return which items (n,) are inside."""
+        return poses.inside[: self._task.count] > 0
 
     def _solution(self, poses: Poses) -> Solution:
         return Solution((-self._value(poses),), poses, self._boxes)
@@ -116,7 +122,7 @@ class KnapsackSearch(Search):
         """Take out a few items, at random, and put others in at random poses, for a small gain."""
         old = self._current
         out = self._items[self._fits[self._items] & (old.inside[self._items] == 0)]
-        packed = np.flatnonzero(old.inside)
+        packed = np.flatnonzero(self._packed(old))
         values = self._task.values
         most, now = self._value(self._good), self._value(old)
         least = np.inf

@@ -15,20 +15,20 @@ from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import SearchBackend, Threads, Workers, WorkersError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
-from packit_sim.nesting import validity
+from packit_sim.nesting import rotation_sets, validity
 from packit_sim.nesting.bins import BinsSearch
 from packit_sim.nesting.build import SLACK, candidates
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.knapsacks import KnapsackSearch
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
+from packit_sim.nesting.placements import POSE_SLACK, Placement
 from packit_sim.nesting.pose_kernels import box_of
-from packit_sim.nesting.problem import Problem
+from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.strips import StripSearch
-from packit_sim.nesting.tasks import SearchSettings, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchSettings, Solution, Task
 
 _log = plain_logger("packit_sim.nesting")
 
@@ -79,6 +79,8 @@ def nest(
     clearance: float = 0.0,
     callback: Callable[[Packing, float], object] | None = None,
     settings: NestSettings = NestSettings(),
+    obstacles: Sequence[ItemType | Path | str] = (),
+    start: Packing | None = None,
 ) -> Packing:
     """Pack meshes at any translation, in the rotations that each may take.
 
@@ -96,11 +98,18 @@ def nest(
     seed : int
         The seed.
     clearance : float
-        Smallest distance between the surfaces of two items.
+        Smallest distance between the surfaces of two items, and of an item and an obstacle.
     callback : callable, optional
         Called with each better packing and the seconds since the call.
     settings : NestSettings
         How it runs.
+    obstacles : sequence of ItemType, Path or str
+        What is already in the container and stays there: meshes or mesh files in the container's
+        coordinates. They may reach beyond its walls. Not for the objective "bins".
+    start : Packing, optional
+        A packing of the same items to begin with, such as a former result, also for another
+        container, clearance or obstacles. Items that it lacks, that are turned otherwise than they
+        may be, or that are in conflict, are placed again.
 
     Returns
     -------
@@ -118,7 +127,7 @@ def nest(
     NestingError
         If no packing that was found is valid.
     """
-    start = clock.perf_counter()
+    began = clock.perf_counter()
     types = _item_types(items)
     if not isinstance(container, BoxContainer):
         container = BoxContainer(container)  # type: ignore[arg-type]
@@ -126,14 +135,13 @@ def nest(
     check_range("seed", as_integer("seed", seed), Range(0))
     if settings.iterations is not None:
         check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
-    empty = Packing(types, container, (), clearance, objective)
+    stays = _obstacles(obstacles)
+    empty = Packing(types, container, (), clearance, objective, stays)
     _check(empty)
-    problems = Problems(types, container.longest, clearance)
-    count = np.array([each.demand for each in types])
-    numbers = np.arange(len(types)).repeat(count)
-    volumes = np.array([each.volume for each in types])[numbers]
-    values = np.array([each.volume if each.value is None else each.value for each in types])
-    task = Task(numbers, volumes, values[numbers], container.size, settings.search)
+    problems = Problems((*types, *stays), container.longest, clearance)
+    task = _task(empty, settings.search)
+    if start is not None:
+        task.start = _poses(start, problems.get(), task, empty)
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
@@ -148,17 +156,62 @@ def nest(
     with _workers(settings) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
-        limits = Limits(start + time - clock.perf_counter(), settings.iterations)
+        limits = Limits(began + time - clock.perf_counter(), settings.iterations)
         try:
             for best in rounds(problems, searches, limits, workers, checked):
                 if callback is not None:
-                    callback(best, clock.perf_counter() - start)
+                    callback(best, clock.perf_counter() - began)
         except KeyboardInterrupt:
             if best is None:
                 raise
     if best is None:
         raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
     return best
+
+
+def _task(empty: Packing, settings: SearchSettings) -> Task:
+    """Return what is searched for to fill an empty packing."""
+    types, obstacles = empty.types, empty.obstacles
+    numbers = np.arange(len(types)).repeat([each.demand for each in types])
+    volumes = np.array([each.volume for each in types])
+    values = np.array([each.volume if each.value is None else each.value for each in types])
+    return Task(
+        np.concatenate((numbers, np.arange(len(types), len(types) + len(obstacles)))),
+        volumes[numbers],
+        values[numbers],
+        empty.container.size,
+        settings,
+        np.array([(each.low + each.high) / 2 for each in obstacles]).reshape(-1, 3),
+    )
+
+
+def _poses(start: Packing, problem: Problem, task: Task, empty: Packing) -> Poses:
+    """Return the poses of a former packing; items that can't have them are not inside."""
+    names = [each.digest for each in empty.types]
+    if [each.digest for each in start.types] != names:
+        raise ArgumentError("the packing to begin with is of other items, or in another order")
+    poses = task.nowhere
+    boxes = boxes_of([task.size] * (1 + max((p.box for p in start.placements), default=0)))
+    for placement in start.placements:
+        a = placement.type
+        free = np.flatnonzero((task.numbers[: task.count] == a) & (poses.inside[: task.count] == 0))
+        own = problem.allowed[a, : problem.allowed_counts[a]]
+        turns = problem.lookup.turns[own]
+        errors = np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2))
+        if len(free) == 0 or errors.min() > POSE_SLACK:
+            continue
+        i = int(free[0])
+        centre = (empty.types[a].low + empty.types[a].high) / 2
+        poses.turned[i] = own[errors.argmin()]
+        poses.places[i] = placement.pose[:3, :3] @ centre + placement.pose[:3, 3]
+        poses.places[i, 0] += boxes[placement.box, 0]
+        poses.inside[i] = 1
+    return poses
+
+
+def _obstacles(obstacles: Sequence[ItemType | Path | str]) -> tuple[ItemType, ...]:
+    found = [_item_type("obstacles", n, each) for n, each in enumerate(obstacles)]
+    return tuple(replace(each, demand=1, rotations=rotation_sets.FIXED) for each in found)
 
 
 def _workers(settings: NestSettings) -> Workers | Threads:
@@ -175,13 +228,13 @@ def _workers(settings: NestSettings) -> Workers | Threads:
 def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:
     if isinstance(items, (str, Path, Item, ItemType)):
         raise ArgumentError(f"items {items!r} is not possible: it must be a sequence of items")
-    types = tuple(_item_type(n, each) for n, each in enumerate(items))
+    types = tuple(_item_type("items", n, each) for n, each in enumerate(items))
     if not types:
         raise ArgumentError("items is empty: there must be at least one item to pack")
     return types
 
 
-def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
+def _item_type(name: str, number: int, item: ItemType | Item | Path | str) -> ItemType:
     if isinstance(item, ItemType):
         return item
     if isinstance(item, Item):
@@ -189,7 +242,7 @@ def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
     if isinstance(item, (str, Path)):
         return ItemType.from_file(item)
     raise ArgumentError(
-        f"items[{number}] is of type {type(item).__name__}: "
+        f"{name}[{number}] is of type {type(item).__name__}: "
         "choose an ItemType, an Item or the path of a mesh file"
     )
 
@@ -202,6 +255,8 @@ def _check(packing: Packing) -> None:
         raise ArgumentError(
             f"objective {objective!r} needs a box with {needs}, not one of {_size(container.size)}"
         )
+    if objective == "bins" and packing.obstacles:
+        raise ArgumentError('obstacles are not possible with the objective "bins"')
     if objective == "knapsack":
         return
     longest = [float(each.extents.max()) for each in types]
@@ -223,7 +278,7 @@ def _packing(problem: Problem, task: Task, solution: Solution, empty: Packing) -
     """Return the packing of a solution."""
     poses, boxes = solution.poses, solution.boxes
     placements = []
-    for i in np.flatnonzero(poses.inside):
+    for i in np.flatnonzero(poses.inside[: task.count]):
         a = int(task.numbers[i])
         item_type = empty.types[a]
         box = box_of(boxes, poses.places[i, 0])

@@ -64,6 +64,8 @@ def verify_packing(file: Path | str) -> Report:
     - `clearance`: the smallest distance between the surfaces of two items; by default 0.
     - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
       "/" between folders, and inside that folder.
+    - `obstacles`: meshes that are in every box, each with its `mesh` and `pose`; by default none.
+      Items keep clear of them; they themselves may be anywhere, and do not count.
     - `box` of an item: which of several boxes of this size it is in, from 0; by default 0.
     - `pose`: (4, 4) by rows, a rotation, one scale for all axes and a translation. It maps the
       coordinates in the mesh's file to those of the box, regardless of the file's up axis and unit.
@@ -80,27 +82,31 @@ def verify_packing(file: Path | str) -> Report:
     load = cache(lambda mesh: ItemType.from_file(file.parent / mesh))
     found: list[str] = []
     bodies: list[validity.Body] = []
-    for n, item in enumerate(packing.items):
-        name = named(n, item.mesh)
-        pose = np.array(item.pose)
+    obstacles: list[validity.Body] = []
+    every: list[tuple[str, _Obstacle, list[validity.Body]]]
+    every = [(named(n, item.mesh), item, bodies) for n, item in enumerate(packing.items)]
+    for n, obstacle in enumerate(packing.obstacles):
+        every.append((f"obstacle {n} ({obstacle.mesh!r})", obstacle, obstacles))
+    for name, posed, kind in every:
+        pose = np.array(posed.pose)
         fault = pose_fault(pose)
         if fault:
             found.append(f"{name}: its pose {fault}")
             continue
         try:
-            placement = Placement(0, pose, item.box)
-            longest = containers.get(item.box, container).longest
-            bodies.append(validity.Body(name, load(item.mesh), placement, longest))
+            box = posed.box if isinstance(posed, _PackingItem) else 0
+            longest = containers.get(box, container).longest
+            kind.append(validity.Body(name, load(posed.mesh), Placement(0, pose, box), longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
     used = sorted({item.box for item in packing.items})
     if containers:
         for box in used:
             own = [body for body in bodies if body.box == box]
-            found += validity.problems(own, containers[box], packing.clearance)
+            found += validity.problems(own, containers[box], packing.clearance, obstacles)
         space = plain_sum(containers[box].volume for box in used)
     else:
-        found += validity.problems(bodies, container, packing.clearance)
+        found += validity.problems(bodies, container, packing.clearance, obstacles)
         space = container.volume * len(used)
     if container.is_strip and not containers:
         space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
@@ -115,6 +121,7 @@ def write_packing(
     container: BoxContainer,
     placements: Sequence[Placement],
     clearance: float,
+    obstacles: Sequence[ItemType] = (),
 ) -> None:
     """Write a packing as `verify_packing` reads it.
 
@@ -131,6 +138,8 @@ def write_packing(
         The items.
     clearance : float
         The smallest distance between the surfaces of two items.
+    obstacles : sequence of ItemType
+        What else is in the container, in its coordinates.
 
     Raises
     ------
@@ -155,6 +164,12 @@ def write_packing(
         "clearance": clearance,
         "items": items,
     }
+    if obstacles:
+        identity = np.eye(4).tolist()
+        packing["obstacles"] = [
+            {"name": each.name, "mesh": _mesh_path(each, path), "pose": identity}
+            for each in obstacles
+        ]
     replace_text(path, json.dumps(packing, indent=1, ensure_ascii=False) + "\n")
 
 
@@ -193,9 +208,12 @@ def obj_text(vertices: Floats, faces: Ints) -> str:
     return corners + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist())
 
 
-class _PackingItem(Struct):
+class _Obstacle(Struct):
     mesh: str
     pose: tuple[Row, Row, Row, Row]
+
+
+class _PackingItem(_Obstacle):
     box: Annotated[int, Meta(ge=0, le=10**9)] = 0
 
 
@@ -205,6 +223,7 @@ class _Packing(Struct):
     box: tuple[Extent, Extent, Extent | None]
     items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
     boxes: Annotated[tuple[tuple[Extent, Extent, Extent], ...], Meta(max_length=10_000)] = ()
+    obstacles: tuple[_Obstacle, ...] = ()
     unit: str = ""
     clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] = 0.0
 
@@ -218,9 +237,14 @@ def _read(file: Path) -> _Packing:
                 raise PackFormatError(
                     f"field 'items[{n}].box' is {item.box}: there are {len(packing.boxes)} boxes"
                 )
-            if not is_inside(item.mesh):
-                raise PackFormatError(
-                    f"field 'items[{n}].mesh' is {item.mesh!r}: "
-                    "it must be a path inside the packing's folder"
-                )
+            _check_path(f"items[{n}].mesh", item.mesh)
+        for n, obstacle in enumerate(packing.obstacles):
+            _check_path(f"obstacles[{n}].mesh", obstacle.mesh)
     return packing
+
+
+def _check_path(field: str, mesh: str) -> None:
+    if not is_inside(mesh):
+        raise PackFormatError(
+            f"field {field!r} is {mesh!r}: it must be a path inside the packing's folder"
+        )

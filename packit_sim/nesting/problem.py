@@ -174,7 +174,8 @@ class Problem(NamedTuple):
     lookup : Lookup
         The fields.
     refined : bool
-        Whether the surfaces compute the nodes of fields; else points decide (see `Distances`).
+        Whether the surfaces compute the nodes of fields; else points decide (see `Distances`). The
+        search uses this where all items are arranged.
     relative_turns : ndarray
         (r, 3, 3) float64, the relative rotations.
     allowed : ndarray
@@ -212,6 +213,8 @@ class State(NamedTuple):
 
     Attributes
     ----------
+    movable : int
+        The first items can be moved; the others are obstacles.
     types : ndarray
         (n,) int64.
     inside : ndarray
@@ -234,6 +237,7 @@ class State(NamedTuple):
         (3,) float64, room for the gradient of an item's cost.
     """
 
+    movable: int
     types: Any
     inside: Any
     turned: Any
@@ -279,10 +283,11 @@ def boxes_of(sizes: Sequence[Sequence[float]]) -> Floats:
     return np.column_stack((starts, found))
 
 
-def state_of(types: Sequence[int]) -> State:
-    """Return a state of items of some types, all at the origin."""
+def state_of(types: Sequence[int], movable: int) -> State:
+    """Return a state of items of some types, all at the origin; the first ones can be moved."""
     n = len(types)
     return State(
+        movable,
         np.array(types, np.int64),
         np.zeros(n, np.uint8),
         np.zeros(n, np.int64),

@@ -20,7 +20,7 @@ PATIENCE = 4
 
 @inlined
 def push_apart(problem, state, boxes):
-    """Push overlapping items apart, pair by pair, each by half of the depth.
+    """Push overlapping items apart, pair by pair, each by half of the depth, or one by all of it.
 
     Parameters
     ----------
@@ -52,8 +52,11 @@ def push_apart(problem, state, boxes):
                 if depth <= 0 or square == 0:
                     continue
                 total += depth * lookup.sizes[state.types[i]] * lookup.sizes[state.types[j]]
+                share = PUSH if i < state.movable else 2 * PUSH
                 for m in (i, j):
-                    step = (PUSH if m == i else -PUSH) * depth / square
+                    if m >= state.movable:
+                        continue
+                    step = (share if m == i else -share) * depth / square
                     p[0] = state.places[m, 0] + step * gx
                     p[1] = state.places[m, 1] + step * gy
                     p[2] = state.places[m, 2] + step * gz

@@ -12,6 +12,9 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
 
+FIXED = "fixed"
+"""The name of the set of no rotation."""
+
 FREE = "free"
 """The name of the set of all rotations: the only one that is not a list."""
 
@@ -24,7 +27,7 @@ _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 
 def check(name: str) -> None:
     """Raise ArgumentError, which lists the valid forms, if a name is none of a set."""
-    if name not in ("fixed", "cube", FREE) and _steps(name) is None:
+    if name not in (FIXED, "cube", FREE) and _steps(name) is None:
         raise ArgumentError(
             f"rotations {name!r} are not known: choose from fixed, yaw-N, axis-N "
             f"(N steps of a full turn, 1 to {MAX_STEPS}), cube, {FREE}"

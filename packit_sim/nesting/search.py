@@ -31,7 +31,8 @@ class Search(ABC):
     seed : int
         The seed.
     order : ndarray of int64, optional
-        The items, the most important first; without it, all are searched for at once.
+        The items, the most important first; without it, or if the task has poses to begin with,
+        all are searched for at once.
 
     Attributes
     ----------
@@ -50,8 +51,8 @@ class Search(ABC):
         self._is_begun = False
         self._budget: Budget | None = None
         self._attempt: Separation | None = None
-        self._levels = [np.arange(len(task.numbers)) if order is None else order]
-        while order is not None and len(self._levels[0]) >= 2 * FEWEST:
+        self._levels = [np.arange(task.count) if order is None else order]
+        while order is not None and task.start is None and len(self._levels[0]) >= 2 * FEWEST:
             self._levels.insert(0, order[: len(self._levels[0]) // 2])
         self._level = 0
 
@@ -74,7 +75,8 @@ class Search(ABC):
         while self.best is not None and not (self.is_done or budget.is_spent):
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
-            is_apart = attempt.advance(problem, self._rng, budget)
+            used = problem._replace(refined=problem.refined and self._is_precise)
+            is_apart = attempt.advance(used, self._rng, budget)
             if is_apart is not None:
                 self._attempt = None
                 self._end(problem, self.best, attempt, is_apart)
@@ -119,6 +121,11 @@ class Search(ABC):
         return self._level == len(self._levels) - 1
 
     @property
+    def _is_precise(self) -> bool:
+        """Whether surfaces compute the fields of simple items now: few moves, but exact ones."""
+        return self._has_all
+
+    @property
     def _later(self) -> list[Ints]:
         """The items of each level up to now that the one before does not have."""
         pairs = zip(self._levels[: self._level], self._levels[1:], strict=False)
@@ -126,7 +133,7 @@ class Search(ABC):
 
     def _own(self, poses: Poses) -> Poses:
         """Return poses without the items that are not searched for now."""
-        inside = np.zeros_like(poses.inside)
+        inside = self._task.nowhere.inside
         inside[self._items] = poses.inside[self._items]
         return Poses(inside, poses.turned, poses.places)
 

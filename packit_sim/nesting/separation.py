@@ -11,7 +11,7 @@ import numpy.typing as npt
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.filling import loaded
-from packit_sim.nesting.problem import Problem, State, state_of
+from packit_sim.nesting.problem import Problem, State
 from packit_sim.nesting.separation_kernels import separate
 from packit_sim.nesting.tasks import Budget, Poses, Task
 
@@ -85,7 +85,7 @@ class Separation:
         """
         if self._state is None:
             self._state = loaded(problem, self._task, self.least, self.boxes)
-        found = state_of(self._task.numbers.tolist())
+        found = self._task.state()
         while self._idle < self._patience:
             if self._overlap == 0:
                 least = self.least

@@ -242,7 +242,7 @@ def separate(problem, state, best, boxes, samples, passes, rng):
     float
         The least total overlap.
     """
-    count = len(state.types)
+    count = state.movable
     least = total_overlap(problem, state)
     _copy_poses(state, best)
     turned, places = state.turned.copy(), state.places.copy()

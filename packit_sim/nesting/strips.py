@@ -44,7 +44,7 @@ class StripSearch(Search):
         self._shrink = task.settings.shrink
         self._failed: Poses | None = None
         self._has_room = True
-        self._heights = np.zeros(len(task.numbers))
+        self._heights = np.zeros(task.count)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a lower strip."""
@@ -58,7 +58,8 @@ class StripSearch(Search):
                 self._attempt = None
 
     def _constructed(self, problem: Problem) -> Solution:
-        self._heights = least_heights(problem, self._task.size)[self._task.numbers]
+        numbers = self._task.numbers[: self._task.count]
+        self._heights = least_heights(problem, self._task.size)[numbers]
         solution = self._solution(
             problem, constructed(problem, self._task, [self._task.size], self._rng)
         )
@@ -126,6 +127,10 @@ class StripSearch(Search):
         height = self._height_of(problem, poses)
         return Solution((height,), poses, self._boxes(height))
 
+    @property
+    def _is_precise(self) -> bool:
+        return super()._is_precise and self._has_room
+
     def _boxes(self, height: float) -> Floats:
         x, y, _ = self._task.size
         return boxes_of([(x, y, height)])
@@ -133,7 +138,8 @@ class StripSearch(Search):
     def _height_of(self, problem: Problem, poses: Poses) -> float:
         """Return how high the items inside reach; 0 without items."""
         tops = poses.places[:, 2] + problem.lookup.boxes[self._task.numbers, poses.turned, 5]
-        return float(tops[poses.inside.astype(bool)].max(initial=0.0))
+        own = slice(self._task.count)
+        return float(tops[own][poses.inside[own] > 0].max(initial=0.0))
 
     def _least_height(self) -> float:
         """Return a height that no strip is below: the items' volume, or one of them alone."""

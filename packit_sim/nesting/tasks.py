@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.nesting.problem import State
+from packit_sim.nesting.problem import State, state_of
 
 PASSES = 5
 """Passes of a separation between two looks at the clock."""
@@ -124,11 +124,6 @@ class Poses:
         now[items] = inside
         return Poses(now, self.turned, self.places)
 
-    @classmethod
-    def nowhere(cls, count: int) -> Poses:
-        """Return poses of items that are not inside."""
-        return cls(np.zeros(count, np.uint8), np.zeros(count, np.int64), np.zeros((count, 3)))
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -155,14 +150,18 @@ class Task:
 
     Attributes
     ----------
-    numbers : ndarray of int64, shape (n,)
-        The type of each item.
+    numbers : ndarray of int64, shape (n + m,)
+        The type of each item, and then of each obstacle, which stays where it is.
     volumes, values : ndarray of float64, shape (n,)
         Their volumes and values.
     size : tuple of float
         The sides of the container; the height of a strip is infinite.
     settings : SearchSettings
         The settings.
+    obstacles : ndarray of float64, shape (m, 3)
+        The places of the obstacles.
+    start : Poses, optional
+        Poses to begin with; items that are in conflict there are placed again.
     """
 
     numbers: Ints
@@ -170,6 +169,25 @@ class Task:
     values: Floats
     size: tuple[float, float, float]
     settings: SearchSettings = field(default_factory=SearchSettings)
+    obstacles: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    start: Poses | None = None
+
+    @property
+    def count(self) -> int:
+        """The number of items."""
+        return len(self.volumes)
+
+    @property
+    def nowhere(self) -> Poses:
+        """Poses of items that are not inside, and of the obstacles."""
+        n, m = self.count, len(self.obstacles)
+        places = np.concatenate((np.zeros((n, 3)), self.obstacles))
+        inside: Ints = np.repeat(np.array([0, 1], np.uint8), [n, m])
+        return Poses(inside, np.zeros(n + m, np.int64), places)
+
+    def state(self) -> State:
+        """Return a state of all items at the origin."""
+        return state_of(self.numbers.tolist(), self.count)
 
     @cached_property
     def order(self) -> Ints:

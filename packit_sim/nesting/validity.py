@@ -5,7 +5,7 @@ The check is independent of every search. It decides about original meshes at th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -148,7 +148,12 @@ def conflicts(one: Body, other: Body, clearance: float = 0.0) -> Iterator[str]:
             )
 
 
-def problems(bodies: Iterable[Body], container: Container, clearance: float = 0.0) -> list[str]:
+def problems(
+    bodies: Iterable[Body],
+    container: Container,
+    clearance: float = 0.0,
+    obstacles: Sequence[Body] = (),
+) -> list[str]:
     """Check placed items.
 
     Parameters
@@ -159,6 +164,8 @@ def problems(bodies: Iterable[Body], container: Container, clearance: float = 0.
         Their container, or each of their containers.
     clearance : float
         The smallest distance that the surfaces of two items may have.
+    obstacles : sequence of Body
+        What is in each container, and may itself be anywhere.
 
     Returns
     -------
@@ -175,4 +182,7 @@ def problems(bodies: Iterable[Body], container: Container, clearance: float = 0.
         near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
         for m in np.flatnonzero(near).tolist():
             found += conflicts(one, bodies[n + 1 + m], clearance)
+    for obstacle in obstacles:
+        for body in bodies:
+            found += conflicts(obstacle, body, clearance)
     return found
