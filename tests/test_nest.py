@@ -248,11 +248,10 @@ def test_items_keep_clear_of_obstacles(objective, size, clearance, tmp_path) -> 
     obstacles = [wall(0.5, 0.5, 1.5, at=(1.1, 1.2, 0)), wall(2, 0.7, 9, at=(-1, -0.5, -3))]
     packing = nest(
         mixed("cube"),
-        size,
+        BoxContainer(size, tuple(obstacles)),
         objective,
         clearance=clearance,
         settings=quick(60, workers=2),
-        obstacles=obstacles,
     )
     check(packing)
     assert len(packing.placements) == 8 if objective == "strip" else packing.placements
@@ -268,23 +267,29 @@ def test_items_keep_clear_of_obstacles(objective, size, clearance, tmp_path) -> 
     assert report.holds and report.volume == pytest.approx(packing.volume)
 
 
+def test_an_obstacle_that_is_no_item_type_is_an_error() -> None:
+    with pytest.raises(ArgumentError, match=r"obstacles\[0\] is of type int: choose an ItemType"):
+        BoxContainer((2, 2, 2), (3,))  # type: ignore[arg-type]
+
+
 def test_an_item_in_an_obstacle_is_found(tmp_path) -> None:
     packing = nest([of(cube(), "cube")], (3, 3, OPEN), settings=quick(1))
     for obstacle, problem in (
         (wall(3, 3, 0.5, at=(0, 0, 0), name="plate"), "crosses plate"),
         (wall(9, 9, 9, at=(-3, -3, -3), name="block"), "lies, in part or whole, inside block"),
     ):
-        blocked = replace(packing, obstacles=(obstacle,))
+        blocked = replace(packing, container=BoxContainer((3, 3, OPEN), (obstacle,)))
         (sentence,) = blocked.problems()
         assert sentence == f"item 0 ('cube') {problem}"
         blocked.write(tmp_path / "packing.json")
         assert not verify_packing(tmp_path / "packing.json").holds
-    assert replace(packing, obstacles=(wall(3, 3, 3, at=(0, 0, 1.1)),)).problems() == []
+    above = BoxContainer((3, 3, OPEN), (wall(3, 3, 3, at=(0, 0, 1.1)),))
+    assert replace(packing, container=above).problems() == []
 
 
 def test_an_obstacle_outside_the_folder_is_not_read(tmp_path) -> None:
     plate = wall(1, 1, 0.5, at=(0, 0, 2))
-    packing = nest([of(cube())], (3, 3, OPEN), settings=quick(1), obstacles=[plate])
+    packing = nest([of(cube())], BoxContainer((3, 3, OPEN), (plate,)), settings=quick(1))
     packing.write(tmp_path / "packing.json")
     text = (tmp_path / "packing.json").read_text()
     (mesh,) = {each["mesh"] for each in json.loads(text)["obstacles"]}
@@ -294,10 +299,10 @@ def test_an_obstacle_outside_the_folder_is_not_read(tmp_path) -> None:
 
 
 def test_an_obstacle_that_fills_the_box_leaves_no_room() -> None:
-    full = [wall(2, 2, 2, at=(0, 0, 0))]
-    packing = nest([of(cube())], (2, 2, 2), "knapsack", settings=quick(), obstacles=full)
+    full = (wall(2, 2, 2, at=(0, 0, 0)),)
+    packing = nest([of(cube())], BoxContainer((2, 2, 2), full), "knapsack", settings=quick())
     assert packing.left_out == (1,)
-    above = nest([of(cube())], (2, 2, OPEN), settings=quick(), obstacles=full)
+    above = nest([of(cube())], BoxContainer((2, 2, OPEN), full), settings=quick())
     assert above.problems() == [] and above.height == pytest.approx(3, abs=1e-3)
 
 
@@ -314,8 +319,7 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         objective,
         seed=7,
         callback=lambda found, _: first.append(found),
-        settings=quick(1),
-        start=former,
+        settings=replace(quick(1), start=former),
     )
     check(again)
     assert {p.pose.round(9).tobytes() for p in first[0].placements} >= {
@@ -325,7 +329,10 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         return
     obstacle = wall(1, 1, 1, at=(0.8, 0.8, 0.8))
     moved = nest(
-        mixed("cube"), size, objective, settings=quick(1), obstacles=[obstacle], start=former
+        mixed("cube"),
+        BoxContainer(size, (obstacle,)),
+        objective,
+        settings=replace(quick(1), start=former),
     )
     check(moved)
     kept = {p.pose.tobytes() for p in moved.placements} & {
@@ -544,13 +551,12 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"container": 2}, ArgumentError, "2 is not possible.*three numbers"),
     ({"container": (0, 2, OPEN)}, ArgumentError, "side 0.0 along x"),
     (
-        {"container": (2, 2, 2), "objective": "bins", "obstacles": [of(cube())]},
+        {"container": BoxContainer((2, 2, 2), (of(cube()),)), "objective": "bins"},
         ArgumentError,
         "obstacles are not possible.*bins",
     ),
-    ({"obstacles": [3]}, ArgumentError, r"obstacles\[0\] is of type int"),
     (
-        {"start": Packing((of(ball()),), BoxContainer((2, 2, OPEN)), ())},
+        {"settings": NestSettings(start=Packing((of(ball()),), BoxContainer((2, 2, OPEN)), ()))},
         ArgumentError,
         "other items",
     ),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
+from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.lengths import LENGTHS
+from packit_sim.nesting.rotation_sets import FIXED
 
 _WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 """The walls of a box by axis, the one at 0 first."""
@@ -34,14 +36,18 @@ class BoxContainer:
     ----------
     size : tuple[float, float, float]
         The sides along x, y and z, in any unit of length; that along z is `math.inf` for a strip.
+    obstacles : tuple of ItemType
+        What is in it already and stays there: meshes in the container's coordinates. They may reach
+        beyond its walls.
 
     Raises
     ------
     ArgumentError
-        If a side is not a number above 0, or the base is not finite.
+        If a side is not a number above 0, the base is not finite, or an obstacle is no `ItemType`.
     """
 
     size: tuple[float, float, float]
+    obstacles: tuple[ItemType, ...] = ()
 
     def __post_init__(self) -> None:
         try:
@@ -55,6 +61,18 @@ class BoxContainer:
                     f"the side {side!r} along {axis} is not possible: {LENGTHS}{open_top}"
                 )
         object.__setattr__(self, "size", (x, y, z))
+        obstacles: Sequence[object] = self.obstacles
+        for number, each in enumerate(obstacles):
+            if not isinstance(each, ItemType):
+                kind = type(each).__name__
+                raise ArgumentError(f"obstacles[{number}] is of type {kind}: choose an ItemType")
+        fixed = (
+            each
+            if each.demand == 1 and each.rotations == FIXED
+            else replace(each, demand=1, rotations=FIXED)
+            for each in self.obstacles
+        )
+        object.__setattr__(self, "obstacles", tuple(fixed))
 
     @property
     def is_strip(self) -> bool:

@@ -15,7 +15,7 @@ from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import SearchBackend, Threads, Workers, WorkersError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
-from packit_sim.nesting import rotation_sets, validity
+from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
 from packit_sim.nesting.build import SLACK, candidates
 from packit_sim.nesting.containers import BoxContainer
@@ -61,6 +61,10 @@ class NestSettings:
         workers then give the same packing.
     search : SearchSettings
         The settings of the search.
+    start : Packing, optional
+        A packing of the same items to begin with, such as a former result, also for another
+        container or clearance. Items that it lacks, that are turned otherwise than they may be, or
+        that are in conflict, are placed again.
     """
 
     workers: int = 0
@@ -68,6 +72,7 @@ class NestSettings:
     address: str | None = None
     iterations: int | None = None
     search: SearchSettings = field(default_factory=SearchSettings)
+    start: Packing | None = None
 
 
 def nest(
@@ -79,8 +84,6 @@ def nest(
     clearance: float = 0.0,
     callback: Callable[[Packing, float], object] | None = None,
     settings: NestSettings = NestSettings(),
-    obstacles: Sequence[ItemType | Path | str] = (),
-    start: Packing | None = None,
 ) -> Packing:
     """Pack meshes at any translation, in the rotations that each may take.
 
@@ -89,7 +92,8 @@ def nest(
     items : sequence of ItemType, Item, Path or str
         The items; an `Item` or a mesh file stands for one of it, in the 24 rotations.
     container : BoxContainer or sequence of float
-        The box, or its sides; the height of a strip is `math.inf`.
+        The box, or its sides; the height of a strip is `math.inf`. For the objective "bins" it has
+        no obstacles.
     objective : str
         "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
         fewest boxes.
@@ -98,18 +102,11 @@ def nest(
     seed : int
         The seed.
     clearance : float
-        Smallest distance between the surfaces of two items, and of an item and an obstacle.
+        Smallest distance between the surfaces of two items, and of items and obstacles.
     callback : callable, optional
         Called with each better packing and the seconds since the call.
     settings : NestSettings
         How it runs.
-    obstacles : sequence of ItemType, Path or str
-        What is already in the container and stays there: meshes or mesh files in the container's
-        coordinates. They may reach beyond its walls. Not for the objective "bins".
-    start : Packing, optional
-        A packing of the same items to begin with, such as a former result, also for another
-        container, clearance or obstacles. Items that it lacks, that are turned otherwise than they
-        may be, or that are in conflict, are placed again.
 
     Returns
     -------
@@ -135,13 +132,12 @@ def nest(
     check_range("seed", as_integer("seed", seed), Range(0))
     if settings.iterations is not None:
         check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
-    stays = _obstacles(obstacles)
-    empty = Packing(types, container, (), clearance, objective, stays)
+    empty = Packing(types, container, (), clearance, objective)
     _check(empty)
-    problems = Problems((*types, *stays), container.longest, clearance)
+    problems = Problems((*types, *container.obstacles), container.longest, clearance)
     task = _task(empty, settings.search)
-    if start is not None:
-        task.start = _poses(start, problems.get(), task, empty)
+    if settings.start is not None:
+        task.start = _poses(settings.start, problems.get(), task, empty)
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
@@ -171,7 +167,7 @@ def nest(
 
 def _task(empty: Packing, settings: SearchSettings) -> Task:
     """Return what is searched for to fill an empty packing."""
-    types, obstacles = empty.types, empty.obstacles
+    types, obstacles = empty.types, empty.container.obstacles
     numbers = np.arange(len(types)).repeat([each.demand for each in types])
     volumes = np.array([each.volume for each in types])
     values = np.array([each.volume if each.value is None else each.value for each in types])
@@ -209,11 +205,6 @@ def _poses(start: Packing, problem: Problem, task: Task, empty: Packing) -> Pose
     return poses
 
 
-def _obstacles(obstacles: Sequence[ItemType | Path | str]) -> tuple[ItemType, ...]:
-    found = [_item_type("obstacles", n, each) for n, each in enumerate(obstacles)]
-    return tuple(replace(each, demand=1, rotations=rotation_sets.FIXED) for each in found)
-
-
 def _workers(settings: NestSettings) -> Workers | Threads:
     if settings.backend == "ray":
         return Workers(settings.workers, "ray", settings.address)
@@ -228,13 +219,13 @@ def _workers(settings: NestSettings) -> Workers | Threads:
 def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:
     if isinstance(items, (str, Path, Item, ItemType)):
         raise ArgumentError(f"items {items!r} is not possible: it must be a sequence of items")
-    types = tuple(_item_type("items", n, each) for n, each in enumerate(items))
+    types = tuple(_item_type(n, each) for n, each in enumerate(items))
     if not types:
         raise ArgumentError("items is empty: there must be at least one item to pack")
     return types
 
 
-def _item_type(name: str, number: int, item: ItemType | Item | Path | str) -> ItemType:
+def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
     if isinstance(item, ItemType):
         return item
     if isinstance(item, Item):
@@ -242,7 +233,7 @@ def _item_type(name: str, number: int, item: ItemType | Item | Path | str) -> It
     if isinstance(item, (str, Path)):
         return ItemType.from_file(item)
     raise ArgumentError(
-        f"{name}[{number}] is of type {type(item).__name__}: "
+        f"items[{number}] is of type {type(item).__name__}: "
         "choose an ItemType, an Item or the path of a mesh file"
     )
 
@@ -255,7 +246,7 @@ def _check(packing: Packing) -> None:
         raise ArgumentError(
             f"objective {objective!r} needs a box with {needs}, not one of {_size(container.size)}"
         )
-    if objective == "bins" and packing.obstacles:
+    if objective == "bins" and container.obstacles:
         raise ArgumentError('obstacles are not possible with the objective "bins"')
     if objective == "knapsack":
         return

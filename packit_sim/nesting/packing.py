@@ -41,8 +41,6 @@ class Packing:
         The smallest distance between the surfaces of two items.
     objective : str
         "strip", "knapsack" or "bins".
-    obstacles : tuple of ItemType
-        What else is in every container, in the container's coordinates.
 
     Raises
     ------
@@ -56,12 +54,10 @@ class Packing:
     placements: tuple[Placement, ...]
     clearance: float = 0.0
     objective: str = "strip"
-    obstacles: tuple[ItemType, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", tuple(self.types))
         object.__setattr__(self, "placements", tuple(self.placements))
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
         if self.objective not in OBJECTIVES:
             raise ArgumentError(
                 f"objective {self.objective!r} is not known: choose from {', '.join(OBJECTIVES)}"
@@ -133,7 +129,7 @@ class Packing:
         ]
         obstacles = [
             validity.Body(each.name, each, Placement(0, np.eye(4)), self.container.longest)
-            for each in self.obstacles
+            for each in self.container.obstacles
         ]
         return validity.problems(bodies, self.container, self.clearance, obstacles)
 
@@ -150,6 +146,4 @@ class Packing:
         OSError
             If a file can't be written.
         """
-        write_packing(
-            path, self.types, self.container, self.placements, self.clearance, self.obstacles
-        )
+        write_packing(path, self.types, self.container, self.placements, self.clearance)

@@ -121,7 +121,6 @@ def write_packing(
     container: BoxContainer,
     placements: Sequence[Placement],
     clearance: float,
-    obstacles: Sequence[ItemType] = (),
 ) -> None:
     """Write a packing as `verify_packing` reads it.
 
@@ -138,8 +137,6 @@ def write_packing(
         The items.
     clearance : float
         The smallest distance between the surfaces of two items.
-    obstacles : sequence of ItemType
-        What else is in the container, in its coordinates.
 
     Raises
     ------
@@ -164,11 +161,11 @@ def write_packing(
         "clearance": clearance,
         "items": items,
     }
-    if obstacles:
+    if container.obstacles:
         identity = np.eye(4).tolist()
         packing["obstacles"] = [
             {"name": each.name, "mesh": _mesh_path(each, path), "pose": identity}
-            for each in obstacles
+            for each in container.obstacles
         ]
     replace_text(path, json.dumps(packing, indent=1, ensure_ascii=False) + "\n")
 
