@@ -5,7 +5,7 @@ import math
 import signal
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,12 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim import BoxType, PackedParts, PackSettings, Part, pack
+from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.placements import Placement
-from packit_sim.parts import exports
+from packit_sim.parts import exports, packing_search
 from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
 from packit_sim.parts.packing_record import read_earlier
@@ -527,3 +527,77 @@ def test_sources_without_parts_are_errors(tmp_path) -> None:
             pack([source], (10, 10, 10))
     with pytest.raises(ArgumentError, match="no parts"):
         pack([], (10, 10, 10))
+
+
+def pillar(folder: Path) -> Path:
+    """A file in cm, about 2 x 2 x 9 cm, that stands in a box of 6 x 4 x 4 cm and is higher."""
+    mesh = creation.box((2, 2, 9)).apply_translation((3, 2, 4))
+    mesh.export(folder / "pillar.stl")
+    return folder / "pillar.stl"
+
+
+@pytest.mark.parametrize("objective", ["volume", "height", "boxes"])
+def test_a_volume_stays_free_in_every_box(objective, tmp_path) -> None:
+    settings = replace(
+        QUICK,
+        clearance=1.0,
+        wall_clearance=0.5,
+        keep_out=[pillar(tmp_path)],
+        reading=ReadSettings(unit="cm"),
+        boxes=None if objective == "boxes" else 1,
+    )
+    parts = [cube(8, "cube", count=6), slab(18, 6, 30, count=1)]
+    packed = pack(parts, "60x40x40mm", objective, settings=settings, out=tmp_path / "out")
+    assert packed.count == 7 and packed.verify() == []
+    low, high = np.array([20, 10, -5]) - 1 + 1e-3, np.array([40, 30, 85]) + 1 - 1e-3
+    for box, one in packed.placements:
+        vertices = box.packing.vertices(one)
+        assert (vertices.max(axis=0) <= low).any() or (vertices.min(axis=0) >= high).any()
+    assert verify_packing(tmp_path / "out" / "packing.json").holds
+    (obstacle,) = json.loads((tmp_path / "out" / "packing.json").read_text())["obstacles"]
+    assert obstacle["name"] == "pillar" and obstacle["pose"][0][0] == 10
+    moved = replace(packed, task=replace(packed.task, keep_out=()))
+    assert moved.verify() == []
+    at = packed.placements[0][1].pose[:3, 3]
+    inside = Part("block", creation.box((300, 300, 300)).apply_translation(at))
+    around = replace(packed.task, keep_out=(prepare(inside, "mm"),))
+    assert any("block (kept free)" in each for each in replace(packed, task=around).verify())
+
+
+def test_a_volume_that_fills_the_box_leaves_nothing(tmp_path) -> None:
+    creation.box((20, 20, 20)).apply_translation((5, 5, 5)).export(tmp_path / "full.stl")
+    settings = replace(QUICK, keep_out=[tmp_path / "full.stl"])
+    packed = pack([cube(5)], (10, 10, 10), settings=settings)
+    assert packed.count == 0 and packed.left_out[0].reason == "no space was found"
+    with pytest.raises(ArgumentError, match=r"nothing is packed.*no space was found"):
+        packed.export(tmp_path / "out")
+
+
+def test_a_keep_out_that_can_not_be_read_is_an_error(tmp_path) -> None:
+    (tmp_path / "bad.stl").write_text("solid")
+    for name in ("bad.stl", "none.stl"):
+        settings = replace(QUICK, keep_out=[tmp_path / name])
+        with pytest.raises(ArgumentError, match=f"{name}"):
+            pack([cube(5)], (10, 10, 10), settings=settings)
+
+
+def test_a_search_goes_on_from_the_packing_in_the_folder(tmp_path, monkeypatch) -> None:
+    starts: list[Packing | None] = []
+
+    def spied(*arguments: Any) -> Packing:
+        starts.append(arguments[-1].start)
+        return nest(*arguments)
+
+    monkeypatch.setattr(packing_search, "nest", spied)
+    run = partial(
+        pack,
+        [cube(8, "cube", count=20), slab(25, 6, 10)],
+        (34, 34, 24),
+        settings=replace(QUICK, clearance=1.0, wall_clearance=2.0),
+        out=tmp_path,
+    )
+    first = run()
+    again = run()
+    assert starts[0] is None and starts[1] is not None
+    assert starts[1].problems() == [] and len(starts[1].placements) == first.count > 3
+    assert again.volume >= first.volume and again.searches == 2

@@ -73,16 +73,13 @@ SplitOption = Annotated[Split | None, typer.Option(help="Split of the dataset.")
 PiecesOption = Annotated[
     Method, typer.Option(help="Method that decomposes shapes into convex pieces.")
 ]
-WorkersOption = Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")]
+WorkersOption = Annotated[int, typer.Option(min=0, help="Number of workers; 0: one per core.")]
 BackendOption = Annotated[
-    BackendName, typer.Option(help="Where the processes run: on this machine, or a Ray cluster.")
-]
-SearchesOption = Annotated[
-    int, typer.Option("--workers", min=0, help="Number of searches at a time; 0: one per core.")
+    BackendName, typer.Option(help="Where the workers run: on this machine, or a Ray cluster.")
 ]
 SearchBackendOption = Annotated[
     SearchBackend,
-    typer.Option("--backend", help="Where the searches run: in this process, or on a Ray cluster."),
+    typer.Option(help="Where the workers run: on this machine, or a Ray cluster."),
 ]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
 

@@ -11,8 +11,8 @@ import typer
 from packit_sim.cli.console import (
     AddressOption,
     SearchBackendOption,
-    SearchesOption,
     SeedOption,
+    WorkersOption,
     console,
     prepare_folder,
     progress_bars,
@@ -52,7 +52,7 @@ def nest_command(
     clearance: Annotated[
         float, typer.Option(help="Smallest distance between two items, in the instance's unit.")
     ] = 0.0,
-    workers: SearchesOption = 0,
+    workers: WorkersOption = 0,
     backend: SearchBackendOption = "threads",
     address: AddressOption = None,
     out: Annotated[

@@ -10,8 +10,8 @@ import typer
 from packit_sim.cli.console import (
     AddressOption,
     SearchBackendOption,
-    SearchesOption,
     SeedOption,
+    WorkersOption,
     console,
     prepare_folder,
     progress_bars,
@@ -54,6 +54,10 @@ def pack_command(
         str,
         typer.Option(help="Rotations of parts: fixed, upright, yaw-N, axis-N, cube or free."),
     ] = "cube",
+    keep_out: Annotated[
+        list[str] | None,
+        typer.Option(help="Mesh file of a volume that stays free, in the box's coordinates."),
+    ] = None,
     removable: Annotated[
         bool, typer.Option("--removable", help="Every part can be taken out by straight moves.")
     ] = False,
@@ -96,7 +100,7 @@ def pack_command(
         ),
     ] = None,
     seed: SeedOption = 0,
-    workers: SearchesOption = 0,
+    workers: WorkersOption = 0,
     backend: SearchBackendOption = "threads",
     address: AddressOption = None,
 ) -> None:
@@ -125,6 +129,7 @@ def pack_command(
         insertable=insertable == "top",
         stable=None if stable is None else lengths(stable, 1, length)[0],
         boxes=boxes,
+        keep_out=keep_out or (),
         unit=length,
         reading=ReadSettings(unit, up, rotations, split),
         workers=workers,

@@ -9,9 +9,9 @@ from __future__ import annotations
 import importlib.util
 import io
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from packit_sim.parts.part import Part
 
 if TYPE_CHECKING:
     from packit_sim.parts.packed import PackedParts
+    from packit_sim.parts.prepared import PreparedPart
 
 SIZE = 1e4
 """The longest side of a box in the numbers that FCL gets: in small numbers it is not accurate."""
@@ -87,14 +88,22 @@ def check_originals(packed: PackedParts) -> Check:
             placed.append(_Placed(originals[one.type], pose, f"part {n} of box {number}"))
         for each in placed:
             problems += _outside(each, np.array(box.type.size), settings.wall_clearance)
-        found, distance = _conflicts(placed, settings.clearance)
+        found, distance = _conflicts(combinations(placed, 2), settings.clearance)
         problems += found
+        kept_free = [_kept_free(each, container.longest) for each in packed.task.keep_out]
+        problems += _conflicts(product(kept_free, placed), settings.clearance)[0]
         if distance is not None:
             distances.append(distance)
     how = "files read by trimesh, distances by FCL"
     if _has_manifold():
         how += ", shared volumes by manifold3d"
     return Check(tuple(problems), min(distances, default=None), how)
+
+
+def _kept_free(keep_out: PreparedPart, unit: float) -> _Placed:
+    """Return a volume that stays free, at its place in every box."""
+    scale = float(np.cbrt(np.linalg.det(keep_out.frame[:3, :3])))
+    return _Placed(_Original(keep_out.part, scale, unit), keep_out.frame, "kept free")
 
 
 def _has_manifold() -> bool:
@@ -203,10 +212,12 @@ def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
         yield f"{placed.name} reaches {depth:.3g} beyond {what}"
 
 
-def _conflicts(placed: Sequence[_Placed], clearance: float) -> tuple[list[str], float | None]:
+def _conflicts(
+    placed: Iterable[tuple[_Placed, _Placed]], clearance: float
+) -> tuple[list[str], float | None]:
     """Return the problems of pairs, and the smallest distance."""
     pairs = []
-    for one, other in combinations(placed, 2):
+    for one, other in placed:
         gaps = np.maximum(one.low, other.low) - np.minimum(one.high, other.high)
         pairs.append(
             (float(np.linalg.norm(np.maximum(gaps, 0))), bool((gaps < 0).all()), one, other)

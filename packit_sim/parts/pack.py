@@ -147,7 +147,19 @@ def _task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {problems[0].source}: {problems[0].reason}")
     reading = replace(reading, problems=tuple(problems))
-    return _without_tiny(PackTask(tuple(prepared), boxes, objective, settings)), reading
+    keep_out = _keep_out(settings, unit)
+    return _without_tiny(PackTask(tuple(prepared), boxes, objective, settings, keep_out)), reading
+
+
+def _keep_out(settings: PackSettings, unit: Unit) -> tuple[PreparedPart, ...]:
+    """Read and prepare the volumes that stay free; any that can't be read is an error."""
+    if not settings.keep_out:
+        return ()
+    found = find_parts(settings.keep_out, replace(settings.reading, split=False))
+    if found.problems:
+        first = found.problems[0]
+        raise ArgumentError(f"keep-out {first.source}: {first.reason}")
+    return tuple(prepare(each, unit, settings.accuracy) for each in found.parts)
 
 
 def _without_tiny(task: PackTask) -> PackTask:

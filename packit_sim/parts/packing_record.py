@@ -96,6 +96,14 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
                 }
             )
     task = packed.task
+    obstacles: list[dict[str, Any]] = []
+    taken = set(meshes.values())
+    for each in task.keep_out:
+        file = _write_mesh(each.part, folder / MESHES, taken)
+        files.append(file)
+        mesh = f"{MESHES}/{file.name}"
+        taken.add(mesh)
+        obstacles.append({"name": each.part.name, "mesh": mesh, "pose": each.frame.tolist()})
     record = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
         "box": list(packed.boxes[0].type.size),
@@ -106,6 +114,7 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
         "wall clearance": task.settings.wall_clearance,
         "objective": task.objective,
         "items": items,
+        "obstacles": obstacles,
         "left out": [vars(each) for each in packed.left_out],
         "files not read": [vars(each) for each in packed.problems],
         "summary": packed.summary(),
@@ -214,7 +223,7 @@ def _boxes(record: Mapping[str, Any], task: PackTask) -> tuple[FilledBox, ...]:
     found = []
     for name, own in zip(record["box names"], placements, strict=True):
         box = types[name]
-        packing = Packing(task.types, box.container, tuple(own), task.gap, "knapsack")
+        packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
         if problems := packing.problems():
             raise ValueError(problems[0])
         found.append(FilledBox(box, packing))

@@ -6,7 +6,7 @@ import math
 import signal
 import threading
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.nesting.containers import BoxContainer
+from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
@@ -67,6 +68,7 @@ class PackingSearch:
             If no valid packing was found.
         """
         self._stopped = threading.Event()
+        self._first = self.best
         fitting = [self._fits(n) for n in range(len(self.task.parts))]
         counts = {n: part.part.count for n, part in enumerate(self.task.parts) if fitting[n]}
         if not counts or self._is_done(self.best, counts):
@@ -84,7 +86,8 @@ class PackingSearch:
 
     def _search(self, counts: Mapping[int, int]) -> None:
         objective, first = self.task.objective, self.task.boxes[0]
-        if objective == "boxes" and len(self.task.boxes) == 1 and self._can_all_fit(counts):
+        is_one_size = len(self.task.boxes) == 1 and not self.task.keep_out
+        if objective == "boxes" and is_one_size and self._can_all_fit(counts):
             self._fill_together(first, counts)
         else:
             left = self._fill_one_by_one(counts)
@@ -132,7 +135,8 @@ class PackingSearch:
                     best = answer, found
                 self._offer(answer)
 
-        self._nest(self._inner(box), "knapsack", counts, seconds, better)
+        start = self._earlier(box, len(full))
+        self._nest(self._inner(box), "knapsack", counts, seconds, better, start)
         if best is None or len(best[0].boxes) <= len(full):
             return None
         return best[0].boxes[-1]
@@ -151,14 +155,22 @@ class PackingSearch:
 
     def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
         """Search for the least height of all parts, below the box's."""
-        x, y, z = self._inner(box).size
+        inner = self._inner(box)
+        x, y, z = inner.size
 
         def better(packing: Packing) -> None:
             if packing.height <= z:
-                packing = replace(packing, container=self._inner(box), objective="knapsack")
+                packing = replace(packing, container=inner, objective="knapsack")
                 self._offer(Answer.of(self.task, self._in_boxes(packing, box)))
 
-        self._nest(BoxContainer((x, y, math.inf)), "strip", counts, self._left, better)
+        strip = BoxContainer((x, y, math.inf), inner.obstacles)
+        self._nest(strip, "strip", counts, self._left, better, self._earlier(box, 0))
+
+    def _earlier(self, box: BoxType, number: int) -> FilledBox | None:
+        """Return the box of this number in the packing that the search began with."""
+        if number >= len(self._first.boxes) or self._first.boxes[number].type != box:
+            return None
+        return self._first.boxes[number]
 
     def _nest(
         self,
@@ -167,6 +179,7 @@ class PackingSearch:
         counts: Mapping[int, int],
         seconds: float,
         better: Callable[[Packing], None],
+        start: FilledBox | None = None,
     ) -> None:
         """Nest some of the parts; the packings' types are those of all parts."""
         task, settings = self.task, self.task.settings
@@ -190,8 +203,25 @@ class PackingSearch:
             self.seed,
             task.gap,
             of_all,
-            NestSettings(settings.workers, settings.backend, settings.address, settings.iterations),
+            NestSettings(
+                settings.workers,
+                settings.backend,
+                settings.address,
+                settings.iterations,
+                start=None if start is None else self._start(start, types, numbers),
+            ),
         )
+
+    def _start(self, box: FilledBox, types: Sequence[ItemType], numbers: Sequence[int]) -> Packing:
+        """Move the parts of a box into the inner container, as a packing of some types."""
+        shift = np.eye(4)
+        shift[:3, 3] = -self.task.margin
+        placements = [
+            Placement(numbers.index(one.type), shift @ one.pose)
+            for one in box.packing.placements
+            if one.type in numbers
+        ]
+        return Packing(tuple(types), self._inner(box.type), tuple(placements), 0.0, "knapsack")
 
     def _in_boxes(self, packing: Packing, box: BoxType) -> list[FilledBox]:
         """Move a packing from the inner containers into its boxes."""
@@ -203,7 +233,13 @@ class PackingSearch:
         return [
             FilledBox(
                 box,
-                Packing(self.task.types, box.container, tuple(found[n]), self.task.gap, "knapsack"),
+                Packing(
+                    self.task.types,
+                    self.task.container(box),
+                    tuple(found[n]),
+                    self.task.gap,
+                    "knapsack",
+                ),
             )
             for n in sorted(found)
         ]
@@ -215,8 +251,12 @@ class PackingSearch:
                 self.callback(answer)
 
     def _inner(self, box: BoxType) -> BoxContainer:
-        x, y, z = (side - 2 * self.task.margin for side in box.size)
-        return BoxContainer((x, y, z))
+        margin = self.task.margin
+        x, y, z = (side - 2 * margin for side in box.size)
+        obstacles = self.task.container(box).obstacles
+        return BoxContainer(
+            (x, y, z), tuple(replace(each, vertices=each.vertices - margin) for each in obstacles)
+        )
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:
         own = sides(self.task.parts[number])

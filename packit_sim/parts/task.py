@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal, get_args
 
 from packit_sim.core.caches import cached_property
@@ -13,11 +14,13 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import SearchBackend
 from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import validity
+from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import Constraint
 from packit_sim.parts.dropping import Dropping
+from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import PreparedPart, largest_sum
 from packit_sim.parts.requirements import Requirements
@@ -54,6 +57,9 @@ class PackSettings:
         Whether every part can be put in straight down, in some order.
     stable : float, optional
         The largest distance that a part may move under gravity at any stage of packing.
+    keep_out : sequence of Part, Path or str
+        Volumes that stay free in every box, as meshes in the box's coordinates: parts keep the
+        clearance from them.
     constraints : sequence of Constraint
         What else every packing must fulfil; parts that break a constraint are left out.
     workers : int
@@ -80,6 +86,7 @@ class PackSettings:
     removable: bool = False
     insertable: bool = False
     stable: float | None = None
+    keep_out: Sequence[Part | Path | str] = ()
     constraints: Sequence[Constraint] = ()
     workers: int = 0
     backend: SearchBackend = "threads"
@@ -111,12 +118,15 @@ class PackTask:
         One of `GOALS`.
     settings : PackSettings
         The settings.
+    keep_out : tuple of PreparedPart
+        The volumes that stay free in every box.
     """
 
     parts: tuple[PreparedPart, ...]
     boxes: tuple[BoxType, ...]
     objective: Goal
     settings: PackSettings
+    keep_out: tuple[PreparedPart, ...] = ()
 
     def __post_init__(self) -> None:
         if self.objective not in GOALS:
@@ -192,16 +202,24 @@ class PackTask:
         return max(
             (
                 validity.tolerance(longest, float(each.item_type.extents.max()))
-                for each in self.parts
+                for each in (*self.parts, *self.keep_out)
             ),
             default=0.0,
         )
+
+    def container(self, box: BoxType) -> BoxContainer:
+        """Return a box with the volumes that stay free."""
+        return BoxContainer(box.size, tuple(each.item_type for each in self.keep_out))
 
     @cached_property
     def gap(self) -> float:
         """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
         clearance = self.settings.clearance
-        return clearance + largest_sum(self.parts) + (self.tolerance if clearance else 0.0)
+        return (
+            clearance
+            + largest_sum((*self.parts, *self.keep_out))
+            + (self.tolerance if clearance else 0.0)
+        )
 
     @cached_property
     def margin(self) -> float:
@@ -220,8 +238,9 @@ class PackTask:
         constraints = list(map(repr, settings.constraints))
         text = repr((self.objective, numbers, boxes, wishes, constraints))
         sha = hashlib.sha256(text.encode())
-        for each in self.parts:
+        for each in (*self.parts, *self.keep_out):
             sha.update(each.part.digest.encode())
+        sha.update(str(len(self.keep_out)).encode())
         return sha.hexdigest()
 
     @cached_property
