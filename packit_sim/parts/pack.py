@@ -155,10 +155,13 @@ def _keep_out(settings: PackSettings, unit: Unit) -> tuple[PreparedPart, ...]:
     """Read and prepare the volumes that stay free; any that can't be read is an error."""
     if not settings.keep_out:
         return ()
-    found = find_parts(settings.keep_out, replace(settings.reading, split=False))
+    try:
+        found = find_parts(settings.keep_out, replace(settings.reading, split=False))
+    except ArgumentError as error:
+        raise ArgumentError(f"keep-out: {error}") from None
     if found.problems:
         first = found.problems[0]
-        raise ArgumentError(f"keep-out {first.source}: {first.reason}")
+        raise ArgumentError(f"keep-out: {first.source}: {first.reason}")
     return tuple(prepare(each, unit, settings.accuracy) for each in found.parts)
 
 
