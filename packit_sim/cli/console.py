@@ -74,13 +74,9 @@ PiecesOption = Annotated[
     Method, typer.Option(help="Method that decomposes shapes into convex pieces.")
 ]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Number of workers; 0: one per core.")]
-BackendOption = Annotated[
-    BackendName, typer.Option(help="Where the workers run: on this machine, or a Ray cluster.")
-]
-SearchBackendOption = Annotated[
-    SearchBackend,
-    typer.Option(help="Where the workers run: on this machine, or a Ray cluster."),
-]
+_WHERE = typer.Option(help="Where the workers run: on this machine, or a Ray cluster.")
+BackendOption = Annotated[BackendName, _WHERE]
+SearchBackendOption = Annotated[SearchBackend, _WHERE]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
 
 

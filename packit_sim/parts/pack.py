@@ -10,6 +10,7 @@ from pathlib import Path
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.libraries.mesh_files import Unit
+from packit_sim.nesting.rotation_sets import FIXED
 from packit_sim.parts.answers import Answer
 from packit_sim.parts.box_types import BoxType, box_types
 from packit_sim.parts.packed import LeftOut, PackedParts
@@ -156,7 +157,8 @@ def _keep_out(settings: PackSettings, unit: Unit) -> tuple[PreparedPart, ...]:
     if not settings.keep_out:
         return ()
     try:
-        found = find_parts(settings.keep_out, replace(settings.reading, split=False))
+        reading = replace(settings.reading, split=False, rotations=FIXED)
+        found = find_parts(settings.keep_out, reading)
     except ArgumentError as error:
         raise ArgumentError(f"keep-out: {error}") from None
     if found.problems:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
@@ -253,10 +254,13 @@ class PackingSearch:
     def _inner(self, box: BoxType) -> BoxContainer:
         margin = self.task.margin
         x, y, z = (side - 2 * margin for side in box.size)
-        obstacles = self.task.container(box).obstacles
-        return BoxContainer(
-            (x, y, z), tuple(replace(each, vertices=each.vertices - margin) for each in obstacles)
-        )
+        return BoxContainer((x, y, z), self._obstacles)
+
+    @cached_property
+    def _obstacles(self) -> tuple[ItemType, ...]:
+        """The volumes that stay free, in the coordinates of the inner container."""
+        own = (each.item_type for each in self.task.keep_out)
+        return tuple(replace(each, vertices=each.vertices - self.task.margin) for each in own)
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:
         own = sides(self.task.parts[number])
