@@ -118,14 +118,15 @@ def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses
     return Poses.of(state)
 
 
-def least_heights(problem: Problem, size: Sequence[float]) -> Floats:
-    """Return the least height of each type (t,) in a box, infinite if it fits in no rotation."""
+def least_heights(problem: Problem, task: Task) -> Floats:
+    """Return the least height of each item (n,) in the container, infinite if it does not fit."""
     lookup = problem.lookup
     sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
-    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
+    fits = (sides <= np.array(task.size) + lookup.slack).all(axis=2)
     heights = np.where(fits, sides[..., 2], np.inf)
     rows = zip(heights, problem.allowed, problem.allowed_counts, strict=True)
-    return np.array([own[allowed[:count]].min() for own, allowed, count in rows])
+    found = np.array([own[allowed[:count]].min() for own, allowed, count in rows])
+    return found[task.numbers[: task.count]]
 
 
 def with_random_poses(

@@ -65,9 +65,7 @@ class KnapsackSearch(Search):
             self._good = self._current = solution.poses
 
     def _constructed(self, problem: Problem) -> Solution:
-        numbers = self._task.numbers[: self._task.count]
-        heights = least_heights(problem, self._task.size)[numbers]
-        self._fits = np.isfinite(heights)
+        self._fits = np.isfinite(least_heights(problem, self._task))
         solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
         self._good = self._current = self._own(solution.poses)
         return solution

@@ -58,8 +58,7 @@ class StripSearch(Search):
                 self._attempt = None
 
     def _constructed(self, problem: Problem) -> Solution:
-        numbers = self._task.numbers[: self._task.count]
-        self._heights = least_heights(problem, self._task.size)[numbers]
+        self._heights = least_heights(problem, self._task)
         solution = self._solution(
             problem, constructed(problem, self._task, [self._task.size], self._rng)
         )
