@@ -513,7 +513,7 @@ def test_stable_parts_are_written_where_they_rest() -> None:
     """A ball touches a floor in one point: it rests, and the wall keeps it from rolling away."""
     parts = [slab(18, 9, 3, count=2), Part("ball", creation.icosphere(2, 4.0), mass=20.0)]
     settings = replace(QUICK, stable=3.0, insertable=True)
-    packed = pack(parts, (20, 10, 20), settings=settings)
+    packed = pack(parts, (20, 10, 15), settings=settings)
     assert packed.verify() == []
     packing = packed.boxes[0].packing
     assert packing.placements
@@ -579,6 +579,52 @@ def test_a_keep_out_that_can_not_be_read_is_an_error(tmp_path) -> None:
         settings = replace(QUICK, keep_out=[tmp_path / name])
         with pytest.raises(ArgumentError, match=f"keep-out.*{name}"):
             pack([cube(5)], (10, 10, 10), settings=settings)
+
+
+def shelf(folder: Path, **options: Any) -> Part:
+    """A board of 20 x 10 x 2 mm, 6.5 mm above the floor of a box of 20 x 10 x 15 mm."""
+    file = folder / "shelf.stl"
+    creation.box((20, 10, 2)).apply_translation((10, 5, 7.5)).export(file)
+    return Part("shelf", trimesh.load_mesh(file), file=file, **options)
+
+
+def test_parts_are_packed_around_a_fixed_part_and_rest_on_it(tmp_path) -> None:
+    settings = replace(QUICK, fixed=[shelf(tmp_path)], stable=1.0, removable=True)
+    out = tmp_path / "out"
+    packed = pack([cube(6, count=4)], (20, 10, 15), settings=settings, out=out)
+    assert packed.verify() == [] and verify_packing(out / "packing.json").holds
+    low = sorted(box.packing.vertices(one)[:, 2].min() for box, one in packed.placements)
+    assert np.array(low) == pytest.approx([8.5] * packed.count, abs=0.01)  # under it: stuck
+    assert packed.count >= 2 and "in the way" in packed.left_out[0].reason
+    scene = trimesh.load_scene(out / "packing.3mf")
+    assert sorted(scene.graph.nodes_geometry)[-1] == "fixed 01 shelf"
+    assert sorted(scene.graph.nodes_geometry)[:2] == ["01 cube", "02 cube"]
+    low, high = scene.bounds
+    assert (low[2], high[2]) == pytest.approx((6.5, 14.5), abs=0.01)
+    (obstacle,) = json.loads((out / "packing.json").read_text())["obstacles"]
+    assert (obstacle["name"], obstacle["is part"]) == ("shelf", True)
+    pages = packed.instructions(out / "instructions.html").read_text()
+    assert f"step {packed.count} of {packed.count}" in pages and "shelf" not in pages
+    assert pack([cube(6, count=4)], (20, 10, 15), settings=settings, out=out).searches == 2
+
+
+def test_nothing_rests_on_a_fixed_part_that_may_carry_nothing(tmp_path) -> None:
+    settings = replace(QUICK, fixed=[shelf(tmp_path, no_stack=True)])
+    packed = pack([cube(6, count=4)], (20, 10, 15), settings=settings)
+    assert packed.count == 3 and packed.height < 6.01
+    assert "shelf" in packed.left_out[0].reason
+
+
+def test_fixed_parts_that_are_not_possible_are_errors(tmp_path) -> None:
+    for fixed, box, boxes, match in (
+        (shelf(tmp_path), (19, 10, 20), None, "'shelf' reaches 1 mm beyond the box"),
+        (shelf(tmp_path), (20, 10, 20), 2, "parts that are fixed need one box"),
+        (shelf(tmp_path, count=2), (20, 10, 20), None, "'shelf' has one place"),
+        (tmp_path / "none.stl", (20, 10, 20), None, "fixed: .*none.stl"),
+    ):
+        settings = replace(QUICK, fixed=[fixed], boxes=boxes)
+        with pytest.raises(ArgumentError, match=match):
+            pack([cube(5)], box, settings=settings)
 
 
 def test_a_search_goes_on_from_the_packing_in_the_folder(tmp_path, monkeypatch) -> None:

@@ -101,7 +101,7 @@ def test_parts_return_that_violate_nothing_any_more() -> None:
 
 
 def test_a_constraint_of_a_search_names_the_parts_to_take_out() -> None:
-    constraint = Dropping(Requirements(removable=True))
+    constraint = Dropping(Requirements(removable=True), lambda packing: packing)
     packing = packed(BALL, CAGE)
     taken = constraint.taken_out(packing)
     assert len(taken) == 1

@@ -58,6 +58,10 @@ def pack_command(
         list[str] | None,
         typer.Option(help="Mesh file of a volume that stays free, in the box's coordinates."),
     ] = None,
+    fixed: Annotated[
+        list[str] | None,
+        typer.Option(help="Mesh file of a part in the box already, in the box's coordinates."),
+    ] = None,
     removable: Annotated[
         bool, typer.Option("--removable", help="Every part can be taken out by straight moves.")
     ] = False,
@@ -130,6 +134,7 @@ def pack_command(
         stable=None if stable is None else lengths(stable, 1, length)[0],
         boxes=boxes,
         keep_out=keep_out or (),
+        fixed=fixed or (),
         unit=length,
         reading=ReadSettings(unit, up, rotations, split),
         workers=workers,

@@ -99,15 +99,17 @@ class Answer:
             return self
         boxes = []
         for box in self.boxes:
-            packing = box.packing
-            if requirements.stable is not None and packing.clearance == 0:
-                settled = settled_down(packing)
+            whole = task.with_fixed(box.packing)
+            first = len(requirements.fixed)
+            if requirements.stable is not None and whole.clearance == 0:
+                settled = settled_down(whole, requirements.fixed)
+                own = replace(box.packing, placements=settled.placements[first:])
                 rest = replace(requirements, stable=None)
-                if not (settled.problems() or violations(settled, rest)):
-                    packing = settled
-            order = packing_order(packing, requirements)
-            placements = tuple(packing.placements[n] for n in order)
-            boxes.append(replace(box, packing=replace(packing, placements=placements)))
+                if not (own.problems() or violations(settled, rest)):
+                    whole = settled
+            order = packing_order(whole, requirements)[first:]
+            placements = tuple(whole.placements[n] for n in order)
+            boxes.append(replace(box, packing=replace(box.packing, placements=placements)))
         return replace(self, boxes=tuple(boxes))
 
     def counts(self, task: PackTask) -> dict[int, int]:

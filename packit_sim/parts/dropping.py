@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from packit_sim.core.errors import ArgumentError
@@ -65,9 +65,13 @@ class Dropping:
     ----------
     requirements : Requirements
         What packings must meet.
+    with_fixed : callable
+        Adds the parts that the requirements have as fixed, which packings of the search lack, as
+        the first placements.
     """
 
     requirements: Requirements
+    with_fixed: Callable[[Packing], Packing]
 
     def taken_out(self, packing: Packing) -> Mapping[int, str]:
         """Choose the parts to take out of a packing, as `drop_violations`.
@@ -82,7 +86,9 @@ class Dropping:
         mapping of int to str
             The reason for each part to take out, by the number of its placement.
         """
-        return {one.part: one.reason for one in drop_violations(packing, self.requirements).dropped}
+        found = drop_violations(self.with_fixed(packing), self.requirements)
+        first = len(self.requirements.fixed)
+        return {one.part - first: one.reason for one in found.dropped}
 
 
 def drop_violations(packing: Packing, requirements: Requirements) -> Reduced:

@@ -71,7 +71,7 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
                 file.write(data)
             files.append(path)
         path = folder / f"{stem}.png"
-        draw(box.packing, path)
+        draw(packed.contents(box), path)
         files.append(path)
     try:
         files.append(write_page(packed, folder / "packing.html"))
@@ -82,12 +82,12 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
 
 def names(packed: PackedParts, box: FilledBox) -> list[str]:
     """Return a unique ASCII name for each part in a box, such as "03 bracket"."""
-    placements = box.packing.placements
+    placements, fixed = packed.contents(box).placements, len(packed.task.fixed)
     digits = max(2, len(str(len(placements))))
-    return [
-        f"{n:0{digits}d} {plain(packed.part(one).part.name)}"
-        for n, one in enumerate(placements, start=1)
-    ]
+    numbers = [f"fixed {n:0{digits}d}" for n in range(1, fixed + 1)]
+    numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
+    own = [plain(packed.part(one).part.name) for one in placements]
+    return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
 
 
 def _encoded(packed: PackedParts, box: FilledBox, suffix: str) -> bytes | None:
@@ -96,14 +96,15 @@ def _encoded(packed: PackedParts, box: FilledBox, suffix: str) -> bytes | None:
         return _glb(packed, box)
     if suffix == "3mf":
         return bytes(_scene(packed, box, "mm").export(file_type="3mf"))
-    triangles = sum(len(packed.part(one).part.mesh.faces) for one in box.packing.placements)
+    placements = packed.contents(box).placements
+    triangles = sum(len(packed.part(one).part.mesh.faces) for one in placements)
     if triangles > MOST_TRIANGLES:
         return None
     return bytes(_scene(packed, box, "mm").to_mesh().export(file_type="stl"))
 
 
 def _glb(packed: PackedParts, box: FilledBox) -> bytes:
-    colors = by_item([one.item for one in shown(box.packing).placed]).of
+    colors = by_item([one.item for one in shown(packed.contents(box)).placed]).of
     scene = _scene(packed, box, "m", colors, Y_UP)
     return bytes(scene.export(file_type="glb"))
 
@@ -122,7 +123,7 @@ def _scene(
         scene.graph.update(frame_from=parent, frame_to="box", matrix=frame)
         parent = "box"
     for n, (name, number, pose) in enumerate(_posed(packed, box, unit)):
-        part, own_type = packed.task.parts[number].part, packed.task.types[number]
+        part, own_type = packed.task.all_parts[number].part, packed.task.types[number]
         own = f"{number:03d} {plain(part.name)}"
         middle = (own_type.low + own_type.high) / 2 * factor(packed.task.unit, unit)
         pose[:3, 3] += pose[:3, :3] @ middle  # GLB has single precision: few digits far from 0
@@ -141,7 +142,7 @@ def _scene(
 def _posed(packed: PackedParts, box: FilledBox, unit: Unit) -> Iterator[tuple[str, int, Floats]]:
     """Yield each part's name and number, and its pose with lengths in a unit."""
     length = factor(packed.task.unit, unit)
-    for name, one in zip(names(packed, box), box.packing.placements, strict=True):
+    for name, one in zip(names(packed, box), packed.contents(box).placements, strict=True):
         pose = np.array(one.pose)
         pose[:3, 3] *= length
         yield name, one.type, pose

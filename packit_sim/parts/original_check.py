@@ -90,8 +90,11 @@ def check_originals(packed: PackedParts) -> Check:
             problems += _outside(each, np.array(box.type.size), settings.wall_clearance)
         found, distance = _conflicts(combinations(placed, 2), settings.clearance)
         problems += found
-        kept_free = [_kept_free(each, container.longest) for each in packed.task.keep_out]
-        problems += _conflicts(product(kept_free, placed), settings.clearance)[0]
+        around = [
+            *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
+            *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
+        ]
+        problems += _conflicts(product(around, placed), settings.clearance)[0]
         if distance is not None:
             distances.append(distance)
     how = "files read by trimesh, distances by FCL"
@@ -100,10 +103,10 @@ def check_originals(packed: PackedParts) -> Check:
     return Check(tuple(problems), min(distances, default=None), how)
 
 
-def _kept_free(keep_out: PreparedPart, unit: float) -> _Placed:
-    """Return a volume that stays free, at its place in every box."""
-    scale = float(np.cbrt(np.linalg.det(keep_out.frame[:3, :3])))
-    return _Placed(_Original(keep_out.part, scale, unit), keep_out.frame, "kept free")
+def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
+    """Return an obstacle, whose file has the coordinates of the box."""
+    scale = float(np.cbrt(np.linalg.det(part.frame[:3, :3])))
+    return _Placed(_Original(part.part, scale, unit), part.frame, where)
 
 
 def _has_manifold() -> bool:

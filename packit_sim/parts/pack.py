@@ -148,23 +148,31 @@ def _task(
     if not prepared:
         raise ArgumentError(f"no part can be packed: {problems[0].source}: {problems[0].reason}")
     reading = replace(reading, problems=tuple(problems))
-    keep_out = _keep_out(settings, unit)
-    return _without_tiny(PackTask(tuple(prepared), boxes, objective, settings, keep_out)), reading
+    keep_out = _in_place("keep-out", settings.keep_out, settings, unit)
+    fixed = _in_place("fixed", settings.fixed, settings, unit)
+    task = PackTask(tuple(prepared), boxes, objective, settings, keep_out, fixed)
+    return _without_tiny(task), reading
 
 
-def _keep_out(settings: PackSettings, unit: Unit) -> tuple[PreparedPart, ...]:
-    """Read and prepare the volumes that stay free; any that can't be read is an error."""
-    if not settings.keep_out:
+def _in_place(
+    name: str, sources: Sequence[Part | Path | str], settings: PackSettings, unit: Unit
+) -> tuple[PreparedPart, ...]:
+    """Read and prepare meshes that have a place in the box; any that can't be used is an error."""
+    if not sources:
         return ()
     try:
         reading = replace(settings.reading, split=False, rotations=FIXED)
-        found = find_parts(settings.keep_out, reading)
+        found = find_parts(sources, reading)
     except ArgumentError as error:
-        raise ArgumentError(f"keep-out: {error}") from None
+        raise ArgumentError(f"{name}: {error}") from None
     if found.problems:
         first = found.problems[0]
-        raise ArgumentError(f"keep-out: {first.source}: {first.reason}")
-    return tuple(prepare(each, unit, settings.accuracy) for each in found.parts)
+        raise ArgumentError(f"{name}: {first.source}: {first.reason}")
+    for each in found.parts:
+        if each.count > 1:
+            raise ArgumentError(f"{name}: part {each.name!r} has one place, not {each.count}")
+    parts = [replace(each, rotations=FIXED) for each in found.parts]
+    return tuple(prepare(each, unit, settings.accuracy) for each in parts)
 
 
 def _without_tiny(task: PackTask) -> PackTask:

@@ -11,12 +11,14 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
+from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.original_check import Check, check_originals
 from packit_sim.parts.part_files import Problem
 from packit_sim.parts.part_sizes import shown
 from packit_sim.parts.prepared import PreparedPart
+from packit_sim.parts.requirements import Requirements
 from packit_sim.parts.task import PackTask
 
 if TYPE_CHECKING:
@@ -71,7 +73,11 @@ class PackedParts:
 
     def part(self, placement: Placement) -> PreparedPart:
         """Return the part of a placement."""
-        return self.task.parts[placement.type]
+        return self.task.all_parts[placement.type]
+
+    def contents(self, box: FilledBox) -> Packing:
+        """Return what is in a box: the fixed parts, and then those that were packed."""
+        return self.task.with_fixed(box.packing)
 
     def pose(self, placement: Placement) -> Floats:
         """Return the matrix (4, 4) from the coordinates in a part's file to those of its box."""
@@ -259,10 +265,12 @@ class PackedParts:
         from packit_sim.parts.instructions import write_instructions
 
         boxes = [
-            (f"Box {n}: {box.type.name}" if len(self.boxes) > 1 else "Box", box.packing)
+            (f"Box {n}: {box.type.name}" if len(self.boxes) > 1 else "Box", self.contents(box))
             for n, box in enumerate(self.boxes, start=1)
         ]
-        return write_instructions(path, boxes, self.task.unit)
+        fixed = frozenset(range(len(self.task.fixed)))
+        requirements = self.task.requirements or Requirements(fixed=fixed)
+        return write_instructions(path, boxes, self.task.unit, requirements=requirements)
 
     def view(self, box: int = 0, port: int | None = None) -> Viewer:
         """Show a box on a local, interactive web page.
@@ -287,4 +295,4 @@ class PackedParts:
         from packit_sim.parts.box_pictures import shown
         from packit_sim.viewer.viewer import Viewer
 
-        return Viewer(shown(self.boxes[box].packing), port=port)
+        return Viewer(shown(self.contents(self.boxes[box])), port=port)

@@ -46,11 +46,11 @@ def write_page(packed: PackedParts, path: Path) -> Path:
     models = Models()
     boxes = []
     for box in packed.boxes:
-        state = shown(box.packing)
+        state = shown(packed.contents(box))
         number = models.add(
             state.cells, state.placed, plain_sum(p.item.volume for p in state.placed)
         )
-        boxes.append({"name": box.type.name, "model": number, "count": len(state.placed)})
+        boxes.append({"name": box.type.name, "model": number, "count": len(box.packing.placements)})
     placed = packed.task.counts([one for _, one in packed.placements])
     parts = [
         {

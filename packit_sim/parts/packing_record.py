@@ -98,12 +98,13 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
     task = packed.task
     obstacles: list[dict[str, Any]] = []
     taken = set(meshes.values())
-    for each in task.keep_out:
+    for each in task.obstacles:
         file = _write_mesh(each.part, folder / MESHES, taken)
         files.append(file)
         mesh = f"{MESHES}/{file.name}"
         taken.add(mesh)
-        obstacles.append({"name": each.part.name, "mesh": mesh, "pose": each.frame.tolist()})
+        what = {"name": each.part.name, "is part": each in task.fixed}
+        obstacles.append({**what, "mesh": mesh, "pose": each.frame.tolist()})
     record = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
         "box": list(packed.boxes[0].type.size),

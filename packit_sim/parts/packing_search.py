@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import signal
 import threading
@@ -29,6 +30,12 @@ _FULL = 0.6
 
 _SHORTEST = 0.05
 """Seconds that a box gets at least."""
+
+_REPEATS = 4
+"""Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_NEXT_SEED = 1000
+"""Between the seeds of searches for a box; an earlier answer's next search adds 1."""
 
 
 @dataclass(eq=False)
@@ -87,7 +94,7 @@ class PackingSearch:
 
     def _search(self, counts: Mapping[int, int]) -> None:
         objective, first = self.task.objective, self.task.boxes[0]
-        is_one_size = len(self.task.boxes) == 1 and not self.task.keep_out
+        is_one_size = len(self.task.boxes) == 1 and not self.task.obstacles
         if objective == "boxes" and is_one_size and self._can_all_fit(counts):
             self._fill_together(first, counts)
         else:
@@ -126,6 +133,7 @@ class PackingSearch:
     ) -> FilledBox | None:
         """Fill one box; return its best contents, or None if nothing goes in."""
         best: tuple[Answer, FilledBox] | None = None
+        total = sum(counts.values()) + sum(len(each.packing.placements) for each in full)
 
         def better(packing: Packing) -> None:
             nonlocal best
@@ -136,8 +144,18 @@ class PackingSearch:
                     best = answer, found
                 self._offer(answer)
 
+        end = clock.perf_counter() + seconds
         start = self._earlier(box, len(full))
-        self._nest(self._inner(box), "knapsack", counts, seconds, better, start)
+        for number in range(_REPEATS) if self.task.settings.iterations else itertools.count():
+            before = clock.perf_counter()
+            seed = self.seed + _NEXT_SEED * number
+            self._nest(self._inner(box), "knapsack", counts, end - before, better, start, seed)
+            start = None
+            now = clock.perf_counter()
+            is_over = self._stopped.is_set() or now + (now - before) > end
+            is_all = best is not None and sum(best[0].counts(self.task).values()) == total
+            if is_over or is_all or not self.task.constraints:
+                break
         if best is None or len(best[0].boxes) <= len(full):
             return None
         return best[0].boxes[-1]
@@ -181,6 +199,7 @@ class PackingSearch:
         seconds: float,
         better: Callable[[Packing], None],
         start: FilledBox | None = None,
+        seed: int | None = None,
     ) -> None:
         """Nest some of the parts; the packings' types are those of all parts."""
         task, settings = self.task, self.task.settings
@@ -201,7 +220,7 @@ class PackingSearch:
             container,
             objective,
             max(seconds, _SHORTEST),
-            self.seed,
+            self.seed if seed is None else seed,
             task.gap,
             of_all,
             NestSettings(
@@ -258,8 +277,8 @@ class PackingSearch:
 
     @cached_property
     def _obstacles(self) -> tuple[ItemType, ...]:
-        """The volumes that stay free, in the coordinates of the inner container."""
-        own = (each.item_type for each in self.task.keep_out)
+        """What the parts keep clear of, in the coordinates of the inner container."""
+        own = (each.item_type for each in self.task.obstacles)
         return tuple(replace(each, vertices=each.vertices - self.task.margin) for each in own)
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:

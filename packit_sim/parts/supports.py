@@ -162,13 +162,15 @@ def stacking_of(
     )
 
 
-def settled_down(packing: Packing) -> Packing:
+def settled_down(packing: Packing, fixed: Collection[int] = ()) -> Packing:
     """Move all parts straight down until each rests on the floor or on another part.
 
     Parameters
     ----------
     packing : Packing
         A packing without a clearance.
+    fixed : collection of int
+        Numbers of placements that stay where they are.
 
     Returns
     -------
@@ -184,7 +186,7 @@ def settled_down(packing: Packing) -> Packing:
         raise ArgumentError(
             f"a packing with a clearance of {packing.clearance:g} can't settle: parts would touch"
         )
-    found = stacking(packing)
+    found = stacking(packing, fixed=fixed)
     placements = []
     for placement, drop in zip(packing.placements, found.drops, strict=True):
         pose = placement.pose.copy()

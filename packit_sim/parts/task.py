@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
@@ -16,6 +18,7 @@ from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import Constraint
@@ -60,6 +63,9 @@ class PackSettings:
     keep_out : sequence of Part, Path or str
         Volumes that stay free in every box, as meshes in the box's coordinates: parts keep the
         clearance from them.
+    fixed : sequence of Part, Path or str
+        Parts that are in the box already, as meshes in its coordinates. Others keep the clearance
+        from them and may rest on them.
     constraints : sequence of Constraint
         What else every packing must fulfil; parts that break a constraint are left out.
     workers : int
@@ -87,6 +93,7 @@ class PackSettings:
     insertable: bool = False
     stable: float | None = None
     keep_out: Sequence[Part | Path | str] = ()
+    fixed: Sequence[Part | Path | str] = ()
     constraints: Sequence[Constraint] = ()
     workers: int = 0
     backend: SearchBackend = "threads"
@@ -120,6 +127,8 @@ class PackTask:
         The settings.
     keep_out : tuple of PreparedPart
         The volumes that stay free in every box.
+    fixed : tuple of PreparedPart
+        The parts that are in the box already.
     """
 
     parts: tuple[PreparedPart, ...]
@@ -127,6 +136,7 @@ class PackTask:
     objective: Goal
     settings: PackSettings
     keep_out: tuple[PreparedPart, ...] = ()
+    fixed: tuple[PreparedPart, ...] = ()
 
     def __post_init__(self) -> None:
         if self.objective not in GOALS:
@@ -137,6 +147,16 @@ class PackTask:
             raise ArgumentError("the objective height needs one box: choose boxes for several")
         if self.objective == "value" and all(each.part.value is None for each in self.parts):
             raise ArgumentError("the objective value needs parts with a value, from a manifest")
+        if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
+            raise ArgumentError("parts that are fixed need one box: they are only in that one")
+        for each in self.fixed:
+            low, high = each.item_type.low, each.item_type.high
+            depth = float(np.maximum(-low, high - self.boxes[0].size).max())
+            if not depth <= self.tolerance:
+                raise ArgumentError(
+                    f"fixed: part {each.part.name!r} reaches {depth:.4g} {self.unit} beyond the "
+                    "box: choose a keep-out for what is not inside it"
+                )
         margin = self.margin
         for box in self.boxes:
             if min(box.size) <= 2 * margin:
@@ -151,29 +171,41 @@ class PackTask:
 
     @cached_property
     def types(self) -> tuple[ItemType, ...]:
-        """The types of items, one for each part, with what one of it is worth as its value."""
+        """The types of items, one for each part, with what one of it is worth as its value.
+
+        Those of fixed parts follow.
+        """
         found = []
         for each, weight in zip(self.parts, self.weights, strict=True):
             own = replace(each.item_type, value=weight)
             vars(own)["volume"] = each.volume
             found.append(own)
-        return tuple(found)
+        return (*found, *(each.item_type for each in self.fixed))
+
+    @property
+    def all_parts(self) -> tuple[PreparedPart, ...]:
+        """The parts, and then those that are fixed."""
+        return (*self.parts, *self.fixed)
+
+    @property
+    def obstacles(self) -> tuple[PreparedPart, ...]:
+        """What the parts keep clear of: volumes that stay free, and fixed parts."""
+        return (*self.keep_out, *self.fixed)
 
     @cached_property
     def requirements(self) -> Requirements | None:
         """What the parts of each box must meet besides being valid, if anything."""
         settings = self.settings
-        parts = [each.part for each in self.parts]
+        parts = [each.part for each in self.all_parts]
         max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
         no_stack = frozenset(n for n, one in enumerate(parts) if one.no_stack)
         wishes = (settings.removable, settings.insertable, settings.stable is not None)
         if not (any(wishes) or no_stack or max_loads):
             return None
-        masses = [each.mass for each in self.parts]
-        for part, mass in zip(parts, masses, strict=True):
-            if max_loads and mass is None:
+        for each in self.parts:
+            if max_loads and each.mass is None:
                 raise ArgumentError(
-                    f"load limits need masses: part {part.name!r} has no mass or density"
+                    f"load limits need masses: part {each.part.name!r} has no mass or density"
                 )
         centimetres = UNITS_CM[self.unit]
         return Requirements(
@@ -183,16 +215,17 @@ class PackTask:
             no_stack=no_stack,
             max_loads=max_loads,
             masses=tuple(
-                each.volume * centimetres**3 if mass is None else mass
-                for each, mass in zip(self.parts, masses, strict=True)
+                each.volume * centimetres**3 if each.mass is None else each.mass
+                for each in self.all_parts
             ),
+            fixed=frozenset(range(len(self.fixed))),
             metres=centimetres / 100,
         )
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """What each better packing of the search must fulfil."""
-        own = () if self.requirements is None else (Dropping(self.requirements),)
+        own = () if self.requirements is None else (Dropping(self.requirements, self.with_fixed),)
         return (*own, *self.settings.constraints)
 
     @cached_property
@@ -202,14 +235,22 @@ class PackTask:
         return max(
             (
                 validity.tolerance(longest, float(each.item_type.extents.max()))
-                for each in (*self.parts, *self.keep_out)
+                for each in (*self.parts, *self.obstacles)
             ),
             default=0.0,
         )
 
     def container(self, box: BoxType) -> BoxContainer:
-        """Return a box with the volumes that stay free."""
-        return BoxContainer(box.size, tuple(each.item_type for each in self.keep_out))
+        """Return a box with what the parts keep clear of."""
+        return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles))
+
+    def with_fixed(self, packing: Packing) -> Packing:
+        """Return a packing of this task with the fixed parts as its first placements."""
+        first = len(self.parts)
+        fixed = [Placement(first + n, np.eye(4)) for n in range(len(self.fixed))]
+        container = replace(packing.container, obstacles=())
+        placements = (*fixed, *packing.placements)
+        return replace(packing, container=container, placements=placements)
 
     @cached_property
     def gap(self) -> float:
@@ -217,7 +258,7 @@ class PackTask:
         clearance = self.settings.clearance
         return (
             clearance
-            + largest_sum((*self.parts, *self.keep_out))
+            + largest_sum((*self.parts, *self.obstacles))
             + (self.tolerance if clearance else 0.0)
         )
 
@@ -238,9 +279,9 @@ class PackTask:
         constraints = list(map(repr, settings.constraints))
         text = repr((self.objective, numbers, boxes, wishes, constraints))
         sha = hashlib.sha256(text.encode())
-        for each in (*self.parts, *self.keep_out):
+        for each in (*self.parts, *self.obstacles):
             sha.update(each.part.digest.encode())
-        sha.update(str(len(self.keep_out)).encode())
+        sha.update(repr((len(self.keep_out), len(self.fixed))).encode())
         return sha.hexdigest()
 
     @cached_property
