@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -453,6 +454,16 @@ def test_an_interrupt_before_the_first_packing_is_one(monkeypatch) -> None:
     monkeypatch.setattr(nest_module.Problems, "get", interrupt)
     with pytest.raises(KeyboardInterrupt):
         nest([of(cube())], (3, 3, OPEN), settings=quick())
+
+
+def test_another_thread_ends_the_search() -> None:
+    stop = threading.Event()
+    timer = threading.Timer(0.5, stop.set)
+    timer.start()
+    packing = nest(
+        mixed("cube"), (3, 3, OPEN), time=3600, settings=NestSettings(workers=2, stop=stop)
+    )
+    assert packing.problems() == [] and packing.left_out == (0, 0, 0, 0)
 
 
 @pytest.mark.slow

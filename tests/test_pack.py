@@ -3,6 +3,7 @@
 import json
 import math
 import signal
+import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
@@ -356,6 +357,15 @@ def test_ctrl_c_returns_the_best_packing_so_far() -> None:
         [cube(count=9)], (20, 20, 20), time=600, callback=interrupt, settings=PackSettings()
     )
     assert packed.count >= 1
+
+
+def test_another_thread_ends_the_search_for_all_boxes() -> None:
+    stop = threading.Event()
+    settings = PackSettings(workers=1, boxes=3, stop=stop)
+    packed = pack(
+        [cube(count=20)], (20, 20, 20), time=3600, callback=lambda *_: stop.set(), settings=settings
+    )
+    assert len(packed.boxes) == 1 and 1 <= packed.count <= 8
 
 
 def test_ctrl_c_also_ends_the_search_for_further_boxes() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -65,6 +66,9 @@ class NestSettings:
         A packing of the same items to begin with, such as a former result, also for another
         container or clearance. Items that it lacks, that are turned otherwise than they may be, or
         that are in conflict, are placed again.
+    stop : threading.Event, optional
+        Ends the search early when another thread sets it, as Ctrl-C does; the first packing still
+        comes.
     """
 
     workers: int = 0
@@ -73,6 +77,7 @@ class NestSettings:
     iterations: int | None = None
     search: SearchSettings = field(default_factory=SearchSettings)
     start: Packing | None = None
+    stop: threading.Event | None = None
 
 
 def nest(
@@ -152,7 +157,8 @@ def nest(
     with _workers(settings) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
-        limits = Limits(began + time - clock.perf_counter(), settings.iterations)
+        left = began + time - clock.perf_counter()
+        limits = Limits(left, settings.iterations, settings.stop or threading.Event())
         try:
             for best in rounds(problems, searches, limits, workers, checked):
                 if callback is not None:

@@ -82,11 +82,14 @@ class Limits:
     seconds : float
         After so many seconds,
     passes : int, optional
-        or after so many passes of each worker.
+        or after so many passes of each worker,
+    stop : threading.Event
+        or when this is set, at once if the workers are threads.
     """
 
     seconds: float
-    passes: int | None = None
+    passes: int | None
+    stop: threading.Event
 
 
 def rounds(
@@ -121,6 +124,7 @@ def rounds(
     problems.get()
     passes = limits.passes
     best: Solution | None = None
+    stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
         now = time.perf_counter()
         length = min(max(GROWTH * (now - start), SECONDS[0]), SECONDS[1])
@@ -133,11 +137,10 @@ def rounds(
             before = 1 - passes / limits.passes
             shares = before, before + (share or 0) / limits.passes
         try:
-            jobs = [(problems, each, seconds, share, shares) for each in searches]
+            jobs = [(problems, each, seconds, share, shares, stop) for each in searches]
             searches = workers.map(_advance, jobs)
         except KeyboardInterrupt:
-            for each in searches:
-                each.stop()
+            limits.stop.set()
             raise
         for solution in sorted((each.best for each in searches if each.best), key=_score):
             if best is not None and solution.score >= best.score:
@@ -155,7 +158,7 @@ def rounds(
         if passes is not None and share is not None:
             passes -= share
         is_over = time.perf_counter() >= end if passes is None else passes <= 0
-        if is_over or all(each.is_done for each in searches):
+        if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             return
 
 
@@ -169,11 +172,12 @@ def _advance(
     seconds: float,
     passes: int | None,
     shares: tuple[float, float],
+    stop: threading.Event | None,
 ) -> Search:
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, Budget(seconds, passes, shares))
+    search.advance(problem, Budget(seconds, passes, shares, stop))
     return search
 
 

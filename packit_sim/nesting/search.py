@@ -49,7 +49,6 @@ class Search(ABC):
         self._rng = np.array([seed], dtype=np.uint64)
         self._choices = np.random.default_rng(seed)
         self._is_begun = False
-        self._budget: Budget | None = None
         self._attempt: Separation | None = None
         self._levels = [np.arange(task.count) if order is None else order]
         while order is not None and task.start is None and len(self._levels[0]) >= 2 * FEWEST:
@@ -66,7 +65,6 @@ class Search(ABC):
         budget : Budget
             The budget.
         """
-        self._budget = budget
         if not self._is_begun:
             self._is_begun = True
             first = self._constructed(problem)
@@ -96,12 +94,6 @@ class Search(ABC):
             The solution.
         """
         self.best = solution
-
-    def stop(self) -> None:
-        """End `advance` soon, which runs in another thread."""
-        self.is_done = True
-        if self._budget is not None:
-            self._budget.spend()
 
     def restart(self) -> None:
         """Forget what was found, which is not valid: begin again with a construction."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -54,20 +55,29 @@ class Budget:
         Passes, instead of the time.
     shares : tuple of float
         The shares of the whole search before and after these.
+    stop : threading.Event, optional
+        Leaves nothing when it is set.
     """
 
     def __init__(
-        self, seconds: float, passes: int | None = None, shares: tuple[float, float] = (0.0, 1.0)
+        self,
+        seconds: float,
+        passes: int | None = None,
+        shares: tuple[float, float] = (0.0, 1.0),
+        stop: threading.Event | None = None,
     ) -> None:
         self._seconds = seconds
         self._end = time.perf_counter() + seconds
         self._passes = passes
         self._all_passes = passes or 0
         self._shares = shares
+        self._stop = stop
 
     @property
     def is_spent(self) -> bool:
         """Whether nothing is left."""
+        if self._stop is not None and self._stop.is_set():
+            return True
         if self._passes is None:
             return time.perf_counter() >= self._end
         return self._passes <= 0
@@ -81,10 +91,6 @@ class Budget:
             left = self._passes / max(self._all_passes, 1)
         first, last = self._shares
         return last - (last - first) * min(1.0, left)
-
-    def spend(self) -> None:
-        """Leave nothing."""
-        self._end, self._passes = 0.0, None
 
     def take(self) -> int:
         """Return how many passes may come next, at most `PASSES`."""

@@ -75,7 +75,7 @@ class PackingSearch:
         NestingError
             If no valid packing was found.
         """
-        self._stopped = threading.Event()
+        self._stopped = self.task.settings.stop or threading.Event()
         self._first = self.best
         fitting = [self._fits(n) for n in range(len(self.task.parts))]
         counts = {n: part.part.count for n, part in enumerate(self.task.parts) if fitting[n]}
@@ -229,6 +229,7 @@ class PackingSearch:
                 settings.address,
                 settings.iterations,
                 start=None if start is None else self._start(start, types, numbers),
+                stop=self._stopped,
             ),
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -76,6 +77,8 @@ class PackSettings:
         The address of the Ray cluster's head.
     iterations : int, optional
         Passes over the parts of each search, instead of the time: a repeatable search.
+    stop : threading.Event, optional
+        Ends the search early when another thread sets it, as Ctrl-C does.
 
     Raises
     ------
@@ -99,6 +102,7 @@ class PackSettings:
     backend: SearchBackend = "threads"
     address: str | None = None
     iterations: int | None = None
+    stop: threading.Event | None = None
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, Range(0, ends="[)"))
