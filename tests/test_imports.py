@@ -21,6 +21,7 @@ ABSENT = {
     *("coacd", "jinja2", "joblib", "matplotlib", "minari", "pybullet", "ray", "scipy.stats"),
     *("torch", "typer", "viser"),
     *("packit_sim.cli", "packit_sim.explorer", "packit_sim.media", "packit_sim.paper"),
+    "packit_sim.workbench",
     *("packit_sim.render", "packit_sim.reports", "packit_sim.scene", "packit_sim.viewer"),
 }
 

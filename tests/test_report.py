@@ -202,8 +202,8 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
 
 
 def test_models_are_stored_as_documented_and_as_the_page_reads_them() -> None:
-    """The documentation, what is written and `viewer.js` agree on the types of arrays."""
-    script = (Path(models.__file__).parent / "viewer.js").read_text(encoding="utf-8")
+    """The documentation, what is written and `box_scene.js` agree on the types of arrays."""
+    script = (Path(models.__file__).parent / "box_scene.js").read_text(encoding="utf-8")
     read = dict(re.findall(r"new (\w+)Array\(bytes\(shape\.(\w+)\)\)", script))
     types = {name: array.lower() for array, name in read.items()}
     assert types == {"vertices": "uint16", "faces": "uint32"}
@@ -245,7 +245,7 @@ def test_a_page_is_the_same_again_and_asks_nothing_from_outside(runs) -> None:
     assert links and all(link.startswith(("#", "data:")) for link in links)
     assert "<title>R &lt;&amp;&gt;</title>" in text and "<b>&random" not in text
     assert len(text.encode()) < 5e6
-    models = re.search(r'<script type="application/json" id="models">(.*?)</script>', text)
+    models = re.search(r'<script type="application/json" id="models"[^>]*>(.*?)</script>', text)
     assert models and json.loads(models[1])["boxes"]
 
 

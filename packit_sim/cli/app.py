@@ -28,7 +28,7 @@ from packit_sim.cli.report_commands import report_command
 from packit_sim.cli.reproduction_commands import reproduce_command
 from packit_sim.cli.selftest_command import selftest_command
 from packit_sim.cli.verify_command import verify_command
-from packit_sim.cli.viewer_commands import view_command
+from packit_sim.cli.viewer_commands import view_command, workbench_command
 from packit_sim.core.errors import PackItError
 from packit_sim.core.version import DOCUMENTATION, __version__
 
@@ -37,7 +37,7 @@ LOGGERS = ("packit_sim", "packit_agents")
 PACK, PLAY, BENCHMARK, LEARN, LOOK = "Pack", "Play", "Benchmark", "Learn", "Look"
 
 COMMANDS: dict[str, tuple[str, ...]] = {
-    PACK: ("pack",),
+    PACK: ("pack", "workbench"),
     PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
     BENCHMARK: (
         "shapes",
@@ -81,6 +81,7 @@ for _name, _group in (
 for _function in (
     demo_command,
     pack_command,
+    workbench_command,
     nest_command,
     verify_command,
     selftest_command,

@@ -1,24 +1,24 @@
-"""`packit view`: packs and results on a local web page."""
+"""`packit view` and `packit workbench`: local web pages."""
 
 from __future__ import annotations
 
-import os
-import threading
-import webbrowser
-from contextlib import suppress
 from typing import Annotated
 
 import typer
 
 from packit_sim.cli.console import DatasetArgument, DatasetLibraryOption, SplitOption, console
+from packit_sim.cli.local_pages import (
+    BrowserOption,
+    HostOption,
+    PortOption,
+    serve_until_interrupt,
+)
+from packit_sim.core.web_origins import LOOPBACK
 from packit_sim.datasets.pack_files import dataset_path
 from packit_sim.explorer.collection import PackCollection
 from packit_sim.explorer.explorer import Explorer
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.viewer.web_page import LOOPBACK
-
-_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Set where a browser can open a window."""
+from packit_sim.workbench.workbench import Workbench
 
 
 def view_command(
@@ -39,15 +39,9 @@ def view_command(
         ),
     ] = None,
     library: DatasetLibraryOption = None,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; 0.0.0.0 allows other machines.")
-    ] = LOOPBACK,
-    port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Port to listen on; default: a free one.")
-    ] = None,
-    browser: Annotated[
-        bool, typer.Option(help="Open the page in the browser, if there is a screen.")
-    ] = True,
+    host: HostOption = LOOPBACK,
+    port: PortOption = None,
+    browser: BrowserOption = True,
 ) -> None:
     """Show packs or results on an interactive local web page, until Ctrl-C.
 
@@ -61,23 +55,22 @@ def view_command(
         tasks,
         split,
     )
-    with (
-        Explorer(collection, pack, second, host=host, port=port) as explorer,
-        suppress(KeyboardInterrupt),
-    ):
-        console.print(f"{dataset} is shown at {explorer.address} until Ctrl-C", soft_wrap=True)
-        if host == LOOPBACK and not _has_screen():
-            number = explorer.address.rpartition(":")[2]
-            console.print(
-                "there is no screen here: open the address in a browser on this machine, or on "
-                f"yours after ssh -L {number}:{LOOPBACK}:{number} THIS_MACHINE",
-                soft_wrap=True,
-            )
-        elif browser and _has_screen():
-            webbrowser.open(explorer.address)
-        threading.Event().wait()
+    with Explorer(collection, pack, second, host=host, port=port) as explorer:
+        serve_until_interrupt(dataset, explorer.address, host, browser)
     console.print("\nthe viewer is closed")
 
 
-def _has_screen() -> bool:
-    return any(os.environ.get(name) for name in _DISPLAYS)
+def workbench_command(
+    host: HostOption = LOOPBACK, port: PortOption = None, browser: BrowserOption = True
+) -> None:
+    """Pack your own parts on a local web page, until Ctrl-C.
+
+    Drop mesh files on the page, set the box, press Pack, and watch. Lock parts to keep them where
+    they are while the rest is packed again. Files stay on this machine; download the results, since
+    nothing is kept when the page ends.
+
+    Example: packit workbench
+    """
+    with Workbench(host, port) as workbench:
+        serve_until_interrupt("the workbench", workbench.address, host, browser)
+    console.print("\nthe workbench is closed")

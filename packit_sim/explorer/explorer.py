@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.errors import PackItError
+from packit_sim.core.web_origins import LOOPBACK
 from packit_sim.explorer import panels
 from packit_sim.explorer.collection import PackCollection, PackView
 from packit_sim.explorer.controls import Controls, ViewRequest
@@ -22,7 +23,7 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.placement import ORIGIN, PlacedItem
 from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, ByShare, Color, Legend, by_order
 from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
-from packit_sim.viewer.web_page import LOOPBACK, WebPage
+from packit_sim.viewer.web_page import WebPage
 
 PACE = 0.5
 """Seconds between two items during playback."""

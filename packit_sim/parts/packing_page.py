@@ -74,6 +74,7 @@ def write_page(packed: PackedParts, path: Path) -> Path:
         "found": packed.check.problems,
         "boxes": boxes,
         "style": (reports / "page.css").read_text(encoding="utf-8"),
+        "scene": (reports / "box_scene.js").read_text(encoding="utf-8"),
         "viewer": (reports / "viewer.js").read_text(encoding="utf-8"),
         "three": (three / "three.min.js").read_text(encoding="utf-8"),
         "licence": (three / "LICENSE").read_text(encoding="utf-8"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ class Models:
         return len(self._boxes) - 1
 
     def to_json(self) -> dict[str, Any]:
-        """Return the shapes and boxes in JSON's types, as `viewer.js` reads them.
+        """Return the shapes and boxes in JSON's types, as `box_scene.js` reads them.
 
         Returns
         -------
@@ -96,6 +97,7 @@ class Models:
         return self._numbers[shape.digest]
 
 
+@lru_cache(maxsize=512)
 def _compact(shape: Shape) -> dict[str, Any]:
     if len(shape.mesh.faces) > TRIANGLES:
         with suppress(MeshError):  # nothing solid is left: it is shown as it is

@@ -80,6 +80,7 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
         "ramp": [f"rgb({', '.join(f'{255 * c:.0f}' for c in ramp(n / 8))})" for n in range(9)],
         "style": _read(here / "page.css"),
         "sorting": _read(here / "sorting.js"),
+        "scene": _read(here / "box_scene.js"),
         "viewer": _read(here / "viewer.js"),
         "three": _read(three / "three.min.js"),
         "licence": _read(three / "LICENSE"),

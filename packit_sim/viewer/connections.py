@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
-import socket
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import urlsplit
 
 from websockets.asyncio import server
-from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.web_origins import is_own_page
 
 _INVALID = 1007
 """The code with which a WebSocket closes after a malformed message (RFC 6455)."""
@@ -50,7 +47,9 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
 
     def guarded_serve(handler: Handler, *place: Any, process_request: Any, **settings: Any) -> Any:
         def checked(connection: server.ServerConnection, request: Request) -> Response | None:
-            if not is_own_page(request.headers, host):
+            headers = request.headers
+            origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
+            if not is_own_page(origins, hosts, host):
                 return connection.respond(HTTPStatus.FORBIDDEN, "not a page of this server\n")
             answer: Response | None = process_request(connection, request)
             return answer
@@ -63,41 +62,6 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
         yield started
     finally:
         server.serve = serve  # type: ignore[misc]
-
-
-def is_own_page(headers: Headers, host: str) -> bool:
-    """Return whether a request is of a page that this server served, or not of a page at all.
-
-    Parameters
-    ----------
-    headers : Headers
-        The request's headers.
-    host : str
-        The name or address at which the server listens.
-
-    Returns
-    -------
-    bool
-        Whether there is no `Origin`, as of programs that are not browsers, or it is the request's
-        `Host`, and that is an address, "localhost" or a name of this machine: anyone may let a name
-        of their own point to this server (DNS rebinding).
-    """
-    origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
-    if not origins:
-        return True
-    if len(origins) != 1 or len(hosts) != 1:
-        return False
-    try:
-        page, name = urlsplit(origins[0].lower()), urlsplit(f"//{hosts[0].lower()}").hostname or ""
-    except ValueError:
-        return False
-    if page.scheme not in ("http", "https") or page.netloc != hosts[0].lower():
-        return False
-    with contextlib.suppress(ValueError):
-        ipaddress.ip_address(name)
-        return True
-    own = {host, socket.gethostname(), socket.getfqdn()}
-    return name == "localhost" or name in map(str.lower, own)
 
 
 def _quiet(handler: Handler, protocol: str) -> Handler:

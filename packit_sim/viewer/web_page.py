@@ -18,6 +18,7 @@ import rich
 
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.web_origins import EVERYWHERE, LOOPBACK
 from packit_sim.render.cameras import ISO, TOP, Camera
 from packit_sim.render.looks import BACKGROUND
 
@@ -28,8 +29,6 @@ if TYPE_CHECKING:  # the only module that imports viser: others take its types f
     from viser import MeshHandle as MeshHandle
     from viser import ViserServer as ViserServer
 
-LOOPBACK = "127.0.0.1"
-_EVERYWHERE = "0.0.0.0"
 
 _ASPECT = 4 / 3
 """Width over height of the smallest window that shows everything at first."""
@@ -63,7 +62,7 @@ class WebPage:
     def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
         self._server: viser.ViserServer | None = _serve(host, port or 0)
         atexit.register(self.close)
-        here = self._server.get_host().replace(_EVERYWHERE, LOOPBACK)
+        here = self._server.get_host().replace(EVERYWHERE, LOOPBACK)
         self._points: npt.NDArray[np.float64] | None = None
         self._aspects: dict[int, float] = {}
         self.address = f"http://{here}:{self._server.get_port()}"

@@ -1,0 +1,225 @@
+"""The workbench: what its page may ask for, and what it packs."""
+
+import http.client
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh import creation
+
+from packit_sim.core.errors import RenderError
+from packit_sim.parts import exports
+from packit_sim.workbench import uploads as uploads_module
+from packit_sim.workbench.workbench import Workbench
+
+ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
+
+
+@pytest.fixture(name="bench")
+def _bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workbench]:
+    monkeypatch.setattr(exports, "draw", lambda packing, path: path.write_bytes(b""))
+    with Workbench() as bench:
+        yield bench
+
+
+def ask(
+    bench: Workbench, method: str, path: str, body: bytes | None = None, **headers: str
+) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(bench.address.removeprefix("http://"), timeout=60)
+    connection.request(method, path, body, headers)
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
+def post(bench: Workbench, path: str, value: Any) -> tuple[int, Any]:
+    status, data = ask(bench, "POST", path, json.dumps(value).encode())
+    return status, json.loads(data)
+
+
+def send(bench: Workbench, name: str, mesh: trimesh.Trimesh) -> int:
+    status, data = ask(bench, "POST", f"/parts?name={quote(name)}", stl(mesh))
+    assert status == 200, data
+    number: int = json.loads(data)["number"]
+    return number
+
+
+def stl(mesh: trimesh.Trimesh) -> bytes:
+    return bytes(mesh.export(file_type="stl"))
+
+
+def state(bench: Workbench, seen: int = -1) -> dict[str, Any]:
+    status, data = ask(bench, "GET", f"/state?seen={seen}")
+    assert status == 200
+    found: dict[str, Any] = json.loads(data)
+    return found
+
+
+def wait(bench: Workbench, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    deadline = time.monotonic() + 200
+    while not holds(found := state(bench)):
+        assert time.monotonic() < deadline, found["message"]
+        time.sleep(0.1)
+    return found
+
+
+def is_done(found: dict[str, Any]) -> bool:
+    return not found["busy"] and bool(found.get("result", {}).get("downloads"))
+
+
+def centres(data: bytes) -> dict[str, Any]:
+    """The middle of each part in a 3MF file, by its name."""
+    scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf")
+    found = {}
+    for node in scene.graph.nodes_geometry:
+        pose, name = scene.graph[node]
+        vertices = trimesh.transform_points(scene.geometry[name].vertices, pose)
+        found[node] = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return found
+
+
+def test_parts_are_packed_and_stay_where_they_are_locked(bench) -> None:
+    number = send(bench, "folder/cube.stl", creation.box((6, 6, 6)))
+    other = send(bench, "cube.stl", creation.box((2, 4, 6)))
+    assert [each["name"] for each in state(bench)["files"]] == ["cube.stl", "cube.stl"]
+    files = [
+        {"number": number, "count": 2, "rotations": "cube"},
+        {"number": other, "count": 1, "rotations": "upright"},
+    ]
+    assert post(bench, "/pack", {**ORDER, "files": files}) == (200, {})
+    found = wait(bench, is_done)
+    assert sorted(found["result"]["boxes"][0]["parts"]) == ["cube", "cube", "cube-2"]
+    assert found["result"]["problems"] == [] and "packing.3mf" in found["result"]["downloads"]
+    assert len(found["result"]["models"]["boxes"][0]["items"]) == 3
+    status, data = ask(bench, "GET", "/files/packing.3mf")
+    before = centres(data)
+    assert status == 200 and len(before) == 3
+    assert "size" not in state(bench, found["version"])  # nothing new
+    assert "result" not in state(bench, found["version"])
+
+    kept = found["result"]["boxes"][0]["parts"].index("cube")
+    files[0]["count"] = 3
+    order = {**ORDER, "files": files, "locked": [kept], "seed": 1, "instructions": True}
+    assert post(bench, "/pack", order)[0] == 200
+    found = wait(bench, lambda one: is_done(one) and one["result"]["locked"] == 1)
+    assert found["result"]["problems"] == []
+    assert sorted(found["result"]["boxes"][0]["parts"]) == ["cube", "cube", "cube", "cube-2"]
+    assert "instructions.html" in found["result"]["downloads"]
+    after = centres(ask(bench, "GET", "/files/packing.3mf")[1])
+    assert np.abs(after["fixed 01 cube"] - before[f"{kept + 1:02d} cube"]).max() < 1e-3
+
+    status, answer = post(bench, "/pack", {**order, "files": files[:1], "locked": [0, 1, 2, 3]})
+    assert status == 400 and "all parts are locked" in answer["error"]
+
+
+def test_a_search_can_be_ended_and_only_one_runs(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    order = {
+        **ORDER,
+        "seconds": 3600,
+        "files": [{"number": number, "count": 90, "rotations": "cube"}],
+    }
+    assert post(bench, "/pack", order)[0] == 200
+    wait(bench, lambda one: one["busy"] and "result" in one)
+    status, answer = post(bench, "/pack", order)
+    assert status == 409 and "stop it first" in answer["error"]
+    assert ask(bench, "POST", "/stop")[0] == 200
+    found = wait(bench, is_done)
+    assert "no space was found" in found["result"]["left out"][0]
+
+
+def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    files = [{"number": number, "count": 1, "rotations": "cube"}]
+    for change, sentence in (
+        ({"box": "0x10x15"}, "0"),
+        ({"box": "nonsense"}, "nonsense"),
+        ({"box": "5x5x5"}, "larger than the box"),
+        ({"unit": "ell"}, "unit 'ell' is not known"),
+        ({"clearance": "-1"}, "clearance"),
+        ({"files": []}, "there are no parts"),
+        ({"files": [{**files[0], "number": 7}]}, "there is no file 7"),
+        ({"files": [{**files[0], "rotations": "none"}]}, "none"),
+        ({"seconds": 0}, "seconds"),
+        ({"more": 1}, "more"),
+        ({"locked": [0]}, "can be locked"),
+    ):
+        status, answer = post(bench, "/pack", {**ORDER, "files": files, **change})
+        found = answer.get("error") or wait(bench, lambda one: not one["busy"])["message"]
+        assert sentence in found and status in (200, 400), (change, found)
+    assert post(bench, "/remove", {"number": number}) == (200, {})
+    assert post(bench, "/remove", {"number": number})[0] == 400
+    assert state(bench)["files"] == []
+
+
+def test_files_that_can_not_be_packed_are_refused_and_not_kept(bench, monkeypatch) -> None:
+    monkeypatch.setattr(uploads_module, "MOST_BYTES_TOGETHER", 1000)
+    for name, data, sentence in (
+        ("bad.stl", b"solid", "bad.stl"),
+        ("notes.txt", b"", "choose a mesh file"),
+        ("..", b"", "choose a mesh file"),
+        ("large.stl", stl(creation.icosphere()), "too large"),
+    ):
+        status, answer = ask(bench, "POST", f"/parts?name={quote(name)}", data)
+        assert status == 422 and sentence in json.loads(answer)["error"]
+        assert "packit-workbench" not in answer.decode()
+    assert state(bench)["files"] == []
+    assert not list((bench._folder / "parts").glob("*"))
+
+
+def test_only_requests_of_the_page_are_answered(bench) -> None:
+    own = bench.address.removeprefix("http://")
+    assert ask(bench, "GET", "/")[0] == 200
+    assert ask(bench, "GET", "/state", Origin=bench.address)[0] == 200
+    assert ask(bench, "GET", "/state", Host="evil.example")[0] == 403
+    assert ask(bench, "POST", "/stop", Origin="http://evil.example")[0] == 403
+    assert ask(bench, "POST", "/stop", Origin=f"http://{own}0")[0] == 403
+    for method, path, status in (
+        ("GET", "/nothing", 404),
+        ("GET", "/files/../page.js", 404),
+        ("GET", "/files/%2e%2e%2fparts", 404),
+        ("GET", "/pack", 404),
+        ("DELETE", "/state", 501),
+    ):
+        assert ask(bench, method, path)[0] == status, path
+    assert ask(bench, "POST", "/pack", b"{}", **{"Content-Length": "9" * 9})[0] == 413
+    assert ask(bench, "POST", "/pack", b"{}", **{"Content-Length": "-1"})[0] == 400
+    assert ask(bench, "POST", "/pack", b"[" * 100_000)[0] == 400
+
+
+def test_the_command_serves_the_page_until_ctrl_c() -> None:
+    command = [sys.executable, "-u", "-m", "packit_sim", "workbench", "--no-browser"]
+    environment = {**os.environ, "COLUMNS": "400"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=environment, text=True, stdout=pipe, stderr=pipe) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[5]
+        connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=60)
+        connection.request("GET", "/")
+        assert b"<title>Pack your own parts</title>" in connection.getresponse().read()
+        connection.close()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate()
+    assert (process.returncode, out.splitlines()[-1], err) == (0, "the workbench is closed", "")
+
+
+def test_nothing_stays_when_it_is_closed() -> None:
+    with Workbench() as bench:
+        send(bench, "cube.stl", creation.box((6, 6, 6)))
+        folder = bench._folder
+        assert list(folder.rglob("cube.stl"))
+    assert not folder.exists()
+    bench.close()
+    with pytest.raises(RenderError, match="port 99999"):
+        Workbench(port=99999)
