@@ -1,5 +1,7 @@
 """Searches: tasks with a known tree, and properties on any task."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -182,3 +184,12 @@ def test_unknown_searches_and_policies_without_scores_are_named() -> None:
 def test_budgets() -> None:
     assert Budget.parse("20") == Budget(rollouts=20)
     assert Budget.parse("1.5s") == Budget(seconds=1.5)
+
+
+def test_a_time_passes_only_while_the_search_computes() -> None:
+    clock = Budget(seconds=0.05).start()
+    time.sleep(0.2)
+    assert not clock.is_over()
+    while not clock.is_over():
+        clock.rollouts += 1
+    assert clock.rollouts > 0

@@ -1,4 +1,4 @@
-"""Budgets of searches: a number of rollouts, or a time."""
+"""Budgets of searches: a number of rollouts, or processor time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from packit_sim.core.errors import ArgumentError
 
 @dataclass(frozen=True)
 class Budget:
-    """A number of rollouts, or a time; exactly one of them is given.
+    """A number of rollouts, or processor time; exactly one of them is given.
 
-    Results are the same on every machine only with a number of rollouts.
+    Results are the same on every machine only with a number of rollouts. Processor time does not
+    pass while a process waits: searches that share the cores of a machine still have equal time.
 
     Parameters
     ----------
     rollouts : int, optional
         Number of rollouts.
     seconds : float, optional
-        Wall time in seconds.
+        Seconds of processor time of the thread that searches.
     """
 
     rollouts: int | None = None
@@ -27,7 +28,7 @@ class Budget:
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """Parse "200" (rollouts) or "10s" (seconds).
+        """Parse "200" (rollouts) or "10s" (seconds of processor time).
 
         Parameters
         ----------
@@ -60,7 +61,7 @@ class Budget:
 
     def start(self) -> Clock:
         """Start to spend the budget."""
-        return Clock(self, time.monotonic())
+        return Clock(self, time.thread_time())
 
 
 @dataclass
@@ -72,7 +73,7 @@ class Clock:
     budget : Budget
         The budget.
     started : float
-        When the search started, in seconds of `time.monotonic`.
+        When the search started, in seconds of `time.thread_time`.
     rollouts : int
         Number of rollouts so far; the search counts them.
     """
@@ -86,4 +87,4 @@ class Clock:
         if self.budget.rollouts is not None:
             return self.rollouts >= self.budget.rollouts
         assert self.budget.seconds is not None
-        return time.monotonic() - self.started >= self.budget.seconds
+        return time.thread_time() - self.started >= self.budget.seconds
