@@ -96,6 +96,9 @@ def pack_command(
         bool,
         typer.Option("--instructions", help="Also write printable packing instructions (HTML)."),
     ] = False,
+    film: Annotated[
+        bool, typer.Option("--film", help="Also write a film of each box as it is packed (GIF).")
+    ] = False,
     time: Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")] = "60",
     iterations: Annotated[
         int | None,
@@ -156,6 +159,9 @@ def pack_command(
     print_written(out, f": {found.count} parts")
     if instructions:
         print_written(found.instructions(out / "instructions.html"))
+    for number in range(len(found.boxes) if film else 0):
+        stem = "packing" if len(found.boxes) == 1 else f"packing-{number + 1}"
+        print_written(found.film(out / f"{stem}.gif", number))
     if found.check.problems:
         for problem in found.check.problems:
             console.print(problem, markup=False, style="red")

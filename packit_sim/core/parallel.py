@@ -77,11 +77,8 @@ class Workers:
     def __init__(
         self, count: int = 0, backend: BackendName = "loky", address: str | None = None
     ) -> None:
-        if backend not in BACKENDS:
-            raise WorkersError(f"no backend {backend!r}: choose from {', '.join(BACKENDS)}")
+        _check_backend(backend, BACKENDS, address)
         _check_count(count)
-        if address is not None and backend != "ray":
-            raise WorkersError(f"address {address!r} needs the backend ray")
         is_ray = backend == "ray"
         self._leave = _join_cluster(address) if is_ray else lambda: None
         with joblib.parallel_config(backend):
@@ -169,6 +166,39 @@ class Threads:
 
     def __exit__(self, *raised: object) -> None:
         self._pool.shutdown()
+
+
+def search_workers(count: int, backend: SearchBackend, address: str | None) -> Workers | Threads:
+    """Return workers for searches: threads, or the processes of `Workers`.
+
+    Parameters
+    ----------
+    count : int
+        The number of workers; 0: one per core.
+    backend : SearchBackend
+        Where they run.
+    address : str | None
+        The address of the Ray cluster's head.
+
+    Returns
+    -------
+    Workers | Threads
+        The workers.
+
+    Raises
+    ------
+    WorkersError
+        If the workers can't be started with these arguments.
+    """
+    _check_backend(backend, get_args(SearchBackend), address)
+    return Workers(count, "ray", address) if backend == "ray" else Threads(count)
+
+
+def _check_backend(backend: str, choices: Sequence[str], address: str | None) -> None:
+    if backend not in choices:
+        raise WorkersError(f"no backend {backend!r}: choose from {', '.join(choices)}")
+    if address is not None and backend != "ray":
+        raise WorkersError(f"address {address!r} needs the backend ray")
 
 
 def _check_count(count: int) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from packit_sim.core.compilation import inlined, inner_kernel
 from packit_sim.nesting.distance_kernels import least_distance
+from packit_sim.nesting.field_kernels import SCALE
 from packit_sim.nesting.overlap_kernels import (
     add_field,
     gradient,
     interpolated,
     node_of,
     settle,
-    settled,
+    simplex,
 )
 from packit_sim.nesting.pose_kernels import NO_LIMIT
 
@@ -134,14 +135,18 @@ def distance_of(problem, state, i, o, p, j):
     at, fx, fy, fz = node_of(lookup, number, sx, sy, sz)
     if at < 0:
         return NO_LIMIT, 0.0, 0.0, 0.0
-    if problem.refined and not settled(lookup, number, at):
-        settle(problem, first, other, rel, at)
-    distance = interpolated(lookup, number, at, fx, fy, fz)
+    nodes = simplex(lookup, number, at, fx, fy, fz)
+    if problem.refined:
+        for n in range(4):
+            if not lookup.values[nodes[n]] & 1:
+                settle(problem, first, other, rel, nodes[n])
+    x, y, z = gradient(lookup, number, nodes)
+    distance = ((lookup.values[at] >> 1) + x * fx + y * fy + z * fz) / SCALE
     if distance > FAR:
         return NO_LIMIT, 0.0, 0.0, 0.0
-    if problem.refined or distance < -CROSSING:
-        gx, gy, gz = gradient(lookup, number, at, fx, fy, fz)
-    else:
+    per_step = 1 / (SCALE * lookup.voxel)
+    gx, gy, gz = x * per_step, y * per_step, z * per_step
+    if not problem.refined and distance >= -CROSSING:
         turn = problem.relative_turns[rel]
         distance, gx, gy, gz = least_distance(problem.distances, first, other, turn, sx, sy, sz)
         per_voxel = 1 / lookup.voxel

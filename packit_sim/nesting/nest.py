@@ -7,13 +7,12 @@ import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, PackItError
-from packit_sim.core.parallel import SearchBackend, Threads, Workers, WorkersError
+from packit_sim.core.parallel import SearchBackend, search_workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
@@ -154,7 +153,7 @@ def nest(
         return None if found else packing
 
     best: Packing | None = None
-    with _workers(settings) as workers:
+    with search_workers(settings.workers, settings.backend, settings.address) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
         left = began + time - clock.perf_counter()
@@ -209,17 +208,6 @@ def _poses(start: Packing, problem: Problem, task: Task, empty: Packing) -> Pose
         poses.places[i, 0] += boxes[placement.box, 0]
         poses.inside[i] = 1
     return poses
-
-
-def _workers(settings: NestSettings) -> Workers | Threads:
-    if settings.backend == "ray":
-        return Workers(settings.workers, "ray", settings.address)
-    if settings.backend not in get_args(SearchBackend):
-        choices = ", ".join(get_args(SearchBackend))
-        raise WorkersError(f"no backend {settings.backend!r}: choose from {choices}")
-    if settings.address is not None:
-        raise WorkersError(f"address {settings.address!r} needs the backend ray")
-    return Threads(settings.workers)
 
 
 def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:

@@ -47,42 +47,41 @@ def interpolated(lookup, number, at, fx, fy, fz):
     return (low * gx + high * fx) * (1 / SCALE)
 
 
-@inner_kernel
-def gradient(lookup, number, at, fx, fy, fz):
-    """Return the gradient (3) of the distance between the eight nodes from a place on."""
-    values = lookup.values
+@inlined
+def simplex(lookup, number, at, fx, fy, fz):
+    """Return the nodes (4) around an offset: each one step from the last, by the largest rest."""
     row = lookup.fields[number, 3]
     plane = row * lookup.fields[number, 2]
-    gx, gy, gz = 1 - fx, 1 - fy, 1 - fz
-    a, b = values[at] >> 1, values[at + 1] >> 1
-    c, d = values[at + row] >> 1, values[at + row + 1] >> 1
-    at += plane
-    e, f = values[at] >> 1, values[at + 1] >> 1
-    g, h = values[at + row] >> 1, values[at + row + 1] >> 1
-    scale = 1 / (SCALE * lookup.voxel)
-    x = ((e - a) * gz + (f - b) * fz) * gy + ((g - c) * gz + (h - d) * fz) * fy
-    y = ((c - a) * gz + (d - b) * fz) * gx + ((g - e) * gz + (h - f) * fz) * fx
-    z = ((b - a) * gy + (d - c) * fy) * gx + ((f - e) * gy + (h - g) * fy) * fx
-    return x * scale, y * scale, z * scale
+    if fx >= fy:
+        if fy >= fz:
+            one, two = plane, row
+        elif fx >= fz:
+            one, two = plane, 1
+        else:
+            one, two = 1, plane
+    elif fx >= fz:
+        one, two = row, plane
+    elif fy >= fz:
+        one, two = row, 1
+    else:
+        one, two = 1, row
+    return at, at + one, at + one + two, at + 1 + row + plane
 
 
 @inlined
-def settled(lookup, number, at):
-    """Return whether the eight nodes from a place on stay as they are."""
+def gradient(lookup, number, nodes):
+    """Return the gradient (3) of the distance in a tetrahedron of nodes, in its steps."""
     values = lookup.values
+    a, b, c, d = nodes
     row = lookup.fields[number, 3]
     plane = row * lookup.fields[number, 2]
-    return (
-        values[at]
-        & values[at + 1]
-        & values[at + row]
-        & values[at + row + 1]
-        & values[at + plane]
-        & values[at + plane + 1]
-        & values[at + plane + row]
-        & values[at + plane + row + 1]
-        & 1
-    )
+    one = (values[b] >> 1) - (values[a] >> 1)
+    two = (values[c] >> 1) - (values[b] >> 1)
+    three = (values[d] >> 1) - (values[c] >> 1)
+    x = one if b - a == plane else two if c - b == plane else three
+    y = one if b - a == row else two if c - b == row else three
+    z = one if b - a == 1 else two if c - b == 1 else three
+    return x, y, z
 
 
 @inner_kernel
@@ -121,20 +120,16 @@ def _voxels(lookup, a, rel):
 
 @inner_kernel
 def settle(problem, first, other, rel, at):
-    """Compute the eight nodes from a place on by the surfaces."""
+    """Compute a node by the surfaces."""
     lookup = problem.lookup
     number = lookup.numbers[first, other, rel]
     start, u, v, w = lookup.fields[number]
     field = lookup.values[start : start + u * v * w].reshape((u, v, w))
-    k = (at - start) % w
-    j = (at - start) // w % v
-    i = (at - start) // (w * v)
-    for x in range(i, i + 2):
-        for y in range(j, j + 2):
-            for z in range(k, k + 2):
-                if not field[x, y, z] & 1:
-                    found = _node(problem, first, other, rel, field, x, y, z)
-                    field[x, y, z] = encoded(found, True)
+    z = (at - start) % w
+    y = (at - start) // w % v
+    x = (at - start) // (w * v)
+    found = _node(problem, first, other, rel, field, x, y, z)
+    field[x, y, z] = encoded(found, True)
 
 
 @inner_kernel

@@ -73,8 +73,9 @@ class Search(ABC):
         while self.best is not None and not (self.is_done or budget.is_spent):
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
-            used = problem._replace(refined=problem.refined and self._is_precise)
-            is_apart = attempt.advance(used, self._rng, budget)
+            has_few_fields = len(problem.relative_turns) == 1  # whose values are used many times
+            is_precise = has_few_fields or self._is_precise
+            is_apart = attempt.advance(problem, self._rng, budget, is_precise)
             if is_apart is not None:
                 self._attempt = None
                 self._end(problem, self.best, attempt, is_apart)
@@ -114,7 +115,7 @@ class Search(ABC):
 
     @property
     def _is_precise(self) -> bool:
-        """Whether surfaces compute the fields of simple items now: few moves, but exact ones."""
+        """Whether surfaces compute the fields from the start of an attempt: few, exact moves."""
         return self._has_all
 
     @property

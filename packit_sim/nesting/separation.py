@@ -19,6 +19,10 @@ GAIN = 0.98
 """Share of the least overlap below which a pass counts as a gain."""
 
 
+NEARLY = 1.0
+"""Total overlap, in voxels, below which the surfaces compute the fields of simple items."""
+
+
 class Separation:
     """An attempt to move overlapping items apart, which can be interrupted.
 
@@ -58,6 +62,7 @@ class Separation:
         self._patience = patience
         self._idle = 0
         self._overlap = math.inf
+        self._is_precise = False
         self._state: State | None = None
 
     def swap(self, i: int, j: int) -> None:
@@ -66,7 +71,13 @@ class Separation:
         places[[i, j]] = places[[j, i]]
         self.least = Poses(self.least.inside, self.least.turned, places)
 
-    def advance(self, problem: Problem, rng: npt.NDArray[np.uint64], budget: Budget) -> bool | None:
+    def advance(
+        self,
+        problem: Problem,
+        rng: npt.NDArray[np.uint64],
+        budget: Budget,
+        is_precise: bool,
+    ) -> bool | None:
         """Go on until the items are apart, or it gives up, or the budget is spent.
 
         Parameters
@@ -77,12 +88,18 @@ class Separation:
             The state of the kernels' generator.
         budget : Budget
             The budget.
+        is_precise : bool
+            Whether the surfaces compute the fields of simple items also while much overlaps.
 
         Returns
         -------
         bool or None
             Whether `least` has no conflict; None if that is still open.
         """
+        exact = problem
+        self._is_precise = self._is_precise or is_precise or not exact.refined
+        if not self._is_precise:
+            problem = exact._replace(refined=False)
         if self._state is None:
             self._state = loaded(problem, self._task, self.least, self.boxes)
         found = self._task.state()
@@ -113,6 +130,10 @@ class Separation:
             if overlap < self._overlap:
                 self._overlap = overlap
                 self.least = Poses.of(found)
+            if self._overlap < NEARLY and not self._is_precise:
+                problem, self._is_precise = exact, True
+                self._state = loaded(problem, self._task, self.least, self.boxes)
+                self._overlap = math.inf
         for items in self._later:
             self.least = self.least.changed(items, 1)
         return False

@@ -22,8 +22,8 @@ _FROM_CURRENT = 0.3
 _ENOUGH = 0.01
 """Shrinkage below which more items are added."""
 
-_MORE_ROOM = 1.02
-"""Factor of the height if added items find no place."""
+_MORE_ROOM = 0.02
+"""Share by which the strip grows if added items find no place; twice as much the next time."""
 
 
 class StripSearch(Search):
@@ -44,6 +44,7 @@ class StripSearch(Search):
         self._shrink = task.settings.shrink
         self._failed: Poses | None = None
         self._has_room = True
+        self._more_room = _MORE_ROOM
         self._heights = np.zeros(task.count)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
@@ -99,7 +100,8 @@ class StripSearch(Search):
             if self._has_room:
                 self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
             else:
-                self._target *= _MORE_ROOM
+                self._target *= 1 + self._more_room
+                self._more_room *= 2
         is_least = self._height <= self._least_height() + problem.lookup.slack
         if not self._has_all and self._has_room and (is_least or self._shrink < _ENOUGH):
             self._add_items(problem)
@@ -114,6 +116,7 @@ class StripSearch(Search):
         volumes = self._task.volumes
         more = float(volumes[self._items].sum() / volumes[old].sum())
         self._target = max(height * more, self._least_height())
+        self._more_room = _MORE_ROOM
         self._shrink = self._task.settings.shrink / 2
         self._failed = None
         self._has_room = False

@@ -268,9 +268,36 @@ class PackedParts:
             (f"Box {n}: {box.type.name}" if len(self.boxes) > 1 else "Box", self.contents(box))
             for n, box in enumerate(self.boxes, start=1)
         ]
+        return write_instructions(path, boxes, self.task.unit, requirements=self._requirements)
+
+    def film(self, path: Path | str, box: int = 0) -> Path:
+        """Film how the parts of a box are put in, by the straight moves that bring them in.
+
+        Parameters
+        ----------
+        path : Path or str
+            The file, .gif or .mp4.
+        box : int
+            The number of the box, from 0.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        RenderError
+            If the file can't be written.
+        """
+        from packit_sim.parts.packing_film import film_packing
+
+        return film_packing(path, self.contents(self.boxes[box]), self._requirements)
+
+    @property
+    def _requirements(self) -> Requirements:
         fixed = frozenset(range(len(self.task.fixed)))
-        requirements = self.task.requirements or Requirements(fixed=fixed)
-        return write_instructions(path, boxes, self.task.unit, requirements=requirements)
+        return self.task.requirements or Requirements(fixed=fixed)
 
     def view(self, box: int = 0, port: int | None = None) -> Viewer:
         """Show a box on a local, interactive web page.

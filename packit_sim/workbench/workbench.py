@@ -120,6 +120,7 @@ class Workbench:
         self._changed = threading.Lock()
         self._version = 0
         self._message = ""
+        self._is_busy = False
         self._search: threading.Thread | None = None
         self._stop = threading.Event()
         self._packed: PackedParts | None = None
@@ -187,7 +188,7 @@ class Workbench:
     def _pack(self, request: WebRequest) -> WebAnswer:
         order = _read(request, _Order)
         with self._ordering:
-            if self._search is not None and self._search.is_alive():
+            if self._is_busy:
                 raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
             locked = self._locked_parts(order.locked)
             self._stop = threading.Event()
@@ -203,6 +204,7 @@ class Workbench:
             self._search = threading.Thread(
                 target=self._run, args=(order, parts, settings, locked), daemon=True
             )
+            self._is_busy = True
             self._note("preparing the parts")
             self._search.start()
         return WebAnswer.of_json({})
@@ -288,13 +290,15 @@ class Workbench:
             if order.instructions:
                 self._note("writing the instructions", packed, locked)
                 files.append(packed.instructions(out / "instructions.html"))
-        except PackItError as error:
-            self._note(f"error: {error}")
         except Exception as error:
-            _log.exception("the search failed")
-            self._note(f"unexpected error: {error!r}")
+            if not isinstance(error, PackItError):
+                _log.exception("the search failed")
+            what = "error" if isinstance(error, PackItError) else "unexpected error"
+            self._is_busy = False
+            self._note(f"{what}: {error}")
         else:
             own = {file.name: file for file in files if file.parent == out}
+            self._is_busy = False
             self._note("", packed, locked, own)
 
     def _note(
@@ -318,8 +322,7 @@ class Workbench:
         with self._changed:
             version, message, packed = self._version, self._message, self._packed
             files, locked = self._files, self._locked
-            is_busy = self._search is not None and self._search.is_alive()
-            is_busy = is_busy and not files
+            is_busy = self._is_busy
         state: dict[str, Any] = {"version": version, "message": message, "busy": is_busy}
         if request.query.get("seen") == str(version):
             return WebAnswer.of_json(state)
