@@ -47,8 +47,10 @@ def is_own_page(origins: Sequence[str], hosts: Sequence[str], host: str) -> bool
 
     Parameters
     ----------
-    origins, hosts : sequence of str
-        The request's headers `Origin` and `Host`.
+    origins : sequence of str
+        The request's headers `Origin`.
+    hosts : sequence of str
+        Its headers `Host`.
     host : str
         The name or address at which the server listens.
 
