@@ -31,6 +31,7 @@ from packit_sim import (
     ShapeLibrary,
     nest,
 )
+from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
 from packit_sim.nesting import nest as nest_module
@@ -423,7 +424,7 @@ def test_two_workers_exchange_the_best_and_are_repeatable() -> None:
 
 
 def test_a_short_time_gives_a_constructed_packing_without_other_processes(monkeypatch) -> None:
-    monkeypatch.setattr(nest_module.Workers, "map", pytest.fail)
+    monkeypatch.setattr(parallel.Workers, "map", pytest.fail)
     found = []
     settings = NestSettings(workers=2)
     packing = nest(

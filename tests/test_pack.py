@@ -211,6 +211,15 @@ def test_bowls_are_nested() -> None:
     assert packed.height < 18 + 2 * 3.75 and packed.verify() == []  # at best 3.70 for a step
 
 
+def test_a_search_of_so_many_passes_does_not_depend_on_the_time() -> None:
+    parts = [cube(5, count=4), slab(5, 5, 12, count=2)]
+    settings = replace(QUICK, iterations=50)
+    short, long = (
+        pack(parts, (14, 14, 30), "height", time=time, settings=settings) for time in (1e-9, 60)
+    )
+    assert short.height == long.height and short.count == 6
+
+
 def test_parts_larger_than_every_box_are_left_out_with_the_reason() -> None:
     parts = [cube(), slab(2540, 200, 100, "inches"), slab(50, 5, 5, "bar", rotations="fixed")]
     packed = pack(parts, "120x60x40mm", settings=QUICK)

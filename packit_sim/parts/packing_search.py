@@ -28,8 +28,8 @@ from packit_sim.parts.task import PackTask
 _FULL = 0.6
 """Share of the boxes' volume above which parts are not expected to fit into all of them."""
 
-_SHORTEST = 0.05
-"""Seconds that a box gets at least."""
+_SECONDS = 0.05, 1e6
+"""Seconds that a box gets, at least and at most."""
 
 _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
@@ -219,7 +219,7 @@ class PackingSearch:
             types,
             container,
             objective,
-            max(seconds, _SHORTEST),
+            min(max(seconds, _SECONDS[0]), _SECONDS[1]),
             self.seed if seed is None else seed,
             task.gap,
             of_all,
@@ -314,6 +314,9 @@ class PackingSearch:
 
     @property
     def _left(self) -> float:
+        """Seconds that are left; without end where passes are counted instead."""
+        if self.task.settings.iterations is not None:
+            return math.inf
         return self.end - clock.perf_counter()
 
     @property
