@@ -201,7 +201,7 @@ def test_the_pieces_of_a_cube_are_put_together_again() -> None:
 def test_bowls_are_nested() -> None:
     profile = np.array([[0, 0], [12, 0], [20, 18], [18.5, 18], [11, 1.5], [0, 1.5]])
     bowl = creation.revolve(profile, sections=12)
-    settings = replace(QUICK, iterations=200)
+    settings = replace(QUICK, iterations=200, workers=3)  # one search finds it for 3 of 5 seeds
     packed = pack(
         [Part("bowl", bowl, count=3, rotations="upright")],
         (41, 41, 60),

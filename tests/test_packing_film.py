@@ -61,12 +61,14 @@ def test_parts_come_in_by_straight_moves_and_end_in_their_places(tmp_path, monke
     assert np.ptp(under[:, :2], axis=0).max() > 0.3  # the fixed roof is above it: from the side
 
 
-def test_a_film_is_written_by_the_command_and_the_call(tmp_path) -> None:
-    parts = [Part("cube", creation.box((6, 6, 6)), count=2)]
+def test_a_film_is_written(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(packing_film, "SIZE", (120, 90))
+    monkeypatch.setattr(packing_film, "FPS", 10)
+    parts = [Part("cube", creation.box((6, 6, 6)))]
     found = pack(parts, (20, 10, 15), settings=QUICK)
     file = found.film(tmp_path / "packing.gif")
     with Image.open(file) as film:
-        assert film.size == packing_film.SIZE and film.n_frames > 20
+        assert film.size == packing_film.SIZE and film.n_frames > 10
         film.seek(film.n_frames - 1)
         assert len(np.unique(np.asarray(film.convert("RGB").reduce(8)))) > 5
     with pytest.raises(RenderError, match=r"packing\.txt is no film"):

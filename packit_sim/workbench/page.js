@@ -144,6 +144,7 @@
 
   async function poll() {
     const state = await (await fetch(`/state?seen=${seen}`)).json();
+    if (state.version < seen) return; // an answer that another one overtook
     get("pack").disabled = state.busy;
     get("stop").disabled = !state.busy;
     if (state.version === seen) return;
