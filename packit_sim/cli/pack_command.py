@@ -160,8 +160,7 @@ def pack_command(
     if instructions:
         print_written(found.instructions(out / "instructions.html"))
     for number in range(len(found.boxes) if film else 0):
-        stem = "packing" if len(found.boxes) == 1 else f"packing-{number + 1}"
-        print_written(found.film(out / f"{stem}.gif", number))
+        print_written(found.film(out / f"{found.stem(number)}.gif", number))
     if found.check.problems:
         for problem in found.check.problems:
             console.print(problem, markup=False, style="red")

@@ -59,8 +59,8 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
         raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for number, box in enumerate(packed.boxes, start=1):
-        stem = "packing" if len(packed.boxes) == 1 else f"packing-{number}"
+    for number, box in enumerate(packed.boxes):
+        stem = packed.stem(number)
         for suffix in ("3mf", "glb", "stl"):
             path = folder / f"{stem}.{suffix}"
             data = _encoded(packed, box, suffix)

@@ -83,6 +83,10 @@ class PackedParts:
         """Return the matrix (4, 4) from the coordinates in a part's file to those of its box."""
         return np.asarray(placement.pose @ self.part(placement).frame)
 
+    def stem(self, box: int) -> str:
+        """Return the name, without suffix, of the files of a box, by its number from 0."""
+        return "packing" if len(self.boxes) == 1 else f"packing-{box + 1}"
+
     @property
     def placements(self) -> list[tuple[FilledBox, Placement]]:
         """All packed parts, each with its box."""

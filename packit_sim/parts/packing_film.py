@@ -15,8 +15,8 @@ from packit_sim.media import films, video
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import AXES, PartSweeps
 from packit_sim.parts.posed_parts import contents
-from packit_sim.parts.removal import MOVES, Route, removal_of
-from packit_sim.parts.requirements import Requirements, order_of
+from packit_sim.parts.removal import Route
+from packit_sim.parts.requirements import Requirements, order_of, required_removal
 from packit_sim.placement import PosedItem
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import DEFAULT_LOOK
@@ -71,8 +71,7 @@ def film_packing(
     required = requirements or Requirements()
     sweeps = PartSweeps(packing)
     every = range(len(sweeps))
-    moves = 1 if required.insertable else MOVES
-    removal = removal_of(sweeps, every, sides=required.sides, moves=moves, fixed=required.fixed)
+    removal = required_removal(sweeps, every, required)
     routes = dict(zip(removal.order, removal.routes, strict=True))
     order = order_of(sweeps, every, required)
     whole = contents(packing, order, _SIDE)

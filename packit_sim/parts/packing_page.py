@@ -10,11 +10,18 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
 from packit_sim.libraries.library import assets_folder
+from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.box_pictures import shown
 from packit_sim.reports.models import Models
 
 if TYPE_CHECKING:
     from packit_sim.parts.packed import PackedParts
+
+
+def add_box(models: Models, packed: PackedParts, box: FilledBox) -> int:
+    """Add a box with all that is in it to the models of a page; return its number."""
+    state = shown(packed.contents(box))
+    return models.add(state.cells, state.placed, plain_sum(p.item.volume for p in state.placed))
 
 
 def write_page(packed: PackedParts, path: Path) -> Path:
@@ -44,13 +51,14 @@ def write_page(packed: PackedParts, path: Path) -> Path:
     reports = here.parent / "reports"
     three = assets_folder() / "three"
     models = Models()
-    boxes = []
-    for box in packed.boxes:
-        state = shown(packed.contents(box))
-        number = models.add(
-            state.cells, state.placed, plain_sum(p.item.volume for p in state.placed)
-        )
-        boxes.append({"name": box.type.name, "model": number, "count": len(box.packing.placements)})
+    boxes = [
+        {
+            "name": box.type.name,
+            "model": add_box(models, packed, box),
+            "count": len(box.packing.placements),
+        }
+        for box in packed.boxes
+    ]
     placed = packed.task.counts([one for _, one in packed.placements])
     parts = [
         {

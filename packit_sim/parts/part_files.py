@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -136,7 +136,7 @@ def find_parts(
     if assumed:
         files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
         notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
-    return Reading(tuple(_unique(parts)), tuple(problems), tuple(notes))
+    return Reading(tuple(with_own_names(parts)), tuple(problems), tuple(notes))
 
 
 def _defines_unit(file: Path) -> bool:
@@ -225,9 +225,9 @@ def _unit(unit_cm: float | None, assumed: str) -> tuple[Unit, float | None]:
     return "cm", unit_cm
 
 
-def _unique(parts: Sequence[Part]) -> Iterator[Part]:
-    """Yield the parts with names that differ."""
-    taken: set[str] = set()
+def with_own_names(parts: Sequence[Part], others: Iterable[str] = ()) -> Iterator[Part]:
+    """Yield parts with names that differ from each other and from those of others."""
+    taken = set(others)
     for part in parts:
         name, number = part.name, 1
         while name in taken:

@@ -11,7 +11,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.packing_stages import stages
 from packit_sim.parts.part_sweeps import PartSweeps
-from packit_sim.parts.removal import MOVES, removal_of
+from packit_sim.parts.removal import MOVES, Removal, removal_of
 from packit_sim.parts.supports import stacking_of
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -175,14 +175,25 @@ def packing_order(packing: Packing, requirements: Requirements | None = None) ->
     return order_of(sweeps, range(len(sweeps)), requirements or Requirements())
 
 
+def required_removal(
+    sweeps: PartSweeps, kept: Sequence[int], requirements: Requirements
+) -> Removal:
+    """Search for the removal of some parts by the moves that are allowed (see `removal_of`)."""
+    return removal_of(
+        sweeps,
+        kept,
+        sides=requirements.sides,
+        moves=1 if requirements.insertable else MOVES,
+        fixed=requirements.fixed,
+    )
+
+
 def order_of(
     sweeps: PartSweeps, kept: Sequence[int], requirements: Requirements
 ) -> tuple[int, ...]:
     """Return an order in which some parts can be put in, as `packing_order`."""
-    fixed = requirements.fixed
-    moves = 1 if requirements.insertable else MOVES
-    removal = removal_of(sweeps, kept, sides=requirements.sides, moves=moves, fixed=fixed)
-    order = (*sorted(fixed.intersection(kept)), *removal.packing_order)
+    removal = required_removal(sweeps, kept, requirements)
+    order = (*sorted(requirements.fixed.intersection(kept)), *removal.packing_order)
     return tuple(n for own in by_box(sweeps.packing, order) for n in own)
 
 
@@ -213,10 +224,9 @@ def geometric_violations(
     """
     found, packing, fixed = [], sweeps.packing, requirements.fixed
     if requirements.removable or requirements.insertable:
-        rule, moves = ("insertable", 1) if requirements.insertable else ("removable", MOVES)
+        rule = "insertable" if requirements.insertable else "removable"
         verb = "put in straight down" if requirements.insertable else "taken out"
-        removal = removal_of(sweeps, kept, sides=requirements.sides, moves=moves, fixed=fixed)
-        for stuck in removal.stuck:
+        for stuck in required_removal(sweeps, kept, requirements).stuck:
             way = _subject(packing, stuck.by)
             sentence = f"{_name(packing, stuck.part)} can't be {verb}: {way} in the way"
             found.append(Violation(rule, stuck.part, stuck.by, sentence))

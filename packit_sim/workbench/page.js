@@ -49,6 +49,7 @@
       const own = asked.get(file.number) || { count: 1, rotations: "cube" };
       asked.set(file.number, own);
       const row = element("tr", null);
+      row.dataset.number = file.number;
       const name = element("th", file.name, { scope: "row" });
       name.append(element("small", file.parts > 1 ? `${file.parts} parts: ${file.size}` : file.size));
       const count = element("input", null, { type: "number", min: 0, max: 10000, step: 1, value: own.count });
@@ -151,10 +152,7 @@
     seen = state.version;
     if (state.message || !/^sending/.test(get("message").textContent)) say(state.message);
     const known = String([...get("files").tBodies[0].rows].map((row) => row.dataset.number));
-    if (String(state.files.map(({ number }) => number)) !== known) {
-      showFiles(state.files);
-      [...get("files").tBodies[0].rows].forEach((row, n) => { row.dataset.number = state.files[n].number; });
-    }
+    if (String(state.files.map(({ number }) => number)) !== known) showFiles(state.files);
     if (state.result) showResult(state.result);
   }
 

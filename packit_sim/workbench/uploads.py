@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BufferedIOBase
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -11,7 +12,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replacing
 from packit_sim.libraries.mesh_files import SUFFIXES, Unit
 from packit_sim.parts.part import Part
-from packit_sim.parts.part_files import ReadSettings, find_parts
+from packit_sim.parts.part_files import ReadSettings, find_parts, with_own_names
 
 MOST_BYTES = 256 * 2**20
 """The largest file."""
@@ -56,7 +57,7 @@ class Uploads:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._next = 1
+        self._numbers = itertools.count(1)
         self.files: dict[int, Upload] = {}
 
     def add(self, name: str, body: BufferedIOBase, length: int, unit: Unit) -> Upload:
@@ -95,7 +96,7 @@ class Uploads:
                 f"{name}: too large: at most {MOST_BYTES:,} bytes, and {MOST_BYTES_TOGETHER:,} "
                 "of all files together"
             )
-        number, self._next = self._next, self._next + 1
+        number = next(self._numbers)
         file = self._folder / str(number) / name
         try:
             file.parent.mkdir(parents=True)
@@ -106,30 +107,17 @@ class Uploads:
                     left -= len(data)
                 if left:
                     raise ArgumentError(f"{name}: it was not sent completely")
-            parts = self._named(find_parts([file], ReadSettings(unit)).parts)
+            parts = find_parts([file], ReadSettings(unit)).parts
+            others = [part.name for each in list(self.files.values()) for part in each.parts]
+            upload = Upload(number, file, unit, tuple(with_own_names(parts, others)))
+            self.files[number] = upload
+            return upload
         except ArgumentError as error:
-            shutil.rmtree(file.parent, ignore_errors=True)
             sentence = str(error).replace(str(file), name)
             raise ArgumentError(sentence.removeprefix("no part can be read: ")) from None
-        except BaseException:
-            shutil.rmtree(file.parent, ignore_errors=True)
-            raise
-        upload = Upload(number, file, unit, parts)
-        self.files[number] = upload
-        return upload
-
-    def _named(self, parts: tuple[Part, ...]) -> tuple[Part, ...]:
-        """Return parts with names that no other file's parts have."""
-        taken = {part.name for each in self.files.values() for part in each.parts}
-        found = []
-        for part in parts:
-            name, number = part.name, 1
-            while name in taken:
-                number += 1
-                name = f"{part.name}-{number}"
-            taken.add(name)
-            found.append(replace(part, name=name))
-        return tuple(found)
+        finally:
+            if number not in self.files:
+                shutil.rmtree(file.parent, ignore_errors=True)
 
     def remove(self, number: int) -> None:
         """Forget a file; raise ArgumentError if there is none with this number."""

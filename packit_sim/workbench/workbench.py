@@ -18,12 +18,11 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.core.sums import plain_sum
 from packit_sim.core.web_origins import LOOPBACK
 from packit_sim.libraries.library import assets_folder
-from packit_sim.parts.box_pictures import shown
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
+from packit_sim.parts.packing_page import add_box
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import ReadSettings, find_parts
 from packit_sim.parts.part_sizes import shown as shown_lengths
@@ -262,9 +261,9 @@ class Workbench:
     ) -> None:
         """Search, in a thread of its own."""
         out = self._folder / "packing"
+        total = sum(part.count for part in parts)
 
         def better(packed: PackedParts, seconds: float) -> None:
-            total = sum(part.count for part in parts)
             self._note(
                 f"{packed.count} of {total} parts, density {packed.density:.3f}, "
                 f"after {seconds:.0f} s",
@@ -357,10 +356,8 @@ def _result(packed: PackedParts, locked: int, is_checked: bool) -> dict[str, Any
     models = Models()
     boxes = []
     for box in packed.boxes:
-        contents = packed.contents(box)
-        state = shown(contents)
-        models.add(state.cells, state.placed, plain_sum(p.item.volume for p in state.placed))
-        names = [packed.part(one).part.name for one in contents.placements]
+        add_box(models, packed, box)
+        names = [packed.part(one).part.name for one in packed.contents(box).placements]
         boxes.append({"name": box.type.name, "parts": names})
     return {
         "models": models.to_json(),
