@@ -38,6 +38,7 @@ from packit_sim.nesting import nest as nest_module
 from packit_sim.nesting.nest import NestingError
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.rotation_sets import matrices
+from packit_sim.nesting.tasks import Budget
 from packit_sim.nesting.validity import tolerance
 
 OPEN = math.inf
@@ -441,6 +442,21 @@ def test_a_short_time_gives_a_constructed_packing_without_other_processes(monkey
     assert done.height == pytest.approx(2, abs=1e-3)
 
 
+def test_the_processor_clock_counts_what_the_workers_compute_and_nothing_else() -> None:
+    budget = Budget(0.05, clock="processor")
+    time.sleep(0.1)
+    assert not budget.is_spent
+    while not budget.is_spent:
+        pass
+    assert budget.progress >= 1
+    settings = NestSettings(workers=2, clock="processor")
+    before = time.process_time()
+    ends: list[float] = []
+    nest(mixed("cube"), (3, 3, OPEN), time=1.5, settings=settings,
+         callback=lambda _, seconds: ends.append(seconds))  # fmt: skip
+    assert ends == sorted(ends) and ends[-1] <= time.process_time() - before
+
+
 def interrupt(*_: Any) -> None:
     raise KeyboardInterrupt
 
@@ -575,6 +591,7 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"settings": NestSettings(iterations=0)}, ArgumentError, "iterations 0.*at least 1"),
     ({"settings": NestSettings(iterations=-2)}, ArgumentError, "iterations -2"),
     ({"settings": NestSettings(iterations=1.5)}, ArgumentError, "iterations 1.5.*integer"),  # type: ignore[arg-type]
+    ({"settings": NestSettings(clock="sun")}, ArgumentError, "clock 'sun'.*wall, processor"),  # type: ignore[arg-type]
     ({"settings": NestSettings(workers=-1)}, WorkersError, "-1 workers.*0 for one per core"),
     ({"settings": NestSettings(backend="ssh")}, WorkersError, "'ssh'.*threads, ray"),  # type: ignore[arg-type]
 ]

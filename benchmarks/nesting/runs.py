@@ -31,7 +31,7 @@ class Search:
     seed : int
         The seed.
     seconds : float
-        The time.
+        The time: processor seconds of each worker.
     """
 
     kind: str
@@ -141,7 +141,7 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         search.seconds,
         search.seed,
         callback=lambda found, seconds: curve.append((round(seconds, 2), score(found))),
-        settings=NestSettings(workers=workers),
+        settings=NestSettings(workers=workers, clock="processor"),
     )
     elapsed = time.perf_counter() - before
     result: dict[str, Any] = {
@@ -150,6 +150,7 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         "density": packing.density,
         "items": len(packing.placements),
         "valid": not _checked(packing),
+        "clock": "processor",
         "elapsed": elapsed,
         "curve": curve,
         "others": case.others,

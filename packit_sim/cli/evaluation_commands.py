@@ -123,7 +123,7 @@ def evaluate_command(
     table = score_table([Score.of(agent.name, rollouts) for agent in agents])
     table.caption = (
         f"tasks: {len(wanted)}, seed: {seed}, rules: {rules}; below each mean its 95% bootstrap "
-        "interval; s: median seconds a task"
+        "interval; s: median processor seconds a task"
     )
     console.print(table)
     own = [_of(rollouts, agent.name) for agent in agents]

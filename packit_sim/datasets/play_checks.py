@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from itertools import pairwise
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import ItemRecord, Pack, task_digest
@@ -70,6 +71,11 @@ def play_problems(
         yield f"its box has {list(pack.cells)} cells, its rules say {list(wanted)}"
     if played.rules.physics is None and not pack.is_on_grid:
         yield "it has items off the grid, but its rules have no physics"
+    steps = played.improvements
+    if any(a.seconds > b.seconds or a.total >= b.total for a, b in pairwise(steps)):
+        yield "its improvements are not each later and better than the one before"
+    if steps and not abs(steps[-1].total - played.total) <= RETURN_SLACK:
+        yield f"its return is {played.total!r}, its last improvement has {steps[-1].total!r}"
     task = task_of(pack, played)
     is_known = task is not None or played.rules.cells is None  # a task in its own box
     if pack.outside and is_known and facts([*pack.items, *pack.outside]) != task:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
 from msgspec import Meta, Struct, field
 
@@ -83,6 +83,21 @@ class Sampled(_Record, frozen=True, kw_only=True, tag="random chromosome"):
     size: Positive
 
 
+class Improvement(NamedTuple):
+    """The best return of a search so far.
+
+    Attributes
+    ----------
+    seconds : float
+        The processor seconds until then.
+    total : float
+        The return.
+    """
+
+    seconds: Seconds
+    total: Return
+
+
 class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     """A box as an agent left it.
 
@@ -103,7 +118,9 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     end : End
         Why the episode ended.
     seconds : float
-        The duration of the episode; other work on the machine may have lengthened it.
+        The processor seconds that the episode took.
+    improvements : tuple of Improvement
+        Each better return that the agent's search found, and when; empty without a search.
     weights : str, optional
         The digest of the agent's weights, for an agent that learned.
     scores : mapping of str to number
@@ -120,6 +137,7 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     total: Return = field(name="return")
     end: End
     seconds: Seconds = 0.0
+    improvements: tuple[Improvement, ...] = ()
     weights: str | None = None
     scores: Mapping[str, int | float] = {}
     pieces: Method | None = None

@@ -18,10 +18,10 @@ from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.provenance import RETURN_SLACK
+from packit_sim.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.envs.observations import Observation
 from packit_sim.evaluation.results import ResultsError, Rollout, check_same, opened
-from packit_sim.game.agents import Agent
+from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode
 from packit_sim.rules import PACKIT, Rules
 
@@ -53,7 +53,7 @@ class Score:
     density : Estimate
         The mean density of the boxes at the end.
     seconds : float
-        The median duration of a task.
+        The median processor seconds of a task.
     """
 
     agent: str
@@ -105,7 +105,14 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
     return Comparison.of([ours[d] for d in shared], [theirs[d] for d in shared], RETURN_SLACK)
 
 
-def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = PACKIT) -> Episode:
+def play(
+    task: Task,
+    agent: Agent,
+    rng: np.random.Generator,
+    *,
+    rules: Rules = PACKIT,
+    on_progress: OnProgress = lambda rollouts, best: None,
+) -> Episode:
     """Let an agent play a task to its end.
 
     Parameters
@@ -118,6 +125,8 @@ def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = P
         The source of random numbers.
     rules : Rules
         The rules to play by.
+    on_progress : OnProgress
+        Called by the agent's search, if it has one.
 
     Returns
     -------
@@ -125,7 +134,7 @@ def play(task: Task, agent: Agent, rng: np.random.Generator, *, rules: Rules = P
         The episode, which is over.
     """
     episode = Episode(task, rules)
-    agent.play(episode, rng)
+    agent.play(episode, rng, on_progress)
     return episode
 
 
@@ -245,13 +254,24 @@ def _played(
     agents: Sequence[Agent], task: Task, number: int, seed: int, rules: Rules
 ) -> list[Rollout]:
     """Let several agents play a task."""
-    rollouts = []
-    for agent in agents:
-        started = time.perf_counter()
-        episode = play(task, agent, _stream(agent.name, seed, number), rules=rules)
-        seconds = time.perf_counter() - started
-        rollouts.append(Rollout.of(episode, agent.name, number, seed, seconds, agent.weights))
-    return rollouts
+    return [_rollout(agent, task, number, seed, rules) for agent in agents]
+
+
+def _rollout(agent: Agent, task: Task, number: int, seed: int, rules: Rules) -> Rollout:
+    """Let an agent play a task, and record when its search found something better."""
+    started = time.process_time()
+    improvements: list[Improvement] = []
+
+    def record(rollouts: int, best: float) -> None:
+        if not improvements or best > improvements[-1].total:
+            seconds = round(time.process_time() - started, 4)
+            improvements.append(Improvement(seconds, float(best)))
+
+    rng = _stream(agent.name, seed, number)
+    episode = play(task, agent, rng, rules=rules, on_progress=record)
+    seconds = time.process_time() - started
+    weights = agent.weights
+    return Rollout.of(episode, agent.name, number, seed, seconds, weights, improvements)
 
 
 def evaluate_batched(

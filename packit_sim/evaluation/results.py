@@ -20,7 +20,7 @@ from packit_sim.datasets import manifests
 from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import ItemRecord, Pack, Task
 from packit_sim.datasets.play_checks import play_problems, task_of
-from packit_sim.datasets.provenance import Played
+from packit_sim.datasets.provenance import Improvement, Played
 from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules
@@ -35,7 +35,7 @@ class ResultsError(PackItError, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """One episode that was played. Two are equal if they differ only in duration.
+    """One episode that was played. Two are equal if they differ only in the time that it took.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ class Rollout:
         seed: int,
         seconds: float,
         weights: str | None = None,
+        improvements: Iterable[Improvement] = (),
     ) -> Rollout:
         """Record an episode that is over.
 
@@ -80,9 +81,11 @@ class Rollout:
         seed : int
             The seed of the evaluation.
         seconds : float
-            The duration of the episode.
+            The processor seconds that the episode took.
         weights : str | None
             The digest of the agent's weights, for an agent that learned.
+        improvements : Iterable[Improvement]
+            Each better return that the agent's search found.
 
         Returns
         -------
@@ -99,6 +102,7 @@ class Rollout:
             total=float(episode.total),
             end=episode.end,
             seconds=round(seconds, 6),
+            improvements=tuple(improvements),
             weights=weights,
         )
         task = episode.task
@@ -116,7 +120,9 @@ class Rollout:
 
     @property
     def _timeless(self) -> Pack:
-        return replace(self.pack, provenance=structs.replace(self.played, seconds=0.0))
+        timeless = tuple(each._replace(seconds=0.0) for each in self.played.improvements)
+        played = structs.replace(self.played, seconds=0.0, improvements=timeless)
+        return replace(self.pack, provenance=played)
 
     @property
     def played(self) -> Played:
@@ -161,7 +167,7 @@ class Rollout:
 
     @property
     def seconds(self) -> float:
-        """The duration of the episode."""
+        """The processor seconds that the episode took."""
         return self.played.seconds
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,7 +27,7 @@ from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import Search
 from packit_sim.nesting.strips import StripSearch
-from packit_sim.nesting.tasks import Poses, SearchSettings, Solution, Task
+from packit_sim.nesting.tasks import CLOCKS, Clock, Poses, SearchSettings, Solution, Task
 
 _log = plain_logger("packit_sim.nesting")
 
@@ -68,6 +67,9 @@ class NestSettings:
     stop : threading.Event, optional
         Ends the search early when another thread sets it, as Ctrl-C does; the first packing still
         comes.
+    clock : str
+        What the time is: "wall" time, or "processor" time of each search, which does not depend on
+        what else the machine does.
     """
 
     workers: int = 0
@@ -77,6 +79,7 @@ class NestSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     start: Packing | None = None
     stop: threading.Event | None = None
+    clock: Clock = "wall"
 
 
 def nest(
@@ -102,7 +105,7 @@ def nest(
         "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
         fewest boxes.
     time : float
-        Seconds, from the call on. The first packing may take longer.
+        Seconds, from the call on (see `NestSettings.clock`). The first packing may take longer.
     seed : int
         The seed.
     clearance : float
@@ -128,7 +131,11 @@ def nest(
     NestingError
         If no packing that was found is valid.
     """
-    began = clock.perf_counter()
+    check_range(
+        "clock", settings.clock, (settings.clock in CLOCKS, f"choose {' or '.join(CLOCKS)}")
+    )
+    now = CLOCKS[settings.clock]
+    began = now()
     types = _item_types(items)
     if not isinstance(container, BoxContainer):
         container = BoxContainer(container)  # type: ignore[arg-type]
@@ -156,12 +163,13 @@ def nest(
     with search_workers(settings.workers, settings.backend, settings.address) as workers:
         seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
         searches = [SEARCHES[objective](task, int(each)) for each in seeds]
-        left = began + time - clock.perf_counter()
-        limits = Limits(left, settings.iterations, settings.stop or threading.Event())
+        before = now() - began
+        stop = settings.stop or threading.Event()
+        limits = Limits(time - before, settings.iterations, stop, settings.clock)
         try:
-            for best in rounds(problems, searches, limits, workers, checked):
+            for best, seconds in rounds(problems, searches, limits, workers, checked):
                 if callback is not None:
-                    callback(best, clock.perf_counter() - began)
+                    callback(best, before + seconds)
         except KeyboardInterrupt:
             if best is None:
                 raise

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
@@ -16,7 +15,7 @@ from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.problem import Problem, with_own_room
 from packit_sim.nesting.search import Search
-from packit_sim.nesting.tasks import Budget, Solution
+from packit_sim.nesting.tasks import CLOCKS, Budget, Clock, Solution
 
 SECONDS = 1.0, 20.0
 """Shortest and longest time of a round."""
@@ -85,11 +84,32 @@ class Limits:
         or after so many passes of each worker,
     stop : threading.Event
         or when this is set, at once if the workers are threads.
+    clock : str
+        The clock of the seconds (see `CLOCKS`).
     """
 
     seconds: float
     passes: int | None
     stop: threading.Event
+    clock: Clock
+
+
+class _Stopwatch:
+    """Seconds since the start: of the wall, or of this thread and of the slowest worker."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._now = CLOCKS[clock]
+        self._counts_workers = clock == "processor"
+        self._start = self._now()
+
+    def add(self, seconds: Iterable[float]) -> None:
+        """Count the processor time that workers took side by side."""
+        if self._counts_workers:
+            self._start -= max(seconds)
+
+    @property
+    def seconds(self) -> float:
+        return self._now() - self._start
 
 
 def rounds(
@@ -98,7 +118,7 @@ def rounds(
     limits: Limits,
     workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
-) -> Iterator[Packing]:
+) -> Iterator[tuple[Packing, float]]:
     """Search in rounds, the first of which only constructs a packing.
 
     Parameters
@@ -116,39 +136,42 @@ def rounds(
 
     Yields
     ------
-    Packing
+    packing : Packing
         Each valid packing that is better than all before, after the round that found it.
+    seconds : float
+        The seconds until then.
     """
-    start = time.perf_counter()
-    end = start + limits.seconds
+    watch = _Stopwatch(limits.clock)
     problems.get()
     passes = limits.passes
     best: Solution | None = None
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
-        now = time.perf_counter()
-        length = min(max(GROWTH * (now - start), SECONDS[0]), SECONDS[1])
-        seconds = min(length, end - now) if number else 0.0
+        now = watch.seconds
+        length = min(max(GROWTH * now, SECONDS[0]), SECONDS[1])
+        seconds = min(length, limits.seconds - now) if number else 0.0
         share = None if passes is None else min(PASSES, passes) if number else 0
         if passes is None or limits.passes is None:
-            before = (now - start) / limits.seconds
+            before = now / limits.seconds
             shares = before, before + seconds / limits.seconds
         else:
             before = 1 - passes / limits.passes
             shares = before, before + (share or 0) / limits.passes
         try:
-            jobs = [(problems, each, seconds, share, shares, stop) for each in searches]
-            searches = workers.map(_advance, jobs)
+            budget = seconds, share, shares, stop, limits.clock
+            ends = workers.map(_advance, [(problems, each, *budget) for each in searches])
         except KeyboardInterrupt:
             limits.stop.set()
             raise
+        searches = [search for search, _ in ends]
+        watch.add(spent for _, spent in ends)
         for solution in sorted((each.best for each in searches if each.best), key=_score):
             if best is not None and solution.score >= best.score:
                 break
             packing = check(solution)
             if packing is not None:
                 best = solution
-                yield packing
+                yield packing, watch.seconds
                 break
         for each in searches:
             if best is None or (each.best is not None and each.best.score < best.score):
@@ -157,7 +180,7 @@ def rounds(
                 each.adopt(problems.get(), best)
         if passes is not None and share is not None:
             passes -= share
-        is_over = time.perf_counter() >= end if passes is None else passes <= 0
+        is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
         if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
             return
 
@@ -173,12 +196,14 @@ def _advance(
     passes: int | None,
     shares: tuple[float, float],
     stop: threading.Event | None,
-) -> Search:
+    clock: Clock,
+) -> tuple[Search, float]:
+    start = CLOCKS[clock]()
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, Budget(seconds, passes, shares, stop))
-    return search
+    search.advance(problem, Budget(seconds, passes, shares, stop, clock))
+    return search, CLOCKS[clock]() - start
 
 
 def forget_fields(problem: Problem) -> None:

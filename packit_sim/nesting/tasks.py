@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +16,15 @@ from packit_sim.nesting.problem import State, state_of
 
 PASSES = 5
 """Passes of a separation between two looks at the clock."""
+
+Clock = Literal["wall", "processor"]
+"""What seconds of a search are: wall time, or processor time of each worker."""
+
+CLOCKS: dict[Clock, Callable[[], float]] = {
+    "wall": time.perf_counter,
+    "processor": time.thread_time,
+}
+"""How each clock is read in one thread."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +61,15 @@ class Budget:
     Parameters
     ----------
     seconds : float
-        Seconds of wall time from now on.
+        Seconds from now on.
     passes : int, optional
         Passes, instead of the time.
     shares : tuple of float
         The shares of the whole search before and after these.
     stop : threading.Event, optional
         Leaves nothing when it is set.
+    clock : str
+        The clock of the seconds (see `CLOCKS`), of the thread that makes and asks this.
     """
 
     def __init__(
@@ -65,9 +78,11 @@ class Budget:
         passes: int | None = None,
         shares: tuple[float, float] = (0.0, 1.0),
         stop: threading.Event | None = None,
+        clock: Clock = "wall",
     ) -> None:
         self._seconds = seconds
-        self._end = time.perf_counter() + seconds
+        self._now = CLOCKS[clock]
+        self._end = self._now() + seconds
         self._passes = passes
         self._all_passes = passes or 0
         self._shares = shares
@@ -79,14 +94,14 @@ class Budget:
         if self._stop is not None and self._stop.is_set():
             return True
         if self._passes is None:
-            return time.perf_counter() >= self._end
+            return self._now() >= self._end
         return self._passes <= 0
 
     @property
     def progress(self) -> float:
         """Which share of the whole search is spent."""
         if self._passes is None:
-            left = (self._end - time.perf_counter()) / max(self._seconds, 1e-9)
+            left = (self._end - self._now()) / max(self._seconds, 1e-9)
         else:
             left = self._passes / max(self._all_passes, 1)
         first, last = self._shares
