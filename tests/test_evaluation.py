@@ -263,6 +263,25 @@ def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
         packit("reproduce", "table2", *common)
 
 
+def test_the_portfolio_at_a_glance(tmp_path, monkeypatch) -> None:
+    common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path, "--quick")
+    monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
+    monkeypatch.setattr("packit_sim.paper.portfolio.QUICK_SECONDS", 0.05)
+    monkeypatch.setattr("packit_sim.paper.portfolio._POINTS", 3)
+    packit("reproduce", "portfolio", *common)
+    found = json.loads((tmp_path / "portfolio.json").read_text())
+    *single, best, everything = found["rows"]
+    pairs = [row for row in single if "+" in row["label"]]
+    assert len(pairs) >= 6 and all(list(row["rewards"]) == ["0.05"] for row in found["rows"])
+    assert "first 3 pairs" in best["label"] and "all 6 pairs" in everything["label"]
+    assert (tmp_path / "portfolio.png").stat().st_size > 1000
+    for row in found["rows"]:
+        assert row["label"] in (tmp_path / "portfolio.md").read_text()
+    monkeypatch.setattr(evaluation, "play", None)  # nothing is played again
+    packit("reproduce", "portfolio", *common)
+    assert json.loads((tmp_path / "portfolio.json").read_text()) == found
+
+
 def test_agents_may_be_names_and_workers_a_number(tasks, rollouts) -> None:
     assert evaluate(NAMES, tasks, seed=2, workers=2) == rollouts
     (one,) = evaluate("random/random/random", tasks[:1], seed=2)

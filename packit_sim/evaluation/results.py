@@ -175,6 +175,23 @@ class Rollout:
         """The digest of the agent's weights, None for an agent that did not learn."""
         return self.played.weights
 
+    def return_after(self, seconds: float) -> float:
+        """Return what the agent's search had reached by then: one run gives its whole curve.
+
+        Parameters
+        ----------
+        seconds : float
+            Processor seconds since the start of the episode.
+
+        Returns
+        -------
+        float
+            The best return until then; 0 before the first end of an episode was found. An agent
+            without a search reaches its return when the episode is over.
+        """
+        found = self.played.improvements or (Improvement(self.seconds, self.total),)
+        return max((each.total for each in found if each.seconds <= seconds), default=0.0)
+
 
 def read_results(path: Path | str) -> list[Rollout]:
     """Read a file of results.
