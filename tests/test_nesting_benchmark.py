@@ -3,12 +3,13 @@
 import gzip
 import json
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from trimesh import creation
 
 pytest.importorskip("matplotlib")
-from benchmarks.nesting import cases, report
+from benchmarks.nesting import ablations, cases, report
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
 from packit_sim.nesting.containers import BoxContainer
@@ -66,3 +67,23 @@ def test_the_cases_are_those_that_others_packed() -> None:
     assert sum(each.volume for each in case.types) == pytest.approx(1.148, abs=5e-4)
     liu = cases.literature("Liu et al. 2015/Experiment1", "axis-8")
     assert liu.others["sparrow-3d, 60 s"] == 24.35
+
+
+@pytest.mark.parametrize("variant", ["no construction", "overlap without sizes"])
+def test_a_variant_of_the_search_is_measured_once(
+    variant, small, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr(ablations, "STRIPS", (("literature", "four cubes", "fixed"),))
+    monkeypatch.setattr(ablations, "WARM_UP", 0)
+    ablations.VARIANTS[variant]()
+    try:
+        for _ in range(2):
+            ablations.measure(variant, 1.0, [0], 1, tmp_path)
+    finally:
+        patch.stopall()
+    (run,) = ablations.read(tmp_path).values()
+    assert run["valid"] and run["score"] == pytest.approx(1, abs=1e-3)
+    assert capsys.readouterr().out.count(variant) == 1
+    ablations.measure(ablations.WHOLE, 1.0, [0], 1, tmp_path)
+    report.write_report({}, tmp_path)
+    assert f"| {variant} | 1.00 (1) | 1.000 |" in (tmp_path / "nesting.md").read_text()

@@ -6,6 +6,7 @@
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
     .venv/bin/python -m benchmarks.nesting speed --workers 1 --seconds 20
+    .venv/bin/python -m benchmarks.nesting.ablations
     .venv/bin/python -m benchmarks.nesting --verify
     .venv/bin/python -m benchmarks.nesting --table
 

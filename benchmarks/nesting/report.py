@@ -12,6 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from benchmarks.common import RESULTS, plot_file
+from benchmarks.nesting import ablations
 from packit_sim.core.files import replace_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "nesting.md"
@@ -68,6 +69,7 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
         *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
         *_bins(by_kind["bins"]),
         *_speed(by_kind["speed"]),
+        *_ablations(list(ablations.read(out).values())),
     ]
     page = PAGE if out == RESULTS else out / "nesting.md"
     replace_text(page, "\n".join(parts))
@@ -197,6 +199,32 @@ def _speed(runs: Runs) -> Iterator[str]:
         for run in measured
     ]  # fmt: skip
     yield _table(", ".join(["instance", "rotations", *measures]), rows)
+
+
+def _ablations(runs: Runs) -> Iterator[str]:
+    """Yield the table of what the parts of the search give."""
+    if not runs:
+        return
+    yield "## What the parts of the search give\n"
+    scores: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    for run in runs:
+        scores[run["variant"], run["name"], run["rotations"]].append(run["score"])
+    strips = list(dict.fromkeys((run["name"], run["rotations"]) for run in runs))
+    rows = []
+    for variant in dict.fromkeys(run["variant"] for run in runs):
+        cells, ratios = [], []
+        for strip in strips:
+            own, whole = scores[variant, *strip], scores[ablations.WHOLE, *strip]
+            cells.append(f"{_mean(own)} ({len(own)})")
+            ratios.append(_ratio(own, statistics.mean(whole) if whole else None))
+        rows.append([variant, *cells, _number(statistics.mean(ratios), 3)])
+    names = ", ".join(f"{name} {rotations}" for name, rotations in strips)
+    yield _table(f"variant, {names}, mean ratio", rows)
+    yield (
+        "Mean heights (searches) after so many processor seconds of each of two searches: "
+        f"{', '.join(sorted({format(run['seconds'], 'g') for run in runs}))}. By "
+        "`python -m benchmarks.nesting.ablations`.\n"
+    )
 
 
 def _grouped(runs: Runs, *fields: str) -> Iterator[tuple[tuple[Any, ...], Runs]]:

@@ -1,0 +1,172 @@
+"""Measure what the parts of the search for strips give: the same searches without one of them.
+
+    .venv/bin/python -m benchmarks.nesting.ablations
+
+Each variant runs in a process of its own, which compiles its own kernels. The results are written
+to `benchmarks/results/nesting_ablations.json` one by one: what has a result is not searched again.
+`python -m benchmarks.nesting --table` puts them on the page.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks.common import argument_parser, machine, write_json
+from benchmarks.nesting.cases import CASES
+from benchmarks.nesting.runs import Search, run
+from packit_sim import NestSettings, nest
+from packit_sim.nesting import search, separation_kernels, strips
+from packit_sim.nesting.problem import Problem
+from packit_sim.nesting.rounds import Problems
+from packit_sim.nesting.tasks import Poses, Task
+
+FILE = "nesting_ablations.json"
+
+STRIPS = (
+    ("literature", "Stoyan et al. 2005/Example3", "axis-4"),
+    ("literature", "Egeblad et al. 2009/Merged3", "axis-4"),
+    ("strips", "0", "cube"),
+)
+"""Kind, name and rotation set of the strips."""
+
+SECONDS = 20.0
+
+SEEDS = (0, 1, 2)
+
+WARM_UP = 3
+"""Short searches before those that are measured, which compile the kernels."""
+
+
+def no_weights() -> None:
+    """Let the weights of pairs stay 1: not guided, only a local search."""
+    patch.object(separation_kernels, "GROWTH", (0.0, 0.0)).start()
+
+
+def no_sizes() -> None:
+    """Measure overlap by depth alone, whatever the sizes of the two items."""
+    original = Problems.build
+
+    def built(problems: Problems) -> Problem:
+        problem = original(problems)
+        problem.lookup.sizes[:] = 1.0
+        return problem
+
+    patch.object(Problems, "build", built).start()
+
+
+def no_construction() -> None:
+    """Begin with the items on top of each other, as they are."""
+
+    def stacked(problem: Problem, task: Task, *_: Any) -> Poses:
+        poses = task.nowhere
+        poses.inside[:] = 1
+        poses.turned[:] = problem.allowed[task.numbers, 0]
+        boxes = problem.lookup.boxes[task.numbers, poses.turned]
+        heights = boxes[:, 5] - boxes[:, 2] + 2 * problem.lookup.slack
+        poses.places[:] = -boxes[:, :3]
+        poses.places[:, 2] += np.cumsum(heights) - heights
+        return poses
+
+    patch.object(strips, "constructed", stacked).start()
+
+
+def all_at_once() -> None:
+    """Search for all items from the start, not for the large ones first."""
+    patch.object(search, "FEWEST", sys.maxsize).start()
+
+
+WHOLE = "as it is"
+
+VARIANTS: dict[str, Callable[[], None]] = {
+    WHOLE: lambda: None,
+    "weights stay 1": no_weights,
+    "overlap without sizes": no_sizes,
+    "no construction": no_construction,
+    "all items at once": all_at_once,
+}
+"""What each variant changes, before kernels are compiled."""
+
+
+def main() -> None:
+    parser = argument_parser(__doc__)
+    parser.add_argument("--only", choices=VARIANTS, help="one variant, in this process")
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    parser.add_argument("--workers", type=int, default=2)
+    arguments = parser.parse_args()
+    if arguments.only:
+        VARIANTS[arguments.only]()
+        measure(
+            arguments.only, arguments.seconds, arguments.seeds, arguments.workers, arguments.out
+        )
+        return
+    for name in VARIANTS:
+        with TemporaryDirectory() as kernels:
+            subprocess.run(
+                [
+                    sys.executable,
+                    "-m",
+                    "benchmarks.nesting.ablations",
+                    *sys.argv[1:],
+                    "--only",
+                    name,
+                ],
+                env={**os.environ, "NUMBA_CACHE_DIR": kernels},
+                check=True,
+            )
+
+
+def measure(variant: str, seconds: float, seeds: list[int], workers: int, out: Path) -> None:
+    """Search all strips that have no result yet, as this process's variant does."""
+    todo = [
+        Search(*strip, seed, seconds)
+        for seed in seeds
+        for strip in STRIPS
+        if _key(variant, Search(*strip, seed, seconds)) not in read(out)
+    ]
+    for n in range(WARM_UP if todo else 0):
+        for kind, name, rotations in STRIPS:
+            case = CASES[kind](name, rotations)
+            settings = NestSettings(workers=workers, clock="processor")
+            nest(case.types, case.container, case.objective, 2.0, n, settings=settings)
+    for each in todo:
+        result, _ = run(each, workers)
+        runs = read(out)
+        runs[_key(variant, each)] = {
+            "variant": variant,
+            "name": f"`{each.name}`" if each.kind == "literature" else f"{each.kind} {each.name}",
+            "rotations": each.rotations,
+            "seed": each.seed,
+            "seconds": seconds,
+            **{field: result[field] for field in ("score", "density", "valid", "workers")},
+        }
+        content = {"command": "python -m benchmarks.nesting.ablations", "machine": machine()}
+        write_json(out / FILE, {**content, "runs": runs})
+        print(f"{_key(variant, each)}: {result['score']:.4f}", flush=True)
+
+
+def _key(variant: str, search: Search) -> str:
+    return f"{variant}: {search.key}"
+
+
+def read(out: Path) -> dict[str, dict[str, Any]]:
+    """Return the finished searches in a folder by their keys."""
+    file = out / FILE
+    if not file.exists():
+        return {}
+    runs: dict[str, dict[str, Any]] = json.loads(file.read_text())["runs"]
+    return runs
+
+
+if __name__ == "__main__":
+    main()
