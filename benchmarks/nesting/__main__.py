@@ -5,6 +5,7 @@
     .venv/bin/python -m benchmarks.nesting strips --rotations cube axis-4
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
+    .venv/bin/python -m benchmarks.nesting clearance --rotations axis
     .venv/bin/python -m benchmarks.nesting speed --workers 1 --seconds 20
     .venv/bin/python -m benchmarks.nesting.ablations
     .venv/bin/python -m benchmarks.nesting --verify

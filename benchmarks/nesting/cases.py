@@ -23,6 +23,16 @@ BOXES = 6
 
 BIN_ITEMS = 60
 
+CLEARANCE = 0.01
+"""As a share of the base's longer side."""
+
+WITH_CLEARANCE = (
+    "Egeblad et al. 2009/Merged3",
+    "Liu et al. 2015/Experiment1",
+    "Stoyan et al. 2005/Example3",
+)
+"""The instances that are packed with a clearance."""
+
 SETS_OF_ITEMS = 10
 
 UNIT_BOX = BoxContainer((1.0, 1.0, 1.0))
@@ -46,6 +56,8 @@ class Case:
         The objective of `nest`.
     others : dict of str to float
         The results of others, by their names.
+    clearance : float
+        The distance to keep between items.
     """
 
     kind: str
@@ -55,6 +67,7 @@ class Case:
     container: BoxContainer
     objective: str
     others: dict[str, float] = field(default_factory=dict)
+    clearance: float = 0.0
 
 
 def published() -> dict[tuple[str, str], dict[str, float]]:
@@ -92,6 +105,13 @@ def speed(name: str, rotations: str) -> Case:
     return Case("speed", name, rotations, types, container, "strip")
 
 
+def clearance(name: str, rotations: str) -> Case:
+    """Read an instance of the literature, with a clearance of 1% of the base's longer side."""
+    types, container = read_instance(builtin_instances()[name], rotations)
+    distance = CLEARANCE * max(container.size[:2])
+    return Case("clearance", name, rotations, types, container, "strip", clearance=distance)
+
+
 def strips(name: str, rotations: str) -> Case:
     """Put the items of two test tasks into a strip."""
     row = next(row for row in _rows("two-task-strips.csv") if row["box"] == name)
@@ -124,6 +144,7 @@ CASES: dict[str, Callable[[str, str], Case]] = {
     "knapsacks": knapsacks,
     "bins": bins,
     "speed": speed,
+    "clearance": clearance,
 }
 """The kinds of problems, by name."""
 
@@ -132,6 +153,8 @@ def names(kind: str) -> list[str]:
     """List the problems of a kind."""
     if kind in ("literature", "speed"):
         return literature_names()
+    if kind == "clearance":
+        return list(WITH_CLEARANCE)
     return [str(n) for n in range(SETS_OF_ITEMS if kind == "bins" else BOXES)]
 
 

@@ -68,6 +68,7 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
         *_tasks("Two tasks in a strip", by_kind["strips"], {}),
         *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
         *_bins(by_kind["bins"]),
+        *_clearance(by_kind["clearance"]),
         *_speed(by_kind["speed"]),
         *_ablations(list(ablations.read(out).values())),
     ]
@@ -184,6 +185,22 @@ def _bins(runs: Runs) -> Iterator[str]:
         rows.append([f"{rotations}, {seconds:g} s", _mean(ours), _mean(greedy), str(fewer),
                      str(more), str(len(own)), _yes(own)])  # fmt: skip
     yield _table("rotations, mean boxes, first-fit decreasing, fewer, more, searches, valid", rows)
+
+
+def _clearance(runs: Runs) -> Iterator[str]:
+    """Yield the table of distances between items that must keep a clearance."""
+    if not runs:
+        return
+    yield "## Clearance: 1% of the base\n"
+    rows = [
+        [f"`{run['name']}`", run["rotations"], f"{run['clearance']:g}",
+         f"{run['smallest distance']:.6g}", _number(run["score"]), f"{run['seconds']:g} s",
+         "yes" if run["smallest distance"] >= run["clearance"] else "NO", _yes([run])]
+        for run in runs
+    ]  # fmt: skip
+    yield _table(
+        "instance, rotations, clearance, smallest distance by FCL, height, time, kept, valid", rows
+    )
 
 
 def _speed(runs: Runs) -> Iterator[str]:

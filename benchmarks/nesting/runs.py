@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from trimesh import Trimesh
+from trimesh.collision import CollisionManager
 
 from benchmarks.common import machine, write_json
 from benchmarks.nesting.cases import CASES, Case
@@ -140,6 +142,7 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         case.objective,
         search.seconds,
         search.seed,
+        case.clearance,
         callback=lambda found, seconds: curve.append((round(seconds, 2), score(found))),
         settings=NestSettings(workers=workers, clock="processor"),
     )
@@ -155,6 +158,8 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         "curve": curve,
         "others": case.others,
     }
+    if case.clearance:
+        result |= {"clearance": case.clearance, "smallest distance": smallest_distance(packing)}
     if workers == 1:
         counts = Problems(case.types, case.container.longest, 0.0).get().counts / elapsed
         measures = ("costs", "surface tests", "passes", "nodes")
@@ -174,8 +179,18 @@ def run_all(searches: Sequence[Search], results: Results, workers: int) -> None:
         print(f"{search.key}: {result['score']:.4f} (density {result['density']:.3f}); {others}")
 
 
+def smallest_distance(packing: Packing) -> float:
+    """Measure the smallest distance between two items of one box with FCL, through trimesh."""
+    manager = CollisionManager()
+    for n, placement in enumerate(packing.placements):
+        mesh = Trimesh(packing.vertices(placement), packing.types[placement.type].faces)
+        manager.add_object(str(n), mesh)
+    distance: float = manager.min_distance_internal()
+    return distance
+
+
 def _empty(case: Case) -> Packing:
-    return Packing(case.types, case.container, (), 0.0, case.objective)
+    return Packing(case.types, case.container, (), case.clearance, case.objective)
 
 
 def _checked(packing: Packing) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -109,7 +110,8 @@ def nest(
     seed : int
         The seed.
     clearance : float
-        Smallest distance between the surfaces of two items, and of items and obstacles.
+        Smallest distance between the surfaces of two items, and of items and obstacles; here the
+        contact tolerance is not taken off.
     callback : callable, optional
         Called with each better packing and the seconds since the call.
     settings : NestSettings
@@ -145,14 +147,15 @@ def nest(
         check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
     empty = Packing(types, container, (), clearance, objective)
     _check(empty)
-    problems = Problems((*types, *container.obstacles), container.longest, clearance)
+    gap = clearance and clearance + validity.tolerance(container.longest, math.inf)
+    problems = Problems((*types, *container.obstacles), container.longest, gap)
     task = _task(empty, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
 
     def checked(solution: Solution) -> Packing | None:
         packing = _packing(problems.get(), task, solution, empty)
-        found = packing.problems()
+        found = replace(packing, clearance=gap).problems()
         if objective != "knapsack" and any(packing.left_out):
             found.append("not all items are placed")
         if found:

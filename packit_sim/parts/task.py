@@ -259,12 +259,7 @@ class PackTask:
     @cached_property
     def gap(self) -> float:
         """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
-        clearance = self.settings.clearance
-        return (
-            clearance
-            + largest_sum((*self.parts, *self.obstacles))
-            + (self.tolerance if clearance else 0.0)
-        )
+        return self.settings.clearance + largest_sum((*self.parts, *self.obstacles))
 
     @cached_property
     def margin(self) -> float:
