@@ -2,6 +2,7 @@
 
 import gc
 import json
+import math
 import os
 import signal
 import subprocess
@@ -13,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from trimesh import creation
 
+from packit_sim import BoxContainer, ItemType, NestSettings, nest
 from packit_sim.core import parallel
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
@@ -204,6 +207,18 @@ def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None
             WorkersError, match=r"PackIt-Sim has version \d+\.\d+\.\d+ here, not 0\.0\.0"
         ):
             workers.map(fail, [(None,)])
+
+
+def test_a_search_goes_on_with_what_came_back_from_the_cluster(cluster) -> None:
+    """Its jobs change arrays that they got, round after round."""
+    cluster.add_node(num_cpus=2)
+    box = creation.box((1, 0.8, 0.6))
+    items = [ItemType("box", box.vertices, box.faces, demand=9)]
+    settings = NestSettings(workers=2, iterations=250)
+    strip = BoxContainer((2, 2, math.inf))
+    here = nest(items, strip, settings=settings)
+    there = nest(items, strip, settings=replace(settings, backend="ray", address=cluster.address))
+    assert there.problems() == [] and there.height == here.height
 
 
 def test_the_command_is_stopped_and_resumes(cluster, order, tmp_path) -> None:

@@ -328,7 +328,7 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
         import ray
 
         def work(job: bytes) -> Any:  # sent as code: the machine may lack PackIt-Sim
-            return pickle.loads(job)()
+            return pickle.dumps(pickle.loads(job)())  # Ray's own copies of arrays are read-only
 
         self.parallel = parallel
         self._task = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(work)
@@ -358,7 +358,7 @@ class RayTasks(ParallelBackendBase):  # type: ignore[misc] # joblib has no hints
         from ray.exceptions import RayError, RayTaskError
 
         try:
-            return out.result()
+            return pickle.loads(out.result())
         except RayTaskError as error:
             if isinstance(error.cause, ImportError):
                 raise WorkersError(
