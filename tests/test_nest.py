@@ -220,6 +220,50 @@ def test_cubes_fill_a_strip_and_boxes(seed) -> None:
     assert bins.boxes == 4 and bins.density == pytest.approx(1)
 
 
+def test_a_packing_to_begin_with_may_have_items_that_do_not_fit_any_more() -> None:
+    bar = of(creation.box((0.5, 0.5, 3)), "bar", rotations="yaw-4")
+    high = nest([bar, of(cube())], (2, 2, 4), "knapsack", settings=quick(20))
+    assert len(high.placements) == 2
+    settings = replace(quick(20), start=high)
+    low = nest([bar, of(cube())], (2, 2, 2), "knapsack", settings=settings)
+    assert low.problems() == [] and [each.type for each in low.placements] == [1]
+
+
+def test_bins_of_several_sizes_are_few_and_small(tmp_path) -> None:
+    """Ten cubes fill one box of eight and one of two, which is found from two boxes of eight."""
+    sizes = [BoxContainer(size) for size in ((2, 1, 1), (2, 2, 2), (1, 1, 3))]
+    score = lambda found: (found.boxes, -found.density)  # noqa: E731
+    scores = []
+    packing = nest(
+        [of(creation.box((0.9, 0.9, 0.9)), demand=10)],
+        sizes,
+        "bins",
+        callback=lambda found, _: scores.append(score(found)),
+        settings=quick(400),
+    )
+    assert packing.problems() == [] and packing.left_out == (0,)
+    assert [each.size for each in packing.containers] in (
+        [(2.0, 2.0, 2.0), (2.0, 1.0, 1.0)],
+        [(2.0, 1.0, 1.0), (2.0, 2.0, 2.0)],
+    )
+    assert packing.density == pytest.approx(0.9**3) and len(scores) > 1
+    assert scores == sorted(set(scores), reverse=True)
+    packing.write(tmp_path / "packing.json")
+    report = verify_packing(tmp_path / "packing.json")
+    assert report.holds and report.density == pytest.approx(packing.density)
+
+
+def test_bins_of_several_sizes_hold_what_fits_only_into_one(tmp_path) -> None:
+    bar = creation.box((0.5, 0.5, 5))
+    sizes = [BoxContainer(size) for size in ((2, 2, 2), (0.6, 0.7, 5.1))]
+    packing = nest(
+        [of(bar, "bar", demand=2), of(cube(), demand=3)], sizes, "bins", settings=quick()
+    )
+    assert packing.problems() == [] and not any(packing.left_out)
+    used = [packing.container_of(each.box).size for each in packing.placements if each.type == 0]
+    assert used == [sizes[1].size] * 2 and packing.boxes == 3
+
+
 @pytest.mark.parametrize("objective", ["strip", pytest.param("bins", marks=pytest.mark.slow)])
 def test_a_clearance_holds(objective) -> None:
     clearance = 0.07
@@ -583,6 +627,25 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
         "obstacles are not possible.*bins",
     ),
     (
+        {"container": [BoxContainer((2, 2, 2)), (3, 3, 3)], "objective": "bins"},
+        ArgumentError,
+        r"container\[1\] \(3, 3, 3\) is not possible",
+    ),
+    (
+        {"container": [BoxContainer((2, 2, OPEN)), BoxContainer((3, 2, OPEN))]},
+        ArgumentError,
+        "objective 'strip' needs one container, not 2",
+    ),
+    (
+        {
+            "items": [of(cube(), "dice"), of(creation.box((3, 3, 3)), "block")],
+            "container": [BoxContainer((2, 2, 2)), BoxContainer((9, 1, 1))],
+            "objective": "bins",
+        },
+        ArgumentError,
+        "'block' of 3 x 3 x 3 does not fit into a container of 9 x 1 x 1 or 2 x 2 x 2",
+    ),
+    (
         {"settings": NestSettings(start=Packing((of(ball()),), BoxContainer((2, 2, OPEN)), ()))},
         ArgumentError,
         "other items",
@@ -590,7 +653,7 @@ ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"settings": NestSettings(iterations=0)}, ArgumentError, "iterations 0.*at least 1"),
     ({"settings": NestSettings(iterations=-2)}, ArgumentError, "iterations -2"),
     ({"settings": NestSettings(iterations=1.5)}, ArgumentError, "iterations 1.5.*integer"),  # type: ignore[arg-type]
-    ({"settings": NestSettings(clock="sun")}, ArgumentError, "clock 'sun'.*wall, processor"),  # type: ignore[arg-type]
+    ({"settings": NestSettings(clock="sun")}, ArgumentError, "clock 'sun'.*wall or processor"),  # type: ignore[arg-type]
     ({"settings": NestSettings(workers=-1)}, WorkersError, "-1 workers.*0 for one per core"),
     ({"settings": NestSettings(backend="ssh")}, WorkersError, "'ssh'.*threads, ray"),  # type: ignore[arg-type]
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.nesting.cost_kernels import distance_of, offset, update_overlaps
 from packit_sim.nesting.overlap_kernels import in_conflict
 from packit_sim.nesting.pose_kernels import NO_LIMIT, apart, clamp, put, take_out
@@ -85,12 +85,23 @@ def _is_conflict(problem, state, i, j, distance):
     return in_conflict(problem, first, other, rel, sx, sy, sz, distance < 0.5)
 
 
+@inner_kernel
+def _rotation_in_box(problem, a, o, p, boxes):
+    """Move a place (3,) into its box, and return a rotation in which the item fits there, or -1."""
+    if clamp(problem.lookup, a, o, p, boxes):
+        return o
+    for k in range(problem.allowed_counts[a]):
+        if clamp(problem.lookup, a, problem.allowed[a, k], p, boxes):
+            return problem.allowed[a, k]
+    return -1
+
+
 @kernel
 def load(problem, state, turned, places, boxes, is_checked):
     """Put the items that are inside at some poses, moved into their boxes; take out the others.
 
-    Obstacles stay where they are. An item that does not fit into its box takes another rotation; it
-    must fit in one of its own.
+    Obstacles stay where they are. An item that does not fit into its box takes another rotation; if
+    it fits in none of its own, it is taken out.
 
     Parameters
     ----------
@@ -122,11 +133,12 @@ def load(problem, state, turned, places, boxes, is_checked):
             continue
         a, o = state.types[i], turned[i]
         p[:] = places[i]
-        k = 0 if i < state.movable else problem.allowed_counts[a]
-        while k < problem.allowed_counts[a] and not clamp(lookup, a, o, p, boxes):
-            o = problem.allowed[a, k]
-            k += 1
-        put(lookup, state, i, o, p)
+        if i < state.movable:
+            o = _rotation_in_box(problem, a, o, p, boxes)
+        if o < 0:
+            take_out(state, i)
+        else:
+            put(lookup, state, i, o, p)
     found = 0
     if is_checked:
         for i in range(len(state.types)):

@@ -120,13 +120,25 @@ def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses
 
 def least_heights(problem: Problem, task: Task) -> Floats:
     """Return the least height of each item (n,) in the container, infinite if it does not fit."""
+    found = _least_heights(problem, task.size)
+    return found[task.numbers[: task.count]]
+
+
+def fitting(problem: Problem, task: Task, boxes: Floats) -> npt.NDArray[np.bool_]:
+    """Return which items fit into which boxes, (n, b), if these are empty."""
+    sizes = [tuple(sides) for sides in boxes[:, 1:].tolist()]
+    known = {size: np.isfinite(_least_heights(problem, size)) for size in set(sizes)}
+    return np.column_stack([known[size] for size in sizes])[task.numbers[: task.count]]
+
+
+def _least_heights(problem: Problem, size: Sequence[float]) -> Floats:
+    """Return the least height of each type in a box, infinite if it does not fit."""
     lookup = problem.lookup
     sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
-    fits = (sides <= np.array(task.size) + lookup.slack).all(axis=2)
+    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
     heights = np.where(fits, sides[..., 2], np.inf)
     rows = zip(heights, problem.allowed, problem.allowed_counts, strict=True)
-    found = np.array([own[allowed[:count]].min() for own, allowed, count in rows])
-    return found[task.numbers[: task.count]]
+    return np.array([own[allowed[:count]].min() for own, allowed, count in rows])
 
 
 def with_random_poses(
@@ -137,7 +149,7 @@ def with_random_poses(
     boxes: Floats,
     choices: np.random.Generator,
 ) -> Poses:
-    """Put items at random poses in some boxes.
+    """Put items at random poses in boxes that they fit into.
 
     Parameters
     ----------
@@ -160,11 +172,13 @@ def with_random_poses(
         The poses; those items are inside.
     """
     inside, turned, places = poses.inside.copy(), poses.turned.copy(), poses.places.copy()
+    fits = fitting(problem, task, boxes)
     for i in items:
         a = task.numbers[i]
         own: Ints = problem.allowed[a, : problem.allowed_counts[a]]
         turned[i] = choices.choice(own)
-        box = boxes[choices.integers(len(boxes))]
+        possible = np.flatnonzero(fits[i])
+        box = boxes[possible[choices.integers(len(possible))]]
         places[i] = choices.random(3) * box[1:] + (box[0], 0, 0)
         inside[i] = 1
     return Poses(inside, turned, places)

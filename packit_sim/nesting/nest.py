@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,7 +86,7 @@ class NestSettings:
 
 def nest(
     items: Sequence[ItemType | Item | Path | str],
-    container: BoxContainer | Sequence[float],
+    container: BoxContainer | Sequence[float] | Sequence[BoxContainer],
     objective: str = "strip",
     time: float = 60.0,
     seed: int = 0,
@@ -101,10 +102,10 @@ def nest(
         The items; an `Item` or a mesh file stands for one of it, in the 24 rotations.
     container : BoxContainer or sequence of float
         The box, or its sides; the height of a strip is `math.inf`. For the objective "bins" it has
-        no obstacles.
+        no obstacles, and may be several boxes: the sizes that there are, as many of each as needed.
     objective : str
         "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
-        fewest boxes.
+        fewest boxes, and then the smallest of several sizes.
     time : float
         Seconds, from the call on (see `NestSettings.clock`). The first packing may take longer.
     seed : int
@@ -139,17 +140,17 @@ def nest(
     now = CLOCKS[settings.clock]
     began = now()
     types = _item_types(items)
-    if not isinstance(container, BoxContainer):
-        container = BoxContainer(container)  # type: ignore[arg-type]
+    containers = _containers(container)
     check_range("time", time, POSITIVE)
     check_range("seed", as_integer("seed", seed), Range(0))
     if settings.iterations is not None:
         check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
-    empty = Packing(types, container, (), clearance, objective)
-    _check(empty)
-    gap = clearance and clearance + validity.tolerance(container.longest, math.inf)
-    problems = Problems((*types, *container.obstacles), container.longest, gap)
-    task = _task(empty, settings.search)
+    empty = Packing(types, containers[0], (), clearance, objective)
+    _check(empty, containers)
+    units = [each.longest for each in containers]
+    gap = clearance and clearance + validity.tolerance(max(units), math.inf)
+    problems = Problems((*types, *empty.container.obstacles), min(units), gap)
+    task = _task(empty, containers, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
 
@@ -181,7 +182,20 @@ def nest(
     return best
 
 
-def _task(empty: Packing, settings: SearchSettings) -> Task:
+def _containers(given: Any) -> tuple[BoxContainer, ...]:
+    """Return the sizes of boxes, the largest first."""
+    if isinstance(given, BoxContainer):
+        return (given,)
+    several = isinstance(given, Sequence) and any(isinstance(each, BoxContainer) for each in given)
+    if not several:
+        return (BoxContainer(given),)
+    for number, each in enumerate(given):
+        if not isinstance(each, BoxContainer):
+            raise ArgumentError(f"container[{number}] {each!r} is not possible: a BoxContainer")
+    return tuple(sorted(dict.fromkeys(given), key=lambda each: -each.volume))
+
+
+def _task(empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings) -> Task:
     """Return what is searched for to fill an empty packing."""
     types, obstacles = empty.types, empty.container.obstacles
     numbers = np.arange(len(types)).repeat([each.demand for each in types])
@@ -191,7 +205,7 @@ def _task(empty: Packing, settings: SearchSettings) -> Task:
         np.concatenate((numbers, np.arange(len(types), len(types) + len(obstacles)))),
         volumes[numbers],
         values[numbers],
-        empty.container.size,
+        tuple(each.size for each in containers),
         settings,
         np.array([(each.low + each.high) / 2 for each in obstacles]).reshape(-1, 3),
     )
@@ -199,6 +213,8 @@ def _task(empty: Packing, settings: SearchSettings) -> Task:
 
 def _poses(start: Packing, problem: Problem, task: Task, empty: Packing) -> Poses:
     """Return the poses of a former packing; items that can't have them are not inside."""
+    if len(task.sizes) > 1:
+        raise ArgumentError("a packing to begin with is not possible with boxes of several sizes")
     names = [each.digest for each in empty.types]
     if [each.digest for each in start.types] != names:
         raise ArgumentError("the packing to begin with is of other items, or in another order")
@@ -243,26 +259,33 @@ def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
     )
 
 
-def _check(packing: Packing) -> None:
-    """Raise ArgumentError if an objective does not fit a container, or an item doesn't."""
-    types, container, objective = packing.types, packing.container, packing.objective
-    if container.is_strip != (objective == "strip"):
-        needs = "no height (math.inf)" if objective == "strip" else "a height"
-        raise ArgumentError(
-            f"objective {objective!r} needs a box with {needs}, not one of {_size(container.size)}"
-        )
-    if objective == "bins" and container.obstacles:
-        raise ArgumentError('obstacles are not possible with the objective "bins"')
+def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
+    """Raise ArgumentError if an objective does not fit the containers, or an item doesn't."""
+    types, objective = packing.types, packing.objective
+    if objective != "bins" and len(containers) > 1:
+        raise ArgumentError(f"objective {objective!r} needs one container, not {len(containers)}")
+    for container in containers:
+        if container.is_strip != (objective == "strip"):
+            needs = "no height (math.inf)" if objective == "strip" else "a height"
+            size = _size(container.size)
+            raise ArgumentError(
+                f"objective {objective!r} needs a box with {needs}, not one of {size}"
+            )
+        if objective == "bins" and container.obstacles:
+            raise ArgumentError('obstacles are not possible with the objective "bins"')
     if objective == "knapsack":
         return
+    sizes = np.array([each.size for each in containers])
+    unit = min(each.longest for each in containers)
     longest = [float(each.extents.max()) for each in types]
-    slack = SLACK * min(validity.tolerance(container.longest, each) for each in longest)
+    slack = SLACK * min(validity.tolerance(unit, each) for each in longest)
     for each in types:
         sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in candidates(each))
-        if not any((side <= np.array(container.size) + slack).all() for side in sides):
+        if not any((side <= sizes + slack).all(axis=1).any() for side in sides):
+            known = " or ".join(_size(size) for size in sizes)
             raise ArgumentError(
                 f"item type {each.name!r} of {_size(each.extents)} does not fit into a "
-                f"container of {_size(container.size)} in any of its rotations ({each.rotations})"
+                f"container of {known} in any of its rotations ({each.rotations})"
             )
 
 
@@ -283,4 +306,6 @@ def _packing(problem: Problem, task: Task, solution: Solution, empty: Packing) -
         centre = (item_type.low + item_type.high) / 2
         pose[:3, 3] = poses.places[i] - pose[:3, :3] @ centre - (boxes[box, 0], 0, 0)
         placements.append(Placement(a, pose, int(box)))
-    return replace(empty, placements=tuple(placements))
+    containers = [BoxContainer(tuple(sides)) for sides in boxes[:, 1:].tolist()]
+    several = tuple(containers) if len(task.sizes) > 1 else ()
+    return replace(empty, placements=tuple(placements), containers=several)

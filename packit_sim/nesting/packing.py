@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -27,26 +28,28 @@ OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Items at their poses in a container, or in several of the same size.
+    """Items at their poses in a container, or in several.
 
     Parameters
     ----------
     types : tuple of ItemType
         The types of items.
     container : BoxContainer
-        The container.
+        The container, or the largest.
     placements : tuple of Placement
         The placed items.
     clearance : float
         The smallest distance between the surfaces of two items.
     objective : str
         "strip", "knapsack" or "bins".
+    containers : tuple of BoxContainer
+        That of each box, if there are several sizes; empty if all are like `container`.
 
     Raises
     ------
     ArgumentError
-        If a placement is of no type, an objective is unknown or does not fit the container, or the
-        clearance is negative or not finite.
+        If a placement is of no type or in no box, an objective is unknown or does not fit the
+        container, or the clearance is negative or not finite.
     """
 
     types: tuple[ItemType, ...]
@@ -54,6 +57,7 @@ class Packing:
     placements: tuple[Placement, ...]
     clearance: float = 0.0
     objective: str = "strip"
+    containers: tuple[BoxContainer, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "types", tuple(self.types))
@@ -73,6 +77,11 @@ class Packing:
                 )
             if placement.box < 0:
                 raise ArgumentError(f"placement {number} is in box {placement.box}: at least 0")
+            if self.containers and placement.box >= len(self.containers):
+                raise ArgumentError(
+                    f"placement {number} is in box {placement.box}: "
+                    f"there are boxes 0 to {len(self.containers) - 1}"
+                )
 
     def vertices(self, placement: Placement) -> Floats:
         """Return the vertices (n, 3) of a placed item, in the container's coordinates."""
@@ -96,12 +105,20 @@ class Packing:
             return 0.0
         if self.objective == "strip":
             return self.volume / (self.container.base * self.height)
-        return self.volume / (self.boxes * self.container.volume)
+        return self.volume / plain_sum(self.container_of(box).volume for box in self._used)
 
     @property
     def boxes(self) -> int:
         """How many containers have items."""
-        return len({placement.box for placement in self.placements})
+        return len(self._used)
+
+    @property
+    def _used(self) -> list[int]:
+        return sorted({placement.box for placement in self.placements})
+
+    def container_of(self, box: int) -> BoxContainer:
+        """Return the container of a box, by its number."""
+        return self.containers[box] if self.containers else self.container
 
     @property
     def left_out(self) -> tuple[int, ...]:
@@ -118,20 +135,30 @@ class Packing:
         list of str
             A sentence for each problem (see `validity`); empty if the packing is valid.
         """
+        numbered = list(enumerate(self.placements))
+        if not self.containers:
+            return self._problems(self.container, numbered)
+        found = []
+        for box, container in enumerate(self.containers):
+            own = [(n, placement) for n, placement in numbered if placement.box == box]
+            found += self._problems(container, own)
+        return found
+
+    def _problems(
+        self, container: BoxContainer, numbered: Sequence[tuple[int, Placement]]
+    ) -> list[str]:
+        """Check items in boxes of one size."""
+        unit = container.longest
         bodies = [
-            validity.Body(
-                named(number, self.types[placement.type].name),
-                self.types[placement.type],
-                placement,
-                self.container.longest,
-            )
-            for number, placement in enumerate(self.placements)
+            validity.Body(named(number, own.name), own, placement, unit)
+            for number, placement in numbered
+            for own in [self.types[placement.type]]
         ]
         obstacles = [
-            validity.Body(each.name, each, Placement(0, np.eye(4)), self.container.longest)
-            for each in self.container.obstacles
+            validity.Body(each.name, each, Placement(0, np.eye(4)), unit)
+            for each in container.obstacles
         ]
-        return validity.problems(bodies, self.container, self.clearance, obstacles)
+        return validity.problems(bodies, container, self.clearance, obstacles)
 
     def write(self, path: Path | str) -> None:
         """Write the packing as JSON that `packit verify` checks.
@@ -146,4 +173,5 @@ class Packing:
         OSError
             If a file can't be written.
         """
-        write_packing(path, self.types, self.container, self.placements, self.clearance)
+        placed = self.types, self.container, self.placements, self.clearance
+        write_packing(path, *placed, self.containers)

@@ -121,6 +121,7 @@ def write_packing(
     container: BoxContainer,
     placements: Sequence[Placement],
     clearance: float,
+    containers: Sequence[BoxContainer] = (),
 ) -> None:
     """Write a packing as `verify_packing` reads it.
 
@@ -137,6 +138,8 @@ def write_packing(
         The items.
     clearance : float
         The smallest distance between the surfaces of two items.
+    containers : sequence of BoxContainer
+        That of each box, if there are several sizes.
 
     Raises
     ------
@@ -161,6 +164,8 @@ def write_packing(
         "clearance": clearance,
         "items": items,
     }
+    if containers:
+        packing["boxes"] = [each.size for each in containers]
     if container.obstacles:
         identity = np.eye(4).tolist()
         packing["obstacles"] = [

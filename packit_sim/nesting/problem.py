@@ -265,13 +265,15 @@ def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
     return {name: np.zeros(each.shape, each.dtype) for name, each in found.items()}
 
 
-def boxes_of(sizes: Sequence[Sequence[float]]) -> Floats:
+def boxes_of(sizes: Sequence[Sequence[float]], widest: float = 0.0) -> Floats:
     """Arrange boxes beside each other, so far apart that items in different ones don't meet.
 
     Parameters
     ----------
     sizes : sequence of three floats
         The sides of each box.
+    widest : float
+        The longest side along x that a box may get later, if it is longer than these.
 
     Returns
     -------
@@ -279,7 +281,7 @@ def boxes_of(sizes: Sequence[Sequence[float]]) -> Floats:
         The x at which each box starts, and its sides.
     """
     found = np.array(sizes, dtype=float).reshape(-1, 3)
-    starts = np.arange(len(found)) * 3 * found[:, 0].max()
+    starts = np.arange(len(found)) * 3 * max(widest, found[:, 0].max())
     return np.column_stack((starts, found))
 
 

@@ -60,9 +60,9 @@ def push_apart(problem, state, boxes):
                     p[0] = state.places[m, 0] + step * gx
                     p[1] = state.places[m, 1] + step * gy
                     p[2] = state.places[m, 2] + step * gz
-                    clamp(lookup, state.types[m], state.turned[m], p, boxes)
-                    put(lookup, state, m, state.turned[m], p)
-                    last[m] = sweep
+                    if clamp(lookup, state.types[m], state.turned[m], p, boxes):
+                        put(lookup, state, m, state.turned[m], p)
+                        last[m] = sweep
         idle = 0 if total < 0.95 * least else idle + 1
         least = min(least, total)
         if total == 0 or idle > PATIENCE:

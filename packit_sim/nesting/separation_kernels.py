@@ -69,7 +69,8 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
         count, d, e = _next_trials(p, steps, trials, rng)
         best = -1
         for n in range(count):
-            clamp(lookup, a, o, trials[n], boxes)
+            if not clamp(lookup, a, o, trials[n], boxes):
+                continue
             other = rough_cost(lookup, state, i, o, trials[n], found)
             if other < found:
                 found = other
@@ -98,7 +99,9 @@ def _fine_descent(problem, state, i, o, p, found, boxes):
                 break
             for d in range(3):
                 trial[d] = p[d] - OVERSHOOT * found / square * slope[d]
-            clamp(problem.lookup, a, o, trial, boxes)
+            if not clamp(problem.lookup, a, o, trial, boxes):  # a step into a box that is too small
+                square = 0.0
+                break
             for d in range(3):
                 if trial[d] == p[d] and slope[d] != 0:
                     slope[d] = 0

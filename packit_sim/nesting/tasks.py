@@ -175,8 +175,9 @@ class Task:
         The type of each item, and then of each obstacle, which stays where it is.
     volumes, values : ndarray of float64, shape (n,)
         Their volumes and values.
-    size : tuple of float
-        The sides of the container; the height of a strip is infinite.
+    sizes : tuple of tuple of float
+        The sides of the container; the height of a strip is infinite. For bins those of each size,
+        the largest first.
     settings : SearchSettings
         The settings.
     obstacles : ndarray of float64, shape (m, 3)
@@ -188,10 +189,15 @@ class Task:
     numbers: Ints
     volumes: Floats
     values: Floats
-    size: tuple[float, float, float]
+    sizes: tuple[tuple[float, float, float], ...]
     settings: SearchSettings = field(default_factory=SearchSettings)
     obstacles: Floats = field(default_factory=lambda: np.empty((0, 3)))
     start: Poses | None = None
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """The sides of the container, or of the largest."""
+        return self.sizes[0]
 
     @property
     def count(self) -> int:
