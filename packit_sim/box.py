@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 import numpy.typing as npt
@@ -74,6 +74,11 @@ class BaseBox(ABC, Generic[ItemT]):
     def outer_words(self) -> Words:
         """The same as words [x, y, z], one for 4 x 4 x 4 cells (see `bits`)."""
         return self._occupancy.outer_words
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """The occupied cells as the fields of `BoxArrays`, for kernels."""
+        return self._occupancy.arrays
 
     def feasible(self, item: Item) -> Mask:
         """Compute the exact mask of feasible locations: bool over the grid nodes, [x, y, z]."""

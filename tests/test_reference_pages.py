@@ -14,6 +14,7 @@ from gymnasium import spaces
 
 from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
 from packit_sim.datasets import packs, provenance
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
@@ -37,11 +38,13 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "PoseRecord": (packs.PoseRecord, {}),
     "ItemRecord": (packs.ItemRecord, {}),
     "Evolved": (provenance.Evolved, {"kind": "first"}),
+    "Densified": (provenance.Densified, {"kind": "first"}),
     "Sampled": (provenance.Sampled, {"kind": "first"}),
     "FromOriginal": (provenance.FromOriginal, {"kind": "first"}),
     "Other": (provenance.Other, {"kind": "first"}),
     "Played": (provenance.Played, {"kind": "first"}),
     "EvolutionSettings": (EvolutionSettings, {}),
+    "DensificationSettings": (DensificationSettings, {}),
     "Rules": (Rules, {}),
     "QualityScores": (QualityScores, {}),
     "Manifest": (Manifest, {}),

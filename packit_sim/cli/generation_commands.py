@@ -1,4 +1,4 @@
-"""`packit generate`: the evolution of datasets, with its progress."""
+"""`packit generate`: the generation of datasets, with its progress."""
 
 from __future__ import annotations
 
@@ -25,20 +25,28 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
 from packit_sim.datasets.pack_files import WHOLE, read_packs
 from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Evolved
+from packit_sim.datasets.provenance import Densified, Evolved
 from packit_sim.generation import time_estimates
 from packit_sim.generation.evolution import Evolution, Generation, evolve
-from packit_sim.generation.jobs import GenerationJob, generate, under_way
+from packit_sim.generation.jobs import GenerationJob, SearchSettings, generate, under_way
 from packit_sim.generation.time_estimates import TimeEstimate
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split
 
+EVOLUTION_OPTIONS = ("population", "generations", "patience", "size_range", "search", "history")
+"""Options without an effect on dense packs of large items."""
+
+DENSE_OPTIONS = ("items", "floor", "rounds")
+"""Options with an effect on dense packs of large items only."""
+
 
 def generate_command(
+    context: typer.Context,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset.")],
     packs: Annotated[int, typer.Option(min=1, help="Number of packs in the dataset.")] = 1,
     split: Annotated[
@@ -47,7 +55,15 @@ def generate_command(
     ] = None,
     seed: SeedOption = 0,
     library: LibraryOption = "everyday",
-    pool: Annotated[int, typer.Option(min=1, help="Number of shapes drawn for each pack.")] = 50,
+    pool: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            show_default=False,
+            help=f"Number of shapes drawn for each pack: {EvolutionSettings.pool}, "
+            f"or {DensificationSettings.pool} with --dense.",
+        ),
+    ] = None,
     population: Annotated[int, typer.Option(help="Number of chromosomes in a generation.")] = 100,
     generations: Annotated[
         int, typer.Option(min=0, help="Maximum number of generations per pack.")
@@ -69,34 +85,77 @@ def generate_command(
         bool,
         typer.Option("--history", help="Also keep the best pack of every 50th generation."),
     ] = False,
+    dense: Annotated[
+        bool,
+        typer.Option(
+            "--dense",
+            help="Don't evolve packs, but replace their items by larger ones: hard tasks.",
+        ),
+    ] = False,
+    items: Annotated[
+        tuple[int, int],
+        typer.Option(metavar="LOW HIGH", help="Range of the number of items, with --dense."),
+    ] = DensificationSettings.items,
+    floor: Annotated[
+        float,
+        typer.Option(
+            help="Smallest volume of an item relative to that of all items, with --dense."
+        ),
+    ] = DensificationSettings.floor,
+    rounds: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help=f"Number of rounds of {DensificationSettings.moves} moves per pack, with --dense.",
+        ),
+    ] = DensificationSettings.rounds,
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
 ) -> None:
-    """Evolve the packs of a dataset: benchmark tasks with known solutions.
+    """Generate the packs of a dataset: benchmark tasks with known solutions.
+
+    Packs evolve as in the paper. With --dense, they are of large items, all of different shapes,
+    which are replaced by larger ones again and again (simulated annealing): so dense that searches
+    rarely find room for all items.
 
     Shapes are drawn from the library with replacement and rescaled to fill a box of length 1, so
     that a dataset from a folder of your own meshes has tasks with their shapes, but not with their
     real sizes or numbers: `packit pack` packs your parts as they are.
 
-    Pack n has the seed SEED + n, so that each can be evolved again on its own. The command can be
+    Pack n has the seed SEED + n, so that each can be generated again on its own. The command can be
     stopped at any time: repeat it to resume, with the same packs in the end.
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
+
+    Example: packit generate --dense --items 20 30 --packs 10 --split train --out hard-packs
     """
+    for name in EVOLUTION_OPTIONS if dense else DENSE_OPTIONS:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            option = f"--{name.replace('_', '-')}"
+            raise ArgumentError(
+                f"{option} has no effect {'with' if dense else 'without'} --dense: leave it out"
+            )
     if out.is_file():
         raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
     opened = _readable(ShapeLibrary.open(library))
-    settings = EvolutionSettings(
-        pool=pool,
-        population=population,
-        generations=generations,
-        patience=patience,
-        size_range=size_range,
-        search=search,
-    )
+    settings: SearchSettings
+    if dense:
+        settings = DensificationSettings(
+            items=items, floor=floor, pool=pool or DensificationSettings.pool, rounds=rounds
+        )
+    else:
+        settings = EvolutionSettings(
+            pool=pool or EvolutionSettings.pool,
+            population=population,
+            generations=generations,
+            patience=patience,
+            size_range=size_range,
+            search=search,
+        )
     order = GenerationJob(
         opened.split(split) if split else opened, packs, seed, split, history, settings
     )
@@ -164,7 +223,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
                         continue
                     if at.number not in bars:
                         bars[at.number] = progress.add_task(
-                            f"pack {at.number}", total=order.settings.generations + 1, note=""
+                            f"pack {at.number}", total=order.settings.steps, note=""
                         )
                     note = f"density {at.density:.3f}"
                     progress.update(bars[at.number], completed=at.generation + 1, note=note)
@@ -183,7 +242,7 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
             left = time_estimates.format_remaining(expected.seconds_left(under_way(file), clock()))
             progress.console.print(
                 f"pack {number}: density {pack.density:.3f}, {len(pack.items)} items, "
-                f"{_generation(pack)}" + (f"; {left}" if left else ""),
+                f"{_effort(pack)}" + (f"; {left}" if left else ""),
                 highlight=False,
             )
             progress.update(whole, advance=1, note=left)
@@ -198,17 +257,19 @@ def _shown(order: GenerationJob, file: Path, workers: int) -> Iterator[Callable[
 
 
 def _done(order: GenerationJob, file: Path) -> dict[int, Pack]:
-    """Return the last pack of each finished evolution by number."""
+    """Return the last pack of each finished search by number."""
     if not file.exists():
         return {}
     packs = read_packs(file)
     return {
         pack.provenance.seed - order.seed: pack
         for pack in packs
-        if isinstance(pack.provenance, Evolved)
+        if isinstance(pack.provenance, Evolved | Densified)
     }
 
 
-def _generation(pack: Pack) -> str:
+def _effort(pack: Pack) -> str:
+    if isinstance(pack.provenance, Densified):
+        return f"{pack.provenance.rounds} rounds"
     assert isinstance(pack.provenance, Evolved)
     return f"generation {pack.provenance.generation}"

@@ -108,6 +108,11 @@ class EvolutionSettings:
         return fields
 
     @property
+    def steps(self) -> int:
+        """The maximum number of generations, the first one included."""
+        return self.generations + 1
+
+    @property
     def survivors(self) -> int:
         """Chromosomes of a generation that survive it."""
         return self.elite + self.lucky

@@ -6,6 +6,7 @@ The oracle (`placement.conflicts`) decides about the geometry, without the code 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from packit_sim import placement
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Evolved
+from packit_sim.datasets.provenance import Densified, Evolved
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import INSIDE
@@ -99,6 +100,43 @@ def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
                 f"{named(n, item.shape)} has scale {item.scale!r}, "
                 f"which is none of its settings' {list(settings.scales)} at size {size!r}"
             )
+
+
+def density_problems(
+    pack: Pack, placed: Sequence[PlacedItem | PosedItem], densified: Densified
+) -> Iterator[str]:
+    """Yield where a pack contradicts the settings of its densification.
+
+    Parameters
+    ----------
+    pack : Pack
+        The pack.
+    placed : sequence of PlacedItem or PosedItem
+        Its items.
+    densified : Densified
+        Its provenance.
+
+    Yields
+    ------
+    str
+        A sentence for each contradiction.
+    """
+    settings = densified.settings
+    fewest, most = settings.items
+    if not fewest <= len(pack.items) <= most:
+        yield f"it holds {len(pack.items)} items, its settings say {fewest} to {most}"
+    if settings.cells != pack.cells:
+        yield f"its box has {list(pack.cells)} cells, its settings say {list(settings.cells)}"
+    shape, count = Counter(item.shape for item in pack.items).most_common(1)[0]
+    if count > settings.copies:
+        yield f"{count} of its items have the shape {shape!r}, its settings allow {settings.copies}"
+    volumes = [one.item.volume for one in placed]
+    share = min(volumes) / plain_sum(volumes)
+    if share < settings.floor * (1 - SCALE_SLACK):
+        yield f"its smallest item has {share:.4g} of the volume, not {settings.floor} at least"
+    largest = max(volumes) / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
+    if largest > settings.largest * (1 + SCALE_SLACK):
+        yield f"its largest item fills {largest:.4g} of the box, not {settings.largest} at most"
 
 
 def order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]:

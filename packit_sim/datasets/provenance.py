@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 
 from msgspec import Meta, Struct, field
 
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.geometry import rotations
 from packit_sim.libraries.splits import Split
@@ -69,6 +70,24 @@ class Evolved(_Record, frozen=True, kw_only=True, tag="evolution"):
     size: Positive
     settings: EvolutionSettings
     after: Count | None = None
+
+
+class Densified(_Record, frozen=True, kw_only=True, tag="densification"):
+    """A pack of large items, made denser by replacing items with larger ones.
+
+    Attributes
+    ----------
+    seed : int
+        The seed of the densification.
+    rounds : int
+        The number of rounds after which the pack was as it is.
+    settings : DensificationSettings
+        The settings of the densification.
+    """
+
+    seed: Count
+    rounds: Count
+    settings: DensificationSettings
 
 
 class Sampled(_Record, frozen=True, kw_only=True, tag="random chromosome"):
@@ -193,7 +212,7 @@ class Other(_Record, frozen=True, kw_only=True, tag="other"):
         return self.author or "packs"
 
 
-Provenance: TypeAlias = Evolved | Sampled | Played | FromOriginal | Other
+Provenance: TypeAlias = Evolved | Densified | Sampled | Played | FromOriginal | Other
 
 UNKNOWN_PROVENANCE = Other()
 """The provenance of a pack without a record."""

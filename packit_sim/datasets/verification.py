@@ -31,11 +31,17 @@ from packit_sim.datasets.manifests import (
     former_manifest_path,
     manifest_path,
 )
-from packit_sim.datasets.pack_checks import named, order_problems, settings_problems, verify
+from packit_sim.datasets.pack_checks import (
+    density_problems,
+    named,
+    order_problems,
+    settings_problems,
+    verify,
+)
 from packit_sim.datasets.pack_files import WHOLE, folder_files, numbered_lines, read_bytes
 from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.play_checks import insertion_problems, play_problems, task_of
-from packit_sim.datasets.provenance import Evolved, Played, Provenance
+from packit_sim.datasets.provenance import Densified, Evolved, Played, Provenance
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
@@ -171,7 +177,8 @@ def verify_dataset(
       packs and libraries, and each manifest has its file.
     - Each pack passes `verify`: library, items inside and without conflict, density.
     - It has at most as many items as its recorded pool, each at one of its recorded scales, in the
-      box of its recorded settings.
+      box of its recorded settings. A pack that was made denser has as many items, of such shares of
+      the volume, as its settings say.
     - The volumes that a stored library records are those of its meshes.
     - Results: the return and the end follow from the items and the task, and with the kinematic
       rule each item can come straight down from the open top. Agents do not play again.
@@ -253,6 +260,8 @@ class _DatasetCheck:
         except PackItError as error:
             yield str(error)
             return
+        if isinstance(pack.provenance, Densified) and placed:
+            yield from density_problems(pack, placed, pack.provenance)
         self.volume += plain_sum(p.item.volume for p in placed)
         self.space += math.prod(pack.cells) / CELLS_PER_UNIT**3
         for shape in dict.fromkeys(p.item.shape for p in placed):
@@ -291,8 +300,10 @@ class _DatasetCheck:
                 yield f"it is the same as pack {other}{of}"
                 break
         same.append((file, number, origin))
-        if isinstance(origin, Evolved | Played):
-            part = origin.after if isinstance(origin, Evolved) else origin.task
+        if isinstance(origin, Evolved | Densified | Played):
+            part = None
+            if not isinstance(origin, Densified):
+                part = origin.after if isinstance(origin, Evolved) else origin.task
             first = self._seeds.setdefault((file, origin.producer, origin.seed, part), number)
             if first != number:
                 yield f"its seed {origin.seed} is that of pack {first}"

@@ -13,7 +13,7 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.pack_files import dataset_file, dataset_library, read_packs
 from packit_sim.datasets.packs import Pack, Task
-from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Played
+from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Densified, Evolved, Played
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
@@ -259,6 +259,6 @@ def _facts(pack: Pack, items: int) -> tuple[tuple[str, str], ...]:
         rows += [("return", f"{origin.total:.3f}"), ("ended", origin.end)]
     if isinstance(origin, Evolved):
         rows.append(("generation", str(origin.generation)))
-    if isinstance(origin, Played | Evolved):
+    if isinstance(origin, Played | Evolved | Densified):
         rows.append(("seed", str(origin.seed)))
     return tuple(rows)

@@ -1,8 +1,9 @@
-"""Generation of datasets of evolved packs: on many workers, and resumable at any moment.
+"""Generation of datasets of packs: on many workers, and resumable at any moment.
 
-A dataset is a JSON Lines file (see `packs`), which is written again with each finished pack. Until
-all are finished, a hidden folder next to it holds a checkpoint of each unfinished evolution: the
-same job resumes from there, and ends in the same packs as without a stop.
+Packs evolve, or they are made denser (see `densification`). A dataset is a JSON Lines file (see
+`packs`), which is written again with each finished pack. Until all are finished, a hidden folder
+next to it holds a checkpoint of each unfinished pack: the same job resumes from there, and ends in
+the same packs as without a stop.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from msgspec import Struct
 
@@ -25,10 +26,12 @@ from packit_sim.core.files import claimed, followed, replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets import manifests
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import Evolved
+from packit_sim.datasets.provenance import Densified, Evolved
+from packit_sim.generation.densification import Densification, DensificationState
 from packit_sim.generation.evolution import Evolution, EvolutionState
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -41,6 +44,9 @@ JOB_FILE = "job.json"
 """The record of the job in a folder of checkpoints."""
 
 T = TypeVar("T")
+
+SearchSettings: TypeAlias = EvolutionSettings | DensificationSettings
+"""The settings of a search for packs: their type decides which search it is."""
 
 
 class GenerationError(PackItError):
@@ -60,15 +66,15 @@ class JobRecord(Struct, frozen=True):
         The seed of the first pack.
     history : bool
         Whether all packs of an evolution's history are kept.
-    settings : EvolutionSettings
-        The settings of the evolutions.
+    settings : dict
+        The settings of the searches, in JSON's types.
     """
 
     library: LibraryRef
     split: str | None
     seed: int
     history: bool
-    settings: EvolutionSettings
+    settings: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -80,16 +86,21 @@ class GenerationJob:
     library : ShapeLibrary
         The library of shapes, or one of its splits.
     packs : int
-        The number of evolutions.
+        The number of evolutions, or of densifications.
     seed : int
-        The seed of the first evolution; that of number n is `seed` + n.
+        The seed of the first one; that of number n is `seed` + n.
     split : str, optional
         The name of the split that the library is.
     history : bool
         Whether an evolution gives all packs of its history, not the best pack alone (for the
-        hardness curve: paper, figure 4).
-    settings : EvolutionSettings
-        The settings of the evolutions.
+        hardness curve: paper, figure 4). Densifications have no history.
+    settings : EvolutionSettings or DensificationSettings
+        The settings of the evolutions, or of the densifications.
+
+    Raises
+    ------
+    GenerationError
+        If densifications are to have a history.
     """
 
     library: ShapeLibrary
@@ -97,25 +108,44 @@ class GenerationJob:
     seed: int = 0
     split: str | None = None
     history: bool = False
-    settings: EvolutionSettings = field(default_factory=EvolutionSettings)
+    settings: SearchSettings = field(default_factory=EvolutionSettings)
+
+    def __post_init__(self) -> None:
+        if self.history and isinstance(self.settings, DensificationSettings):
+            raise GenerationError("only evolutions have a history, not densifications")
 
     @property
     def record(self) -> JobRecord:
         """What must be the same to resume the job."""
         library = LibraryRef.of(self.library)
-        return JobRecord(library, self.split, self.seed, self.history, self.settings)
+        return JobRecord(library, self.split, self.seed, self.history, self.settings.to_json())
+
+    def search(self, number: int) -> Evolution | Densification:
+        """Start the search for the pack of a number."""
+        seed = self.seed + number
+        if isinstance(self.settings, EvolutionSettings):
+            return Evolution(self.library, seed, self.settings)
+        return Densification(self.library, seed, self.settings)
+
+    def is_of(self, pack: Pack) -> bool:
+        """Whether a pack was generated with the job's library, settings and history."""
+        found = pack.provenance
+        if not isinstance(found, Evolved | Densified) or found.settings != self.settings:
+            return False
+        is_history = isinstance(found, Evolved) and found.after is not None
+        return is_history == self.history and pack.library == LibraryRef.of(self.library)
 
 
 @dataclass(frozen=True)
 class EvolutionProgress:
-    """An unfinished evolution at its last checkpoint.
+    """An unfinished evolution or densification at its last checkpoint.
 
     Attributes
     ----------
     number : int
         The number of its pack.
     generation : int
-        The last generation, from 0.
+        The last generation or round, from 0.
     density : float
         The best density so far.
     """
@@ -144,9 +174,9 @@ def generate(
     file : Path
         The JSON Lines file of its packs.
     workers : Workers | None
-        Where evolutions run; None for this process.
+        Where searches run; None for this process.
     on_pack : Callable[[int, Pack], None]
-        Called with the number and the best pack of each evolution that ends, once.
+        Called with the number and the best pack of each search that ends, once.
 
     Returns
     -------
@@ -197,10 +227,10 @@ def checkpoint(folder: Path, number: int) -> Path:
 
 
 def under_way(file: Path) -> list[EvolutionProgress]:
-    """Read the progress of a dataset's unfinished evolutions from their checkpoints."""
+    """Read the progress of a dataset's unfinished packs from their checkpoints."""
     found = []
     for path in sorted(work_folder(file).glob("[0-9]*.json")):
-        state = _read(path, EvolutionState)
+        state = _read(path, EvolutionState) or _read(path, DensificationState)
         if state is not None and state.densities:
             last = len(state.densities) - 1
             found.append(EvolutionProgress(int(path.stem), last, state.densities[-1]))
@@ -210,7 +240,7 @@ def under_way(file: Path) -> list[EvolutionProgress]:
 def _evolve(
     job: GenerationJob, wanted: JobRecord, folder: Path, number: int, driver: int
 ) -> tuple[int, list[Pack]]:
-    """Evolve a pack to the end, from its checkpoint if it has one.
+    """Search for a pack to the end, from its checkpoint if it has one.
 
     Checkpoints are written only if the folder is that of the wanted job: a machine of a cluster may
     not share it. Raises GenerationError if the library here is not the wanted one.
@@ -223,24 +253,36 @@ def _evolve(
     is_child = os.getppid() == driver
     writes = _read(folder / JOB_FILE, JobRecord) == wanted
     path = checkpoint(folder, number)
-    evolution = Evolution(job.library, job.seed + number, job.settings)
-    state = _read(path, EvolutionState) if writes else None
-    if state is not None:
-        evolution.restore(state)
-        _log.info("pack %d: resumes after %d generations", number, len(evolution.densities))
+    search = job.search(number)
+    restored = writes and _restore(search, path)
+    if restored:
+        _log.info("pack %d: resumes after %d generations", number, len(search.densities))
     elif writes and path.exists():
         _log.warning("%s is damaged: pack %d starts again", path, number)
     written = time.monotonic()
-    while not evolution.is_over:
-        evolution.step()
-        if evolution.is_over or time.monotonic() - written > CHECKPOINT_SECONDS:
+    while not search.is_over:
+        search.step()
+        if search.is_over or time.monotonic() - written > CHECKPOINT_SECONDS:
             if is_child and os.getppid() != driver:
                 os._exit(1)  # nobody waits for this worker any more
             if writes:
-                replace_text(path, typed_json.encode(evolution.state))
+                replace_text(path, typed_json.encode(search.state))
             written = time.monotonic()
-    packs = evolution.kept if job.history else [evolution.best]
+    packs = search.kept if job.history and isinstance(search, Evolution) else [search.best]
     return number, packs
+
+
+def _restore(search: Evolution | Densification, path: Path) -> bool:
+    """Resume a search from its checkpoint; return whether there is one that can be read."""
+    if isinstance(search, Evolution):
+        evolved = _read(path, EvolutionState)
+        if evolved is not None:
+            search.restore(evolved)
+        return evolved is not None
+    densified = _read(path, DensificationState)
+    if densified is not None:
+        search.restore(densified)
+    return densified is not None
 
 
 def _in_order(done: dict[int, list[Pack]]) -> list[Pack]:
@@ -281,12 +323,7 @@ def _finished(job: GenerationJob, file: Path) -> dict[int, list[Pack]]:
     library = LibraryRef.of(job.library)
     for number, pack in enumerate(read_packs(file)):
         found = pack.provenance
-        if (
-            not isinstance(found, Evolved)
-            or pack.library != library
-            or found.settings != job.settings
-            or (found.after is not None) != job.history
-        ):
+        if not (isinstance(found, Evolved | Densified) and job.is_of(pack)):
             raise GenerationError(
                 f"{file}, pack {number} was generated with another library or other settings: "
                 "choose another folder"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.generation.jobs import EvolutionProgress
+from packit_sim.generation.jobs import EvolutionProgress, SearchSettings
 
 ENOUGH = 20
 """Generations a worker before the first estimate: the first ones are the slowest."""
@@ -22,25 +21,26 @@ class TimeEstimate:
     """The time that a generation job still takes, estimated from its pace so far.
 
     An evolution is expected to have as many generations as those that ended after more generations
-    than it has, or as its settings allow if there is none; so with early stopping it is rough.
+    than it has, or as its settings allow if there is none; so with early stopping it is rough. The
+    rounds of densifications count as generations.
 
     Attributes
     ----------
-    settings : EvolutionSettings
-        The settings of the evolutions.
+    settings : EvolutionSettings or DensificationSettings
+        The settings of the searches.
     packs : int
-        The number of evolutions.
+        The number of searches.
     workers : int
-        How many evolutions run at a time.
+        How many searches run at a time.
     since : float
         When the measurement starts, in seconds of any clock.
     before : iterable of EvolutionProgress
-        The unfinished evolutions at that time.
+        The unfinished searches at that time.
     done : mapping of int to Pack
         The finished packs at that time, by number.
     """
 
-    settings: EvolutionSettings
+    settings: SearchSettings
     packs: int
     workers: int
     since: float
@@ -81,14 +81,14 @@ class TimeEstimate:
     def _expected(self, done: int) -> float:
         """Estimate the length of an evolution of which so many generations are done."""
         longer = [length for length in tuple(self._lengths.values()) if length > done]
-        return sum(longer) / len(longer) if longer else max(self.settings.generations + 1, done)
+        return sum(longer) / len(longer) if longer else max(self.settings.steps, done)
 
     def _length(self, pack: Pack) -> int:
         """How many generations it took, by that of the best pack: patience ran out, or all did."""
-        last = self.settings.generations
-        if isinstance(pack.provenance, Evolved):
-            last = min(pack.provenance.generation + self.settings.patience, last)
-        return last + 1
+        found = pack.provenance
+        if isinstance(found, Evolved):
+            return min(found.generation + found.settings.patience + 1, found.settings.steps)
+        return self.settings.steps
 
 
 def format_remaining(seconds: float | None) -> str:

@@ -1,0 +1,86 @@
+"""Settings of densification, recorded with each pack that came from it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from packit_sim.core.checks import Range, check_settings
+from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
+
+
+@dataclass(frozen=True)
+class DensificationSettings:
+    """The settings of a densification.
+
+    Parameters
+    ----------
+    items : tuple of int
+        The range of the number of items.
+    floor : float
+        The smallest volume of an item, relative to that of all items of the pack.
+    largest : float
+        The largest volume of an item, relative to the box's volume.
+    pool : int
+        The number of different shapes drawn, among those that can have the smallest volume. Fewer
+        if the library does not have as many.
+    copies : int
+        The number of items that may have the same shape.
+    rounds : int
+        The number of rounds.
+    moves : int
+        The number of moves in a round.
+    tolerance : float
+        The mean loss of density that a move may cause at the beginning. It falls to 0.
+    cells : tuple of int
+        The box's cells along x, y and z.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range; the message names it.
+    """
+
+    items: tuple[int, int] = (20, 40)
+    floor: float = 0.02
+    largest: float = 0.1
+    pool: int = 100
+    copies: int = 1
+    rounds: int = 100
+    moves: int = 100
+    tolerance: float = 0.002
+    cells: Triple = BOX_CELLS
+
+    def __post_init__(self) -> None:
+        fewest, most = self.items
+        check_settings(
+            self,
+            "densification setting",
+            items=(1 <= fewest <= most, "two numbers from 1, the smaller first"),
+            floor=(
+                0 < self.floor * most <= 1,
+                f"above 0, and at most {1 / max(most, 1):.3g} for {most} items",
+            ),
+            largest=Range(self.floor, 1),
+            copies=Range(1),
+            pool=(
+                self.copies * self.pool >= most,
+                f"at least {most / max(self.copies, 1):.10g} for {most} items with at most "
+                f"{self.copies} of a shape",
+            ),
+            rounds=Range(0),
+            moves=Range(1),
+            tolerance=Range(0, 1),
+        )
+        box_cells(self.cells)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the settings in JSON's types."""
+        fields: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return fields
+
+    @property
+    def steps(self) -> int:
+        """The number of rounds, the loose packing included."""
+        return self.rounds + 1

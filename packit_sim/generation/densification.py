@@ -1,0 +1,286 @@
+"""Densification: packs of large items, made denser by replacing items with larger ones."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from msgspec import Struct
+
+from packit_sim.box import Box
+from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.sums import plain_sum
+from packit_sim.datasets.densification_settings import DensificationSettings
+from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
+from packit_sim.datasets.provenance import Densified
+from packit_sim.generation.holes import Holes
+from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import BoxState, PlacedItem
+
+if TYPE_CHECKING:
+    from packit_sim.core.parallel import Workers
+
+FIRST_DENSITY = 0.3
+"""Density of the loose pack at the beginning, if its items fit."""
+
+LOOSER = 0.9
+"""Factor on the volume of the next item after `ATTEMPTS` failures."""
+
+ATTEMPTS = 40
+"""Shapes to try for an item of the loose pack before its volume is reduced."""
+
+PAIRS = 0.4
+"""Probability that a move replaces two neighbouring items, not one."""
+
+NEIGHBOURS = 4
+"""The second item is one of so many nearest to the first."""
+
+SAME_SHAPE = 0.25
+"""Probability that the shape of a new item is that of an item which it replaces."""
+
+SHARES = (0.25, 0.6)
+"""Range of the least volume of a pair's first new item, relative to that of the former pair."""
+
+SHAPES_TRIED = 4
+"""Shapes to try for a pair's first new item."""
+
+PRECISION = 0.01
+"""Relative precision of the largest volume of an item."""
+
+
+class DensificationError(PackItError):
+    """A library without enough shapes for the items of a densification."""
+
+
+class DensificationState(Struct, frozen=True):
+    """The whole state of a densification, as checkpoints record it.
+
+    Attributes
+    ----------
+    seed : int
+        The seed.
+    settings : DensificationSettings
+        The settings.
+    random : dict
+        The state of the random generator.
+    items : tuple of PackedItem
+        The items in the box.
+    densities : list of float
+        The density after each round.
+    """
+
+    seed: int
+    settings: DensificationSettings
+    random: dict[str, Any]
+    items: tuple[PackedItem, ...]
+    densities: list[float]
+
+
+class Densification:
+    """A pack that becomes denser, round by round.
+
+    At first items of about equal volume are packed loosely. Then each move removes an item, or two
+    neighbours, and puts back the largest items of random shapes, in any rotation and at any
+    location, that fit into the free space. A move that loses volume is accepted with a probability
+    that falls to 0 (simulated annealing). The number of items stays the same.
+
+    The same library, seed and settings lead to the same pack, also if the densification is stopped
+    and resumed.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits.
+    seed : int
+        The seed.
+    settings : DensificationSettings, optional
+        The settings.
+
+    Attributes
+    ----------
+    densities : list of float
+        The density after the loose packing and after each round.
+
+    Raises
+    ------
+    DensificationError
+        If the library does not have enough shapes that can be large enough.
+    """
+
+    def __init__(
+        self, library: ShapeLibrary, seed: int, settings: DensificationSettings | None = None
+    ) -> None:
+        self.settings = settings or DensificationSettings()
+        self.seed = seed
+        self._library = library
+        self._rng = np.random.default_rng(seed)
+        self._box = Box(self.settings.cells)
+        self._holes = Holes(self._box)
+        self._volume = float(self._box.size.prod())
+        fewest, most = self.settings.items
+        self._count = int(self._rng.integers(fewest, most + 1))
+        self._shapes = self._draw_shapes()
+        self._items: list[PlacedItem] = []
+        self.densities: list[float] = []
+
+    @property
+    def density(self) -> float:
+        """The density of the pack."""
+        return total_volume(self._items) / self._volume
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all rounds are done."""
+        return len(self.densities) > self.settings.rounds
+
+    @property
+    def best(self) -> Pack:
+        """The pack as it is now, its items from bottom to top."""
+        box = Box(self.settings.cells)
+        for placed in sorted(self._items, key=lambda p: (p.location[2], p.location)):
+            box.place(placed.item, placed.location)
+        provenance = Densified(
+            seed=self.seed, rounds=len(self.densities) - 1, settings=self.settings
+        )
+        return Pack.of(box, LibraryRef.of(self._library), provenance)
+
+    def step(self, workers: Workers | None = None) -> None:
+        """Pack loosely at first, then do one round."""
+        if not self.densities:
+            self._pack_loosely()
+        else:
+            for move in range(self.settings.moves):
+                self._move(self._tolerance(move))
+        self.densities.append(self.density)
+
+    @property
+    def state(self) -> DensificationState:
+        """The whole state, for `restore`."""
+        return DensificationState(
+            seed=self.seed,
+            settings=self.settings,
+            random=dict(self._rng.bit_generator.state),
+            items=tuple(PackedItem.of(placed) for placed in self._items),
+            densities=list(self.densities),
+        )
+
+    def restore(self, state: DensificationState) -> None:
+        """Resume from the state of a densification of the same library.
+
+        Parameters
+        ----------
+        state : DensificationState
+            The state.
+
+        Raises
+        ------
+        ArgumentError
+            If it has another seed or other settings.
+        """
+        for name, theirs, ours in (
+            ("seed", state.seed, self.seed),
+            ("settings", state.settings, self.settings),
+        ):
+            if theirs != ours:
+                raise ArgumentError(f"{name} was {theirs!r}, now {ours!r}: it can't be resumed")
+        self._rng.bit_generator.state = state.random
+        self._items = []
+        for record in state.items:
+            assert record.location is not None
+            item = Item(self._library[record.shape], record.scale, record.rotation)
+            self._items.append(PlacedItem(item, record.location))
+        self.densities = list(state.densities)
+
+    def _draw_shapes(self) -> list[Shape]:
+        """Draw the pool: different shapes that can have the smallest volume in a full box."""
+        smallest = self.settings.floor * self._volume
+        shapes = [self._library[id] for id in self._library]
+        usable = [s for s in shapes if self._holes.largest_volume(s) >= smallest]
+        drawn = self._rng.permutation(len(usable))[: self.settings.pool]
+        if len(drawn) * self.settings.copies < self._count:
+            raise DensificationError(
+                f"{self._library.path}: {len(usable)} of {len(shapes)} shapes can have "
+                f"{100 * self.settings.floor:g}% of the box's volume: too few for "
+                f"{self._count} items with at most {self.settings.copies} of a shape"
+            )
+        return [usable[n] for n in drawn.tolist()]
+
+    def _tolerance(self, move: int) -> float:
+        """Compute the mean loss of volume that a move of the present round may cause."""
+        settings = self.settings
+        done = (len(self.densities) - 1) * settings.moves + move
+        left = 1 - done / (settings.rounds * settings.moves)
+        return settings.tolerance * self._volume * left**2
+
+    def _pack_loosely(self) -> None:
+        """Pack items of the same volume, a smaller one each time that too few of them fit."""
+        volume = FIRST_DENSITY * self._volume / self._count
+        failures = 0
+        while len(self._items) < self._count:
+            if not self._add(self._random_shape(), volume, volume):
+                failures += 1
+                if failures % ATTEMPTS == 0:
+                    volume *= LOOSER
+                    self._items.clear()
+
+    def _move(self, tolerance: float) -> None:
+        """Replace one item or two, unless too much volume is lost or an item is too small."""
+        before = list(self._items)
+        former = self._remove()
+        volume = total_volume(former)
+        wanted = volume + tolerance * math.log(1 - self._rng.random())
+        smallest = self.settings.floor * total_volume(before)
+        largest = self.settings.largest * self._volume
+        if len(former) == 2:
+            for _ in range(SHAPES_TRIED):
+                least = max(smallest, wanted * self._rng.uniform(*SHARES))
+                if self._add(self._shape_like(former), least, max(least, wanted - smallest)):
+                    wanted -= self._items[-1].item.volume
+                    break
+        if len(self._items) < self._count - 1 or not (
+            self._add(self._shape_like(former), max(wanted, smallest), largest)
+            and self._smallest_share() >= self.settings.floor
+        ):
+            self._items = before
+
+    def _remove(self) -> list[PlacedItem]:
+        """Remove a random item, or two neighbours."""
+        first = int(self._rng.integers(self._count))
+        chosen = [first]
+        if self._count > 1 and self._rng.random() < PAIRS:
+            centers = np.array([placed.center for placed in self._items])
+            nearest = np.argsort(np.linalg.norm(centers - centers[first], axis=1), kind="stable")
+            others = nearest[nearest != first][:NEIGHBOURS]
+            chosen.append(int(self._rng.choice(others)))
+        return [self._items.pop(n) for n in sorted(chosen, reverse=True)]
+
+    def _add(self, shape: Shape, least: float, most: float) -> bool:
+        """Add the largest item of a shape that fits, unless the shape is in the box too often."""
+        used = sum(placed.item.shape is shape for placed in self._items)
+        if used >= self.settings.copies:
+            return False
+        self._box.restore(BoxState(self._box.cells, tuple(self._items)))
+        placed = self._holes.largest(shape, least, most, self._rng, PRECISION)
+        if placed is not None:
+            self._items.append(placed)
+        return placed is not None
+
+    def _random_shape(self) -> Shape:
+        return self._shapes[int(self._rng.integers(len(self._shapes)))]
+
+    def _shape_like(self, former: list[PlacedItem]) -> Shape:
+        """Draw the shape of one of the former items, or any shape of the pool."""
+        if self._rng.random() < SAME_SHAPE:
+            return former[int(self._rng.integers(len(former)))].item.shape
+        return self._random_shape()
+
+    def _smallest_share(self) -> float:
+        volumes = [placed.item.volume for placed in self._items]
+        return min(volumes) / plain_sum(volumes)
+
+
+def total_volume(items: list[PlacedItem]) -> float:
+    """Compute the volume of all items."""
+    return plain_sum(placed.item.volume for placed in items)
