@@ -23,6 +23,11 @@ BOXES = 6
 
 BIN_ITEMS = 60
 
+SCALES = 0.2, 0.6
+"""Least and largest bounding-box diagonal of library shapes in a strip with the base 1 x 1."""
+
+LIBRARY_SHAPES = 100
+
 CLEARANCE = 0.01
 """As a share of the base's longer side."""
 
@@ -138,6 +143,15 @@ def bins(name: str, rotations: str) -> Case:
     return Case("bins", name, rotations, _types(chosen, rotations), UNIT_BOX, "bins", others)
 
 
+def library(name: str, rotations: str) -> Case:
+    """Draw shapes of the built-in library, as many as the name says, of different sizes."""
+    known = ShapeLibrary.open("everyday")
+    rng = np.random.default_rng(0)
+    drawn = rng.choice(list(known.ids), int(name), replace=False).tolist()
+    items = [Item(known[each], float(rng.uniform(*SCALES))) for each in drawn]
+    return Case("library", name, rotations, _types(items, rotations), UNIT_STRIP, "strip")
+
+
 CASES: dict[str, Callable[[str, str], Case]] = {
     "literature": literature,
     "strips": strips,
@@ -145,6 +159,7 @@ CASES: dict[str, Callable[[str, str], Case]] = {
     "bins": bins,
     "speed": speed,
     "clearance": clearance,
+    "library": library,
 }
 """The kinds of problems, by name."""
 
@@ -155,6 +170,8 @@ def names(kind: str) -> list[str]:
         return literature_names()
     if kind == "clearance":
         return list(WITH_CLEARANCE)
+    if kind == "library":
+        return [str(LIBRARY_SHAPES)]
     return [str(n) for n in range(SETS_OF_ITEMS if kind == "bins" else BOXES)]
 
 

@@ -68,6 +68,7 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
         *_tasks("Two tasks in a strip", by_kind["strips"], {}),
         *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
         *_bins(by_kind["bins"]),
+        *_library(by_kind["library"]),
         *_clearance(by_kind["clearance"]),
         *_speed(by_kind["speed"]),
         *_ablations(list(ablations.read(out).values())),
@@ -185,6 +186,26 @@ def _bins(runs: Runs) -> Iterator[str]:
         rows.append([f"{rotations}, {seconds:g} s", _mean(ours), _mean(greedy), str(fewer),
                      str(more), str(len(own)), _yes(own)])  # fmt: skip
     yield _table("rotations, mean boxes, first-fit decreasing, fewer, more, searches, valid", rows)
+
+
+def _library(runs: Runs) -> Iterator[str]:
+    """Yield the table of how soon there is a packing of many shapes, and how it improves."""
+    if not runs:
+        return
+    yield "## Many library shapes in a strip\n"
+    rows = []
+    for run in runs:
+        curve = run["curve"]
+        reached = [
+            min((height for at, height in curve if at <= limit), default=None)
+            for limit in (SHORT, LONG)
+        ]
+        first = [f"{curve[0][0]:.1f} s", _number(curve[0][1])]
+        rows.append([run["name"], run["rotations"], *first, *map(_number, reached), _yes([run])])
+    yield _table(
+        "shapes, rotations, first packing after, its height, height after 60 s, after 600 s, valid",
+        rows,
+    )
 
 
 def _clearance(runs: Runs) -> Iterator[str]:

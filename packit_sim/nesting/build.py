@@ -178,11 +178,11 @@ def _distinct(
     """Return the rotations that differ by more than a symmetry of the vertices."""
     tree = cKDTree(vertices)
     far = vertices[np.argsort(-(vertices**2).sum(axis=1), kind="stable")[:FARTHEST]]
+    alike = np.abs(boxes[:, None] - boxes).max(axis=2) < least
     kept: list[int] = []
-
     for n in own:
         for k in kept:
-            if np.abs(boxes[n] - boxes[k]).max() < least and all(
+            if alike[n, k] and all(
                 tree.query(points @ (turns[k].T @ turns[n]).T)[0].max() < least
                 for points in (far, vertices)
             ):

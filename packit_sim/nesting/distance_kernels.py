@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from packit_sim.core.compilation import inner_kernel
+import numpy as np
+
+from packit_sim.core.compilation import inner_kernel, kernel
 
 STEPS = 64.0
 """Steps of the stored distances per cell."""
@@ -101,3 +103,33 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
                         -(xc * dx + yc * dy + zc * dz),
                     )
     return found, dx / STEPS, dy / STEPS, dz / STEPS
+
+
+@kernel
+def farthest_points(points, count):
+    """Choose points one after the other, each the farthest from those before.
+
+    Parameters
+    ----------
+    points : ndarray
+        (n, 3) float64.
+    count : int
+        The number of points to choose.
+
+    Returns
+    -------
+    ndarray
+        (count,) int64, their indices; the first is the farthest from the origin.
+    """
+    chosen = np.empty(count, np.int64)
+    gaps = (points**2).sum(axis=1)
+    for n in range(count):
+        last = chosen[n] = np.argmax(gaps)
+        if n == 0:
+            gaps[:] = np.inf
+        for m in range(len(points)):
+            x = points[m, 0] - points[last, 0]
+            y = points[m, 1] - points[last, 1]
+            z = points[m, 2] - points[last, 2]
+            gaps[m] = min(gaps[m], x * x + y * y + z * z)
+    return chosen

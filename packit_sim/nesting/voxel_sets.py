@@ -10,6 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import FINE_PER_CELL
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
+from packit_sim.nesting.distance_kernels import farthest_points
 
 BIAS = 0.45
 """Cells by which the distance to touched cells is on average less than that to the surface."""
@@ -82,10 +83,11 @@ def signed_distances(triangles: Floats, cell: float, margin: float) -> Floats:
         The distances, with the error of about half a cell that voxels have.
     """
     around = int(np.ceil(margin / cell)) + 1
-    touched, inner = (np.pad(each, around) for each in _cells(triangles, cell))
-    outside = distance_transform_edt(~(touched | inner)) - 0.5
-    inside = distance_transform_edt(touched | inner) - 0.5
-    found = np.where(touched | inner, BIAS - inside, outside + BIAS)
+    touched, inner = _cells(triangles, cell)
+    solid = np.pad(touched | inner, 1)
+    inside = np.pad(distance_transform_edt(solid), around - 1)
+    outside = distance_transform_edt(~np.pad(solid, around - 1))
+    found = np.where(inside > 0, BIAS + 0.5 - inside, outside + BIAS - 0.5)
     return np.asarray(found * cell)
 
 
@@ -117,14 +119,7 @@ def spread_points(triangles: Floats, count: int) -> Floats:
     corners = np.unique(corners, axis=0)
     corners = rng.permutation(corners)[: 4 * count]
     points = np.concatenate((corners, points))
-    chosen = np.empty(min(count, len(points)), np.int64)
-    chosen[0] = (points**2).sum(axis=1).argmax()
-    gaps = np.full(len(points), np.inf)
-    for n in range(1, len(chosen)):
-        away = points - points[chosen[n - 1]]
-        gaps = np.minimum(gaps, np.einsum("nd,nd->n", away, away))
-        chosen[n] = gaps.argmax()
-    return np.asarray(points[chosen])
+    return np.asarray(points[farthest_points(points, min(count, len(points)))])
 
 
 def enclosed(triangles: Floats, voxel: float) -> tuple[Any, Floats]:
