@@ -277,7 +277,10 @@ def test_boxes_of_several_sizes_are_filled_and_verified(tmp_path) -> None:
     ]
     assert verify_packing(tmp_path / "packing.json").problems == ()
     assert {"packing-1.3mf", "packing-2.png"} <= {file.name for file in tmp_path.iterdir()}
+    for name in ("packing-1.gif", "instructions.html", "mine.gif"):
+        (tmp_path / name).write_text("of the first packing, or the user's")
     pack([cube(count=3)], (20, 20, 20), out=tmp_path, settings=QUICK)
+    assert (tmp_path / "mine.gif").exists() and not (tmp_path / "instructions.html").exists()
     assert not list(tmp_path.glob("packing-*")) and (tmp_path / "packing.3mf").exists()
 
 

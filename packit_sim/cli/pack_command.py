@@ -22,6 +22,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
+from packit_sim.parts.packing_record import FILM, INSTRUCTIONS
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.task import Goal, PackSettings
 from packit_sim.parts.units import lengths, unit_of
@@ -158,9 +159,9 @@ def pack_command(
     console.print(found.table(), markup=False, highlight=False, soft_wrap=True)
     print_written(out, f": {found.count} parts")
     if instructions:
-        print_written(found.instructions(out / "instructions.html"))
+        print_written(found.instructions(out / INSTRUCTIONS))
     for number in range(len(found.boxes) if film else 0):
-        print_written(found.film(out / f"{found.stem(number)}.gif", number))
+        print_written(found.film(out / f"{found.stem(number)}{FILM}", number))
     if found.check.problems:
         for problem in found.check.problems:
             console.print(problem, markup=False, style="red")

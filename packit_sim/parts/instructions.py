@@ -20,7 +20,7 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
 from packit_sim.parts.posed_parts import PosedContents, contents
-from packit_sim.parts.requirements import Requirements, order_of, required_removal
+from packit_sim.parts.requirements import Requirements, ways_in
 from packit_sim.parts.turning import place_in_words, turn_in_words, way_in_words
 from packit_sim.placement import PosedItem
 from packit_sim.render.cameras import Camera
@@ -178,9 +178,7 @@ def _box(
     name: str, sweeps: PartSweeps, own: Sequence[int], unit: str, requirements: Requirements
 ) -> BoxSteps:
     packing, fixed = sweeps.packing, requirements.fixed
-    removal = required_removal(sweeps, own, requirements)
-    routes = dict(zip(removal.order, removal.routes, strict=True))
-    order = order_of(sweeps, own, requirements)
+    order, routes = ways_in(sweeps, own, requirements)
     whole = contents(packing, order)
     start = len(fixed.intersection(own))
     steps = []

@@ -16,7 +16,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import AXES, PartSweeps
 from packit_sim.parts.posed_parts import contents
 from packit_sim.parts.removal import Route
-from packit_sim.parts.requirements import Requirements, order_of, required_removal
+from packit_sim.parts.requirements import Requirements, ways_in
 from packit_sim.placement import PosedItem
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import DEFAULT_LOOK
@@ -70,10 +70,7 @@ def film_packing(
         raise ArgumentError("a film is of the parts in one box")
     required = requirements or Requirements()
     sweeps = PartSweeps(packing)
-    every = range(len(sweeps))
-    removal = required_removal(sweeps, every, required)
-    routes = dict(zip(removal.order, removal.routes, strict=True))
-    order = order_of(sweeps, every, required)
+    order, routes = ways_in(sweeps, range(len(sweeps)), required)
     whole = contents(packing, order, _SIDE)
     scale = _SIDE / packing.container.longest
     ways = [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]

@@ -32,6 +32,11 @@ RECORD = "packing.json"
 MESHES = "meshes"
 """The folder of the meshes, next to it."""
 
+INSTRUCTIONS = "instructions.html"
+
+FILM = ".gif"
+"""Suffix of the film of a box."""
+
 _PACKING_FILE = re.compile(r"packing(-\d+)?\.(3mf|glb|stl|png|html)")
 
 _WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
@@ -143,10 +148,12 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
 
 
 def _files(folder: Path) -> set[str]:
-    """Return the names of the files that an earlier record lists."""
+    """Return the names of the files that an earlier record lists, and of what comes after it."""
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        return {name for name in record["files"] if _PACKING_FILE.fullmatch(name)}
+        listed = {name for name in record["files"] if _PACKING_FILE.fullmatch(name)}
+        films = {f"{Path(name).stem}{FILM}" for name in listed}
+        return {*listed, *films, INSTRUCTIONS}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
 

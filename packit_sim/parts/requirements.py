@@ -11,7 +11,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.packing_stages import stages
 from packit_sim.parts.part_sweeps import PartSweeps
-from packit_sim.parts.removal import MOVES, Removal, removal_of
+from packit_sim.parts.removal import MOVES, Removal, Route, removal_of
 from packit_sim.parts.supports import stacking_of
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -192,9 +192,17 @@ def order_of(
     sweeps: PartSweeps, kept: Sequence[int], requirements: Requirements
 ) -> tuple[int, ...]:
     """Return an order in which some parts can be put in, as `packing_order`."""
+    return ways_in(sweeps, kept, requirements)[0]
+
+
+def ways_in(
+    sweeps: PartSweeps, kept: Sequence[int], requirements: Requirements
+) -> tuple[tuple[int, ...], dict[int, Route]]:
+    """Return an order in which some parts can be put in, and the way out of each that has one."""
     removal = required_removal(sweeps, kept, requirements)
     order = (*sorted(requirements.fixed.intersection(kept)), *removal.packing_order)
-    return tuple(n for own in by_box(sweeps.packing, order) for n in own)
+    ordered = tuple(n for own in by_box(sweeps.packing, order) for n in own)
+    return ordered, dict(zip(removal.order, removal.routes, strict=True))
 
 
 def by_box(packing: Packing, order: Sequence[int]) -> list[tuple[int, ...]]:

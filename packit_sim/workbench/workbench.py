@@ -23,6 +23,7 @@ from packit_sim.libraries.library import assets_folder
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
 from packit_sim.parts.packing_page import add_box
+from packit_sim.parts.packing_record import INSTRUCTIONS
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import ReadSettings, find_parts
 from packit_sim.parts.part_sizes import shown as shown_lengths
@@ -288,7 +289,7 @@ class Workbench:
             files = packed.export(out)
             if order.instructions:
                 self._note("writing the instructions", packed, locked)
-                files.append(packed.instructions(out / "instructions.html"))
+                files.append(packed.instructions(out / INSTRUCTIONS))
         except Exception as error:
             if not isinstance(error, PackItError):
                 _log.exception("the search failed")
