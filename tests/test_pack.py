@@ -284,6 +284,15 @@ def test_boxes_of_several_sizes_are_filled_and_verified(tmp_path) -> None:
     assert not list(tmp_path.glob("packing-*")) and (tmp_path / "packing.3mf").exists()
 
 
+def test_few_boxes_are_as_small_as_they_can_be() -> None:
+    """Ten cubes need two boxes, one of which may be a small one."""
+    settings = replace(QUICK, iterations=400)
+    boxes = ["A:20x20x20mm", "B:20x10x10mm"]
+    packed = pack([cube(9, count=10)], boxes, "boxes", settings=settings)
+    assert packed.count == 10 and packed.verify() == []
+    assert sorted(box.type.name for box in packed.boxes) == ["A", "B"]
+
+
 class _Few:
     """At most so many parts in a box."""
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from packit_sim.core.sums import plain_sum
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
@@ -76,7 +77,8 @@ class Answer:
         if task.objective == "height":
             score += (-max((box.packing.height for box in kept), default=0.0),)
         elif task.objective == "boxes":
-            score += (-float(len(kept)),)
+            volume = plain_sum(box.type.container.volume for box in kept)
+            score += (-float(len(kept)), -volume)
         return cls(tuple(kept), tuple(dropped), score)
 
     def in_order(self, task: PackTask) -> Answer:

@@ -94,9 +94,9 @@ class PackingSearch:
 
     def _search(self, counts: Mapping[int, int]) -> None:
         objective, first = self.task.objective, self.task.boxes[0]
-        is_one_size = len(self.task.boxes) == 1 and not self.task.obstacles
-        if objective == "boxes" and is_one_size and self._can_all_fit(counts):
-            self._fill_together(first, counts)
+        may_be_together = objective == "boxes" and not self.task.obstacles
+        if may_be_together and self._can_all_fit(counts):
+            self._fill_together(counts)
         else:
             left = self._fill_one_by_one(counts)
             if objective == "height" and not left and not self._is_over:
@@ -160,17 +160,20 @@ class PackingSearch:
             return None
         return best[0].boxes[-1]
 
-    def _fill_together(self, box: BoxType, counts: Mapping[int, int]) -> None:
-        """Search for the fewest boxes of one size."""
+    def _fill_together(self, counts: Mapping[int, int]) -> None:
+        """Search for the fewest boxes, of one size or of several that there are enough of."""
+        types = self.task.boxes
+        limit = types[0].count
 
         def better(packing: Packing) -> None:
-            boxes = self._in_boxes(packing, box)
-            if box.count is not None and len(boxes) > box.count:
+            boxes = self._in_boxes(packing, *types)
+            if limit is not None and len(boxes) > limit:
                 boxes.sort(key=self._weight, reverse=True)
-                boxes = boxes[: box.count]
+                boxes = boxes[:limit]
             self._offer(Answer.of(self.task, boxes))
 
-        self._nest(self._inner(box), "bins", counts, self._left, better)
+        inner = [self._inner(each) for each in types]
+        self._nest(inner, "bins", counts, self._left, better)
 
     def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
         """Search for the least height of all parts, below the box's."""
@@ -193,7 +196,7 @@ class PackingSearch:
 
     def _nest(
         self,
-        container: BoxContainer,
+        container: BoxContainer | Sequence[BoxContainer],
         objective: str,
         counts: Mapping[int, int],
         seconds: float,
@@ -244,8 +247,9 @@ class PackingSearch:
         ]
         return Packing(tuple(types), self._inner(box.type), tuple(placements), 0.0, "knapsack")
 
-    def _in_boxes(self, packing: Packing, box: BoxType) -> list[FilledBox]:
-        """Move a packing from the inner containers into its boxes."""
+    def _in_boxes(self, packing: Packing, *types: BoxType) -> list[FilledBox]:
+        """Move a packing from the inner containers into its boxes, which are of some types."""
+        by_size = {self._inner(each).size: each for each in reversed(types)}
         shift = np.eye(4)
         shift[:3, 3] = self.task.margin
         found: dict[int, list[Placement]] = {}
@@ -263,6 +267,7 @@ class PackingSearch:
                 ),
             )
             for n in sorted(found)
+            for box in [by_size.get(packing.container_of(n).size, types[0])]
         ]
 
     def _offer(self, answer: Answer) -> None:
@@ -288,10 +293,10 @@ class PackingSearch:
         return any(fits(own, each.size, self.task.margin) for each in boxes)
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
-        """Return whether all parts may be expected to fit into the boxes, which are of one size."""
-        box = self.task.boxes[0]
-        if box.count is None:
-            return True
+        """Return whether all parts may be expected to fit into boxes that are filled together."""
+        box, *others = self.task.boxes
+        if box.count is None or others:
+            return all(each.count is None for each in self.task.boxes)
         volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
         return box.count > 1 and volume <= _FULL * box.count * box.container.volume
 
