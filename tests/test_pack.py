@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from trimesh import creation
 
 from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
@@ -20,7 +21,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.placements import Placement
-from packit_sim.parts import exports, packing_search
+from packit_sim.parts import box_pictures, exports, packing_search
 from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
 from packit_sim.parts.packing_record import read_earlier
@@ -34,7 +35,7 @@ QUICK = PackSettings(workers=1, iterations=300)
 @pytest.fixture(autouse=True)
 def _no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes longer than all else here; `test_pack_cli.py` draws."""
-    monkeypatch.setattr(exports, "draw", lambda packing, path: path.write_bytes(b""))
+    monkeypatch.setattr(exports, "draw", lambda packing, path, keep_out: path.write_bytes(b""))
 
 
 def cube(side: float = 10.0, name: str = "cube", **settings: Any) -> Part:
@@ -291,6 +292,18 @@ def test_few_boxes_are_as_small_as_they_can_be() -> None:
     packed = pack([cube(9, count=10)], boxes, "boxes", settings=settings)
     assert packed.count == 10 and packed.verify() == []
     assert sorted(box.type.name for box in packed.boxes) == ["A", "B"]
+
+
+def test_the_picture_shows_what_stays_free(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(exports, "draw", box_pictures.draw)
+    free = Part("pillar", creation.box(bounds=[(8, 8, 0), (12, 12, 20)]))
+    greys = []
+    for volumes in ((), (free,)):
+        settings = replace(QUICK, keep_out=volumes)
+        pack([cube(6, count=3)], (20, 20, 20), out=tmp_path, settings=settings)
+        pixels = np.asarray(Image.open(tmp_path / "packing.png").convert("RGB"), dtype=int)
+        greys.append(((np.ptp(pixels, axis=2) < 3) & (abs(pixels[..., 0] - 165) < 35)).mean())
+    assert greys[1] > greys[0] + 0.02
 
 
 class _Few:

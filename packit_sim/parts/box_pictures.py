@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.shapes import Item
+from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
+from packit_sim.nesting.placements import Placement
 from packit_sim.parts.posed_parts import PosedContents, contents
+from packit_sim.render.coloring import UNKNOWN_COLOR, Colors, by_item
+from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 
 _CELLS = range(100, 129)
@@ -37,7 +44,29 @@ def shown(packing: Packing) -> PosedContents:
     return contents(packing, range(len(packing.placements)), count * CELL)
 
 
-def draw(packing: Packing, path: str | os.PathLike[str]) -> None:
-    """Draw a box and write the picture as PNG."""
-    with Scene(shown(packing)) as scene:
-        scene.snapshot(*SIZE).save(path)
+def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[ItemType] = ()) -> None:
+    """Draw a box and write the picture as PNG.
+
+    Parameters
+    ----------
+    packing : Packing
+        The parts in the box.
+    path : str or PathLike
+        The file.
+    keep_out : sequence of ItemType
+        Volumes that stay free, in the box's coordinates: they are grey.
+    """
+    first = len(packing.types)
+    volumes = (Placement(first + n, np.eye(4)) for n in range(len(keep_out)))
+    whole = replace(
+        packing,
+        types=(*packing.types, *keep_out),
+        placements=(*packing.placements, *volumes),
+    )
+
+    def colors(items: Sequence[Item]) -> Colors:
+        parts = by_item(items[: len(packing.placements)]).of
+        return Colors((*parts, *(UNKNOWN_COLOR,) * len(keep_out)))
+
+    with Scene(shown(whole)) as scene:
+        scene.snapshot(*SIZE, Look(coloring=colors)).save(path)

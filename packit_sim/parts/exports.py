@@ -71,7 +71,7 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
                 file.write(data)
             files.append(path)
         path = folder / f"{stem}.png"
-        draw(packed.contents(box), path)
+        draw(packed.contents(box), path, [each.item_type for each in packed.task.keep_out])
         files.append(path)
     try:
         files.append(write_page(packed, folder / "packing.html"))
