@@ -30,7 +30,10 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CASES, "literature", cubes)
 
 
-def test_results_are_stored_once_verified_and_tabulated(small, tmp_path, capsys) -> None:
+def test_results_are_stored_once_verified_and_tabulated(
+    small, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr(report, "PICTURED", (("literature", "four cubes", "fixed"),))
     searches = [Search("literature", "four cubes", "fixed", seed, 60) for seed in (0, 1)]
     results = Results(tmp_path)
     run_all(searches, results, workers=1)
@@ -43,6 +46,8 @@ def test_results_are_stored_once_verified_and_tabulated(small, tmp_path, capsys)
     page = (tmp_path / "nesting.md").read_text()
     row = "| `four cubes` | fixed | 1.00 (2) | 1.00 | - | 2.00 | 1.00 | 1.50 | 0.500 | - | yes |"
     assert row in page and (tmp_path / "nesting.png").stat().st_size > 0
+    assert "*four cubes, fixed: height 1.00*" in page
+    assert (tmp_path / "nesting-literature-four cubes.png").stat().st_size > 1000
 
 
 def test_a_packing_that_was_changed_is_found(small, tmp_path) -> None:

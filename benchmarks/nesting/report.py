@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.common import RESULTS, plot_file
 from benchmarks.nesting import ablations
+from benchmarks.nesting.runs import Results, Search
 from packit_sim.core.files import replace_text
+from packit_sim.parts import box_pictures
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "nesting.md"
 
@@ -26,6 +28,13 @@ KNAPSACKS_OF_OTHERS = {
     "best agent with 30 s of LNS": 0.709,
 }
 """Mean densities of the same six boxes, measured once with the agents and `benchmarks.peers`."""
+
+PICTURED = (
+    ("literature", "Egeblad et al. 2009/Merged5", "axis-4"),
+    ("literature", "Stoyan et al. 2005/Example3", "axis-4"),
+    ("strips", "0", "cube"),
+)
+"""Kind, name and rotation set of the strips that the page shows."""
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Of Okabe and Ito, safe for the colour-blind."""
@@ -65,6 +74,7 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
         HEAD,
         *_literature(literature),
         f"![Heights over time](../images/{picture.name})\n" if literature else "",
+        *_pictures(Results(out), picture.parent),
         *_tasks("Two tasks in a strip", by_kind["strips"], {}),
         *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
         *_bins(by_kind["bins"]),
@@ -76,6 +86,23 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
     page = PAGE if out == RESULTS else out / "nesting.md"
     replace_text(page, "\n".join(parts))
     print(f"wrote {page} and {picture}")
+
+
+def _pictures(results: Results, folder: Path) -> Iterator[str]:
+    """Draw the best packing of some strips, and yield where the page shows them."""
+    for kind, name, rotations in PICTURED:
+        own = [
+            run
+            for run in results.read().values()
+            if (run["kind"], run["name"], run["rotations"]) == (kind, name, rotations)
+        ]
+        if not own:
+            continue
+        best = min(own, key=lambda run: float(run["score"]))
+        file = folder / f"nesting-{kind}-{name.rpartition('/')[2]}.png".lower()
+        box_pictures.draw(results.packing(Search.of(best)), file)
+        title = f"{name if kind == 'literature' else f'{kind} {name}'}, {rotations}"
+        yield f"![{title}](../images/{file.name})\n\n*{title}: height {best['score']:.2f}*\n"
 
 
 def draw(runs: Runs, file: Path) -> None:

@@ -42,6 +42,11 @@ class Search:
     seed: int
     seconds: float
 
+    @classmethod
+    def of(cls, run: dict[str, Any]) -> Search:
+        """Return the search of a result."""
+        return cls(**{name: run[name] for name in cls.__dataclass_fields__})
+
     @property
     def key(self) -> str:
         """The name of its result."""
@@ -87,21 +92,24 @@ class Results:
         """Check all packings again by their meshes; return a sentence for each problem."""
         found = []
         for key, run in self.read().items():
-            search = Search(**{name: run[name] for name in Search.__dataclass_fields__})
-            found += [f"{key}: {problem}" for problem in self._problems(search, run)]
+            found += [f"{key}: {problem}" for problem in self._problems(Search.of(run), run)]
         return found
 
-    def _problems(self, search: Search, run: dict[str, Any]) -> list[str]:
-        file = self.packings / search.file
-        if not file.exists():
-            return [f"{file} is missing"]
-        content = json.loads(gzip.decompress(file.read_bytes()))
+    def packing(self, search: Search) -> Packing:
+        """Read the packing of a finished search; raise OSError if its file is missing."""
+        content = json.loads(gzip.decompress((self.packings / search.file).read_bytes()))
         placements = []
         for item_type, box, *numbers in content["placements"]:
             pose = np.vstack((np.reshape(numbers, (3, 4)), (0, 0, 0, 1)))
             placements.append(Placement(item_type, pose, box))
         case = CASES[search.kind](search.name, search.rotations)
-        packing = replace(_empty(case), placements=tuple(placements))
+        return replace(_empty(case), placements=tuple(placements))
+
+    def _problems(self, search: Search, run: dict[str, Any]) -> list[str]:
+        try:
+            packing = self.packing(search)
+        except FileNotFoundError as error:
+            return [f"{error.filename} is missing"]
         found = _checked(packing)
         if abs(score(packing) - run["score"]) > 1e-9:
             found.append(f"the score is {score(packing)}, not {run['score']}")

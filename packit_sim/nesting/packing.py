@@ -94,6 +94,12 @@ class Packing:
         return max((float(self.vertices(p)[:, 2].max()) for p in self.placements), default=0.0)
 
     @property
+    def size(self) -> tuple[float, float, float]:
+        """The sides of the container; a strip is as high as its highest item."""
+        x, y, z = self.container.size
+        return x, y, self.height if self.container.is_strip else z
+
+    @property
     def volume(self) -> float:
         """The volume of all placed items."""
         return plain_sum(self.types[p.type].volume * p.scale**3 for p in self.placements)

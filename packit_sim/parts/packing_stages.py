@@ -142,8 +142,7 @@ def stages(
     check_range("metres", metres, POSITIVE)
     packing, unit = sweeps.packing, sweeps.unit
     settings = replace(settings or PHYSICS, side=unit * metres)
-    x, y, z = packing.container.size
-    size = np.array((x, y, packing.height if packing.container.is_strip else z)) / unit
+    size = np.array(packing.size) / unit
     whole, items = posed(packing), []
     for n, drop in zip(order, stacking_of(sweeps, order, fixed=fixed).drops, strict=True):
         matrix = whole[n].matrix.copy()

@@ -77,9 +77,7 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Pos
     PosedContents
         The box, and the parts in this order. A strip is as high as its highest part.
     """
-    x, y, z = packing.container.size
-    height = packing.height if packing.container.is_strip else z
     unit = CELL * packing.container.longest / side
-    a, b, c = (max(1, round(one / unit)) for one in (x, y, height))
+    a, b, c = (max(1, round(one / unit)) for one in packing.size)
     items = posed(packing, side)
     return PosedContents((a, b, c), tuple(items[n] for n in numbers))
