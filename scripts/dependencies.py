@@ -33,7 +33,7 @@ REASONS = {
     "hypothesis": "property tests",
     "imageio-ffmpeg": "ffmpeg, for MP4 films",
     "import-linter": "checks that imports run downwards",
-    "jinja2": "HTML pages of reports",
+    "jinja2": "HTML pages: packings, instructions, reports",
     "joblib": "local worker processes",
     "lxml": "reads XML: 3MF and COLLADA; external entities are refused",
     "manifold3d": "volumes of intersections, an independent check: tests, `packit selftest`",

@@ -343,9 +343,8 @@ def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -
     assert (out / "r.html").read_text() == "before"
 
 
-@pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
-def test_a_missing_package_is_reported_before_any_work(package, tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
+def test_a_missing_package_is_reported_before_any_work(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(PackItError, match=re.escape("pip install 'packit-sim[report]'")):
         packit("report", tmp_path / "absent.jsonl", "-o", tmp_path / "r.html")
 

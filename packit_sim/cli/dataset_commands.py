@@ -20,7 +20,6 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import print_written, simple_table, write_json
-from packit_sim.core import templates
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
@@ -104,7 +103,6 @@ def datasheet_command(
     Example: packit datasets datasheet my-packs --licence CC0-1.0 --out my-packs.md
     """
     plots.require()
-    templates.check_installed()
     picture = out.with_suffix(".png")
     if picture == out:
         raise PackItError(f"{out} is the file of the picture: choose a name that ends in .md")

@@ -41,6 +41,7 @@ BASE = {
     "fcl": "python-fcl",
     "filelock": "filelock",
     "gymnasium": "gymnasium",
+    "jinja2": "jinja2",
     "joblib": "joblib",
     "lxml": "lxml",
     "msgspec": "msgspec",
@@ -60,7 +61,6 @@ BASE = {
 PURPOSES = {
     "coacd": "convex pieces for physics; without it: --pieces bisection",
     "imageio_ffmpeg": "MP4 films; GIF films need nothing",
-    "jinja2": "pages: reports, packing instructions",
     "matplotlib": "plots",
     "minari": "recorded demonstrations",
     "pybullet": "physics, and pictures by EGL",

@@ -17,7 +17,6 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
-from packit_sim.core import templates
 from packit_sim.core.errors import ArgumentError
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.parts.pack import pack
@@ -146,8 +145,6 @@ def pack_command(
         address=address,
         iterations=iterations,
     )
-    if instructions:
-        templates.check_installed()
     prepare_folder(out / "packing.json")
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("packing", total=None, note="reading the parts")

@@ -14,6 +14,7 @@ from packit_sim.cli.output import check_shown, print_written
 from packit_sim.core.files import replace_text
 from packit_sim.datasets.pack_files import load_tasks, recorded_library
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.render import plots
 from packit_sim.reports import page
 from packit_sim.reports.examples import chosen, gallery
 from packit_sim.reports.runs import ReportError, Runs
@@ -52,7 +53,7 @@ def report_command(
     """
     if out.suffix.lower() not in SUFFIXES or out.is_dir():
         raise ReportError(f"{out} is not an HTML file: choose a name that ends in .html")
-    page.check_installed()
+    plots.require()
     found = Runs.read(runs)
     prepare_folder(out)
     shown = None

@@ -11,7 +11,6 @@ EXTRAS = {
     "coacd": "physics",
     "h5py": "learn",
     "imageio_ffmpeg": "view",
-    "jinja2": "report",
     "matplotlib": "report",
     "minari": "learn",
     "pybullet": "physics",

@@ -6,20 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.extras import needed_for
-
-
-def check_installed() -> None:
-    """Check that Jinja is installed, before there is work.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not.
-    """
-    with needed_for("pages"):
-        import jinja2  # noqa: F401
-
 
 def render(
     template: Path,
@@ -46,7 +32,6 @@ def render(
     str
         The text.
     """
-    check_installed()
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

@@ -11,7 +11,6 @@ import trimesh
 from trimesh.visual import TextureVisuals
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.mesh_files import Unit
@@ -73,10 +72,7 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
         path = folder / f"{stem}.png"
         draw(packed.contents(box), path, [each.item_type for each in packed.task.keep_out])
         files.append(path)
-    try:
-        files.append(write_page(packed, folder / "packing.html"))
-    except MissingPackageError as error:
-        _log.warning("packing.html is not written: %s", error)
+    files.append(write_page(packed, folder / "packing.html"))
     return files + write_record(packed, folder, files)
 
 

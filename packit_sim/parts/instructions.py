@@ -140,12 +140,9 @@ def write_instructions(
     ------
     ArgumentError
         If there is no part to pack.
-    MissingPackageError
-        If Jinja is not installed.
     OSError
         If the file can't be written.
     """
-    templates.check_installed()
     if not any(packing.placements for _, packing in boxes):
         raise ArgumentError("there are no instructions for a packing without parts")
     required = requirements or Requirements()

@@ -261,8 +261,6 @@ class PackedParts:
         ------
         ArgumentError
             If nothing is packed.
-        MissingPackageError
-            If Jinja is not installed.
         OSError
             If the file can't be written.
         """

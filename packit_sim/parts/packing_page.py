@@ -41,12 +41,9 @@ def write_page(packed: PackedParts, path: Path) -> Path:
 
     Raises
     ------
-    MissingPackageError
-        If Jinja is not installed.
     OSError
         If the file can't be written.
     """
-    templates.check_installed()
     here = Path(__file__).parent
     reports = here.parent / "reports"
     three = assets_folder() / "three"

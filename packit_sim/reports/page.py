@@ -10,17 +10,11 @@ from packit_sim.core import templates
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.version import __version__
 from packit_sim.libraries.library import assets_folder
+from packit_sim.render import plots
 from packit_sim.render.coloring import ramp
-from packit_sim.render.plots import require
 from packit_sim.reports import charts, tables
 from packit_sim.reports.examples import Gallery
 from packit_sim.reports.runs import Runs
-
-
-def check_installed() -> None:
-    """Raise MissingPackageError if a package is missing; call it before long work."""
-    require()
-    templates.check_installed()
 
 
 @dataclass(frozen=True)
@@ -64,7 +58,7 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
     str
         HTML.
     """
-    check_installed()
+    plots.require()
     here = Path(__file__).parent
     three = assets_folder() / "three"
 
