@@ -136,5 +136,5 @@ def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     assert used.undecided_share == used.undecided / used.locations
     assert 0 < used.fcl_calls <= used.undecided
     assert used.fcl_calls_per_query == used.fcl_calls / 3
-    assert used.caches["collisions"].misses == used.fcl_calls
+    assert used.caches["collisions"].misses <= used.fcl_calls
     assert used.caches["turned voxels"].hits > 0

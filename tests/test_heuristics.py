@@ -13,15 +13,17 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_agents.heuristics.column_runs import SHORTEST_GAP, mask_runs
-from packit_agents.heuristics.contacts import contacts, neighbours
+from packit_agents.heuristics.contacts import Neighbours, by_contacts
 from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, space_below
 from packit_sim.box import Box
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.game.agents import load_policy
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
+from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import Mask
 from packit_sim.rules import End, Rules
 from tests.examples import examples
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
@@ -359,13 +361,26 @@ def test_numbers_known_by_hand() -> None:
     mask = box.feasible(item)
     grown = growth(heightmap(box.outer_words), item, mask)
     empty = gaps(space_below(box.outer_words), item, mask)
-    touching = contacts(neighbours(box.outer_words), item, mask)
+    touching = contacts(box.outer_words, item, mask)
     assert grown[0, 0, 2] == 20 * 8 * 12 - 4 * 8 * 8 and grown[5, 0, 3] == 20 * 8 * 4
     assert empty[0, 0, 2] == 16 * 8 * 8 and empty[5, 0, 3] == 0
     sides, end = 2 * 20 * 4, 8 * 4
     assert touching[5, 0, 3] == 20 * 8 + sides + end
     assert touching[0, 0, 2] == 4 * 8 + sides + 2 * end
     assert touching[0, 0, 9] == sides + end  # the top is no wall
+
+
+def contacts(words: Words, item: Item, mask: Mask) -> npt.NDArray[np.int64]:
+    """The contacts at each location of a mask, 0 elsewhere; checks that they are in order."""
+    found = np.zeros(mask.shape, dtype=np.int64)
+    before = None
+    for most, (i, j, k) in by_contacts(Neighbours.of(words), item, mask):
+        assert mask[i, j, k] and (before is None or before < (-most, k, i, j))
+        found[i, j, k], before = most, (-most, k, i, j)
+        mask = mask.copy()
+        mask[i, j, k] = False
+    assert not mask.any()
+    return found
 
 
 # --- against slow and obvious definitions
@@ -479,7 +494,7 @@ def test_scores_are_those_of_slow_loops(seed, cells) -> None:
     fast = (
         (growth(heightmap(words), item, mask), slow_growth),
         (gaps(space_below(words), item, mask), slow_gaps),
-        (contacts(neighbours(words), item, mask), slow_contacts),
+        (contacts(words, item, mask), slow_contacts),
     )
     nodes = np.random.default_rng(seed).permutation(np.argwhere(mask))[:10]
     for scores, slow in fast:
@@ -496,7 +511,7 @@ def test_nothing_is_scored_if_nothing_fits() -> None:
     for scores in (
         growth(heightmap(box.outer_words), item, mask),
         gaps(space_below(box.outer_words), item, mask),
-        contacts(neighbours(box.outer_words), item, mask),
+        contacts(box.outer_words, item, mask),
     ):
         assert scores.shape == mask.shape and not scores.any()
 

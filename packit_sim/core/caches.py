@@ -111,10 +111,13 @@ class BoundedCache(Generic[_P, _T]):
         """Return the cached value, or compute and cache it."""
         key = self._key(*args, **kwargs)
         with lock:
-            if key in self._values:
+            try:
+                value = self._values[key]
+            except KeyError:
+                self._misses += 1
+            else:
                 self._hits += 1
-                return self._values[key]
-            self._misses += 1
+                return value
         value = self._function(*args, **kwargs)
         with lock:
             if self._size(value) <= self._values.maxsize:
@@ -125,11 +128,13 @@ class BoundedCache(Generic[_P, _T]):
         """Return the cached value, or None; counts as a hit or a miss."""
         key = self._key(*args, **kwargs)
         with lock:
-            if key in self._values:
-                self._hits += 1
-                return self._values[key]
-            self._misses += 1
-        return None
+            try:
+                value = self._values[key]
+            except KeyError:
+                self._misses += 1
+                return None
+            self._hits += 1
+            return value
 
     def limit(self, budget: int) -> None:
         """Set the budget and drop all values."""

@@ -28,7 +28,7 @@ class Counters:
     undecided : int
         The locations that cells could not decide, so that meshes were tested.
     fcl_calls : int
-        The collision tests by FCL: those that no cache answered.
+        The collision tests of meshes, by FCL or by a proof: those that no cache answered.
     caches : dict of str to CacheUsage
         The usage of each cache by name.
     """
@@ -111,13 +111,13 @@ def counted_by(counter: CallCounter) -> Iterator[None]:
         _active.reset(token)
 
 
-def count_fcl_call() -> None:
-    """Count a question to FCL: one that no cached answer of the same pair could settle."""
+def count_fcl_calls(calls: int) -> None:
+    """Count collision tests of meshes, each of which no cached answer of the same pair settled."""
     with caches.lock:
-        _counts["fcl_calls"] += 1
+        _counts["fcl_calls"] += calls
     counter = _active.get()
     if counter is not None:
-        counter.fcl_calls += 1
+        counter.fcl_calls += calls
 
 
 def counters() -> Counters:

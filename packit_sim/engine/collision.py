@@ -1,4 +1,6 @@
-"""Conflicts of surfaces: FCL decides whether meshes cross, `containment` whether one is inside.
+"""Conflicts of surfaces: meshes that cross, and parts of one inside the other (`containment`).
+
+FCL decides whether meshes cross, unless there is a proof (`crossing_kernels`).
 
 The only module that imports FCL.
 """
@@ -6,17 +8,28 @@ The only module that imports FCL.
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import fcl
 import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
-from packit_sim.core.counters import count_fcl_call
+from packit_sim.core.counters import count_fcl_calls
 from packit_sim.engine.containment import ClosedPart, PartArrays, nested, nested_oracle
-from packit_sim.engine.containment_kernels import outlines_meet
+from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE
 from packit_sim.engine.items import ItemInBox, PlacedItem
-from packit_sim.engine.pairs import Pair, canonical, matrix
+from packit_sim.engine.pair_kernels import relations
+from packit_sim.engine.pairs import (
+    Pair,
+    canonical,
+    canonical_offsets,
+    matrix,
+    relative_turn,
+    shifts_at,
+)
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.deviation import tree_of
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 
@@ -93,6 +106,54 @@ def surfaces_conflict(placed: PlacedItem, other: ItemInBox) -> bool:
     return _off_grid_memo(placed, other)
 
 
+def surfaces_conflicts(
+    item: Item, locations: npt.NDArray[np.int64], other: ItemInBox
+) -> npt.NDArray[np.bool_]:
+    """Decide the same for an item at many locations, without the cache.
+
+    Parameters
+    ----------
+    item : Item
+        The item, in its rotation.
+    locations : ndarray of int64, shape (n, 3)
+        Its locations.
+    other : ItemInBox
+        An item on the grid or off it.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Whether the surfaces are in conflict.
+    """
+    if not isinstance(other, PlacedItem):
+        at = ((i, j, k) for i, j, k in locations.tolist())
+        return np.array([_off_grid_memo(PlacedItem(item, location), other) for location in at])
+    return _on_grid(*canonical_offsets(item, locations, other))
+
+
+def _on_grid(a: Item, b: Item, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Decide by a proof where there is one, otherwise by FCL: bool (n,) for offsets (n, 3)."""
+    count_fcl_calls(len(offsets))
+    shifts = shifts_at(a, b, offsets)
+    mesh, other = collision_mesh(a), collision_mesh(b)
+    states = relations(
+        mesh.compared(a.rotation),
+        other.compared(b.rotation),
+        *relative_turn(a.rotation, b.rotation),
+        shifts,
+    )
+    for n in np.flatnonzero(states == UNSURE).tolist():
+        states[n] = CROSSING if _conflict(Pair(a, b, shifts[n], None)) else APART
+    return np.asarray(states == CROSSING)
+
+
+def _conflict(pair: Pair) -> bool:
+    mesh, other = collision_mesh(pair.item), collision_mesh(pair.other)
+    return _crosses(pair, mesh, other) or nested(
+        mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift
+    )
+
+
 def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
     fixed = mesh.fixed(pair.item.rotation)
     with _moving:
@@ -105,18 +166,6 @@ def _crosses(pair: Pair, mesh: CollisionMesh, other: CollisionMesh) -> bool:
         return bool(fcl.collide(fixed, moving, _REQUEST, fcl.CollisionResult()))
 
 
-def _conflict(pair: Pair) -> bool:
-    count_fcl_call()
-    mesh, other = collision_mesh(pair.item), collision_mesh(pair.other)
-    if _crosses(pair, mesh, other):
-        return True
-    if pair.loose_turn is None and not outlines_meet(
-        mesh.outline(pair.item.rotation), other.outline(pair.other.rotation), pair.shift
-    ):
-        return False
-    return nested(mesh.parts, other.parts, pair.turn, pair.other_turn, pair.shift)
-
-
 @bounded_cache(
     "collisions",
     COLLISIONS_BUDGET,
@@ -125,7 +174,7 @@ def _conflict(pair: Pair) -> bool:
     key=lambda a, b, offset: (a.key, b.key, offset),
 )
 def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
-    return _conflict(Pair.at_offset(a, b, offset))
+    return bool(_on_grid(a, b, np.array([offset]))[0])
 
 
 @bounded_cache(
@@ -141,6 +190,7 @@ def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
     ),
 )
 def _off_grid_memo(placed: PlacedItem, other: ItemInBox) -> bool:
+    count_fcl_calls(1)
     return _conflict(Pair.of(placed, other))
 
 
@@ -158,8 +208,6 @@ class CollisionMesh:
     ----------
     triangles : int
         Number of triangles.
-    model : fcl.BVHModel
-        FCL's tree of boxes.
     """
 
     def __init__(self, shape: Shape, scale: float) -> None:
@@ -168,14 +216,26 @@ class CollisionMesh:
         vertices, faces = np.asarray(shape.mesh.vertices), np.asarray(shape.mesh.faces)
         self._shape = shape
         self.triangles = len(faces)
-        self.model = fcl.BVHModel()
-        self.model.beginModel(len(vertices), len(faces))
         self._vertices = vertices * (np.cbrt(scale) * shrink)
-        self.model.addSubModel(self._vertices, faces)
-        self.model.endModel()
         self._fixed: dict[int, fcl.CollisionObject] = {}
         self._moving: dict[int, fcl.CollisionObject] = {}
         self._outlines: dict[int, npt.NDArray[np.float64]] = {}
+
+    @cached_property
+    def model(self) -> fcl.BVHModel:
+        """FCL's tree of boxes."""
+        model = fcl.BVHModel()
+        model.beginModel(len(self._vertices), self.triangles)
+        model.addSubModel(self._vertices, np.asarray(self._shape.mesh.faces))
+        model.endModel()
+        return model
+
+    @cached_property
+    def tree(self) -> tuple[Floats, Floats, Ints]:
+        """The triangles, boxes and starts of the tree that proofs use (see `deviation.Surface`)."""
+        triangles = self._vertices[np.asarray(self._shape.mesh.faces)]
+        order, boxes, starts = tree_of(triangles)
+        return triangles[order], boxes, starts
 
     def fixed(self, rotation: int) -> fcl.CollisionObject:
         """Look up the rotated mesh that is centred on the origin."""
@@ -199,6 +259,10 @@ class CollisionMesh:
     def closed_parts(self) -> list[ClosedPart]:
         """Closed parts of the mesh, which only the oracle uses."""
         return ClosedPart.all_of(self.parts)
+
+    def compared(self, rotation: int) -> tuple[Any, ...]:
+        """Look up what `pair_kernels.relations` compares: tree, parts, outline and rotation."""
+        return self.tree, tuple(self.parts), self.outline(rotation), matrix(rotation)
 
     def outline(self, rotation: int) -> npt.NDArray[np.float64]:
         """Look up the rotated outline of the parts."""

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from packit_sim.core.counters import count
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import nofit, screening
-from packit_sim.engine.collision import surfaces_conflict
+from packit_sim.engine.collision import surfaces_conflict, surfaces_conflicts
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening import (
@@ -69,6 +69,30 @@ def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
     undecided = np.argwhere(states == OPEN)
     mask[tuple(undecided.T)] = _feasible_at(occupancy, item, tables, undecided)
     count("masks", states.size, len(undecided))
+    return mask
+
+
+def candidates(occupancy: Occupancy[Any], item: Item) -> Mask:
+    """Compute the mask of locations that no cells block.
+
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+
+    Returns
+    -------
+    Mask
+        Bool (nx, ny, nz) over the grid nodes, True wherever `feasible` is True.
+    """
+    mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
+    if fits(occupancy.cells, item):
+        states, _ = _states(occupancy, item)
+        x, y, z = states.shape
+        np.not_equal(states, BLOCKED, out=mask[:x, :y, :z])
+        count("masks", states.size, 0)
     return mask
 
 
@@ -143,7 +167,9 @@ def _feasible_at(
     )
 
 
-def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Triple | None:
+def blbf(
+    occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN, layers: int | None = None
+) -> Triple | None:
     """Find the bottom-left-back-fill location: the first feasible one in the order of (z, x, y).
 
     Parameters
@@ -154,23 +180,28 @@ def blbf(occupancy: Occupancy[Any], item: Item, start: Triple = ORIGIN) -> Tripl
         The item to place, in its rotation.
     start : Triple, default: (0, 0, 0)
         The location at which the search starts.
+    layers : int, optional
+        The layers of nodes to search, from the lowest; all by default.
 
     Returns
     -------
     Triple or None
-        The location (i, j, k), or None if the item fits nowhere.
+        The location (i, j, k), or None if the item fits nowhere in these layers.
     """
     if not fits(occupancy.cells, item):
         return None
-    placed = occupancy.placed
+    size = x, y, z = screening.locations(occupancy.cells, item)
+    if layers is not None and layers < z:
+        size = x, y, layers
     undecided = 0
-    for location, partners, looked_at in unblocked(occupancy, item, start):
-        undecided += len(partners) > 0
-        candidate = PlacedItem(item, location)
-        if not any(surfaces_conflict(candidate, placed[n]) for n in partners.tolist()):
-            count("searches", looked_at, undecided)
-            return location
-    count("searches", math.prod(screening.locations(occupancy.cells, item)), undecided)
+    for location, state, looked_at in unblocked(occupancy, item, start, size):
+        if state == OPEN:
+            undecided += 1
+            if _is_excluded(occupancy, PlacedItem(item, location)):
+                continue
+        count("searches", looked_at, undecided)
+        return location
+    count("searches", math.prod(size), undecided)
     return None
 
 
@@ -186,9 +217,7 @@ def is_feasible(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
         return False
     state = screen_at(occupancy, candidate)
     count("checks", 1, state == OPEN)
-    return state == FREE or (
-        state == OPEN and not excluded(occupancy, candidate.item, np.array([candidate.location]))[0]
-    )
+    return state == FREE or (state == OPEN and not _is_excluded(occupancy, candidate))
 
 
 def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt.NDArray[np.bool_]:
@@ -212,11 +241,19 @@ def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt
     if len(locations) == 0:
         return found
     placed = occupancy.placed
-    for n, m in open_pairs(occupancy, item, locations).tolist():
-        if not found[n]:
-            i, j, k = locations[n].tolist()
-            found[n] = surfaces_conflict(PlacedItem(item, (i, j, k)), placed[m])
+    pairs = open_pairs(occupancy, item, locations)
+    for m in np.unique(pairs[:, 1]).tolist():
+        numbers = pairs[pairs[:, 1] == m, 0]
+        numbers = numbers[~found[numbers]]
+        found[numbers] = surfaces_conflicts(item, locations[numbers], placed[m])
     return found
+
+
+def _is_excluded(occupancy: Occupancy[Any], candidate: PlacedItem) -> bool:
+    """Decide the same about one location, with the cached results about pairs."""
+    placed = occupancy.placed
+    pairs = open_pairs(occupancy, candidate.item, np.array([candidate.location]))
+    return any(surfaces_conflict(candidate, placed[m]) for m in pairs[:, 1].tolist())
 
 
 @dataclass(frozen=True)
@@ -261,7 +298,9 @@ def blockers(occupancy: Occupancy[PlacedItem], candidate: PlacedItem) -> Blocker
 
 def fits(cells: Triple, item: Item) -> bool:
     """Decide whether the item's cell box is no larger than a box of this many cells."""
-    return all(own <= c for own, c in zip(item.cells, cells, strict=True))
+    x, y, z = cells
+    a, b, c = item.cells
+    return a <= x and b <= y and c <= z
 
 
 def is_inside(cells: Triple, candidate: PlacedItem) -> bool:

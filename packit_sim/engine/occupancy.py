@@ -93,6 +93,7 @@ class Occupancy(Generic[ItemT]):
             Stack(like) for like in (_INDICES, words, words, _INDICES, words.reshape(0, 2))
         )
         self._before: list[tuple[int, Words, Words]] = []
+        self._arrays: tuple[Any, ...] = ()
 
     @property
     def placed(self) -> tuple[ItemT, ...]:
@@ -115,8 +116,10 @@ class Occupancy(Generic[ItemT]):
     @property
     def arrays(self) -> tuple[Any, ...]:
         """The fields of the box's `BoxArrays`."""
-        nx, ny, _ = grid_nodes(self.cells)
-        return self.bricks, self.page, self.fine, nx, ny
+        if not self._arrays or self._arrays[2] is not self.fine:
+            nx, ny, _ = grid_nodes(self.cells)
+            self._arrays = self.bricks, self.page, self.fine, nx, ny
+        return self._arrays
 
     @property
     def placed_arrays(self) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
-from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item
 
@@ -45,11 +45,7 @@ class Pair(NamedTuple):
     @classmethod
     def at_offset(cls, a: Item, b: Item, offset: Triple) -> Pair:
         """Compute the pair of two items whose cell boxes are an offset of grid steps apart."""
-        half_cells = [
-            2 * STEP * steps + own - theirs
-            for steps, own, theirs in zip(offset, b.cells, a.cells, strict=True)
-        ]
-        return cls(a, b, np.array(half_cells) * (CELL / 2), None)
+        return cls(a, b, shifts_at(a, b, np.array(offset)), None)
 
     @property
     def turn(self) -> Floats:
@@ -70,7 +66,65 @@ def canonical(a: PlacedItem, b: PlacedItem) -> tuple[Item, Item, Triple]:
     return a.item, b.item, (u - i, v - j, w - k)
 
 
+def canonical_offsets(item: Item, locations: Ints, other: PlacedItem) -> tuple[Item, Item, Ints]:
+    """Put two items in the same order as `canonical`, for many locations of the first.
+
+    Parameters
+    ----------
+    item : Item
+        An item, in its rotation.
+    locations : ndarray of int64, shape (n, 3)
+        Its locations.
+    other : PlacedItem
+        Another item.
+
+    Returns
+    -------
+    a, b : Item
+        The two items.
+    offsets : ndarray of int64, shape (n, 3)
+        The second's offsets from the first, in grid steps.
+    """
+    offsets = np.array(other.location) - locations
+    if other.item.key < item.key:
+        return other.item, item, -offsets
+    if other.item.key == item.key:
+        x, y, z = offsets.T
+        is_first = (x > 0) | (x == 0) & ((y > 0) | (y == 0) & (z >= 0))
+        offsets = np.where(is_first[:, None], offsets, -offsets)
+    return item, other.item, offsets
+
+
+def shifts_at(a: Item, b: Item, offsets: Ints) -> Floats:
+    """Compute the shifts (..., 3) of a `Pair` whose cell boxes are offsets (..., 3) apart."""
+    half_cells = 2 * STEP * offsets + np.subtract(b.cells, a.cells)
+    return np.asarray(half_cells * (CELL / 2), dtype=np.float64)
+
+
 @cache
 def matrix(rotation: int) -> Floats:
     """Look up the matrix (3, 3) of a rotation."""
     return rotations.MATRICES[rotation].astype(float)
+
+
+@cache
+def relative_turn(rotation: int, other: int) -> tuple[Ints, Floats]:
+    """Compute the second rotation as seen from the first.
+
+    Parameters
+    ----------
+    rotation : int
+        One of the 24 rotations.
+    other : int
+        Another one.
+
+    Returns
+    -------
+    turn : ndarray of int64, shape (2, 3)
+        As in `crossing_kernels.relation`.
+    to_first : ndarray of float64, shape (3, 3)
+        The inverse of the first rotation.
+    """
+    to_first = rotations.MATRICES[rotation].T
+    turn = to_first @ rotations.MATRICES[other]
+    return np.stack((np.abs(turn).argmax(axis=1), turn.sum(axis=1))), to_first.astype(float)

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from packit_sim.engine import screening_kernels
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
-from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
+from packit_sim.engine.screening_kernels import BLOCKED
+from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item
 
 States = npt.NDArray[np.uint8]
@@ -24,9 +25,13 @@ Locations = npt.NDArray[np.int64]
 
 def locations(cells: Triple, item: Item) -> Triple:
     """Count the locations along each axis at which an item that fits is inside the box."""
-    x, y, z = ((c - own) // STEP + 1 for c, own in zip(cells, item.cells, strict=True))
-    nodes = grid_nodes(cells)
-    return min(x, nodes[0]), min(y, nodes[1]), min(z, nodes[2])
+    x, y, z = cells
+    a, b, c = item.cells
+    return (
+        min((x - a) // STEP + 1, x // STEP),
+        min((y - b) // STEP + 1, y // STEP),
+        min((z - c) // STEP + 1, z // STEP),
+    )
 
 
 def screen(occupancy: Occupancy[Any], item: Item) -> States:
@@ -42,8 +47,8 @@ def screen_at(occupancy: Occupancy[Any], candidate: PlacedItem) -> int:
 
 
 def unblocked(
-    occupancy: Occupancy[Any], item: Item, start: Triple
-) -> Iterator[tuple[Triple, npt.NDArray[np.int64], int]]:
+    occupancy: Occupancy[Any], item: Item, start: Triple, size: Triple
+) -> Iterator[tuple[Triple, int, int]]:
     """Find the locations that are not blocked, in the order of (z, x, y).
 
     Parameters
@@ -54,27 +59,26 @@ def unblocked(
         The item to place, in its rotation.
     start : Triple
         The first location to look at.
+    size : Triple
+        The locations along x, y and z to look at; the item is inside the box at all of them.
 
     Yields
     ------
     location : Triple
         A location that is free or open.
-    partners : ndarray
-        int64, numbers of the placed items that leave the location open; empty if it is free. Valid
-        until the next location.
+    state : int
+        Its state.
     looked_at : int
         Number of locations up to this one.
     """
-    voxels = item.voxels
-    size = locations(occupancy.cells, item)
-    found = np.empty(len(occupancy.placed), dtype=np.int64)
-    query = (occupancy.arrays, voxels.arrays, occupancy.placed_arrays, voxels.number.shape, size)
+    box, own = occupancy.arrays, item.voxels.arrays
     i, j, k = start
     number = (k * size[0] + i) * size[1] + j
-    i, j, k, number, count = screening_kernels.next_unblocked(query, number, found)
-    while count >= 0:
-        yield (i, j, k), found[:count], number
-        i, j, k, number, count = screening_kernels.next_unblocked(query, number, found)
+    while True:
+        i, j, k, number, state = screening_kernels.next_unblocked(box, own, size, number)
+        if state == BLOCKED:
+            return
+        yield (i, j, k), state, number
 
 
 def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDArray[np.int64]:

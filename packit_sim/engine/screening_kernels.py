@@ -73,17 +73,19 @@ def screen_at(box, item, location):
 
 
 @kernel
-def next_unblocked(query, number, found):
+def next_unblocked(box, item, size, number):
     """Find the next location that is not blocked, in the order of (z, x, y).
 
     Parameters
     ----------
-    query : tuple
-        Box, item, placed, extent (bricks of the item along x, y and z) and size.
+    box : BoxArrays
+        The bricks of the box.
+    item : ItemArrays
+        The bricks of the item.
+    size : Triple
+        The locations along x, y and z to look at.
     number : int
         Number of the location to start at.
-    found : ndarray
-        (items,) int64, filled with the numbers of the placed items that leave the location open.
 
     Returns
     -------
@@ -91,11 +93,10 @@ def next_unblocked(query, number, found):
         The location.
     number : int
         Number of the next location.
-    count : int
-        How many numbers were written to `found`; -1 if there is no location.
+    state : int
+        Its state; `BLOCKED` if there is no such location.
     """
-    box, item, placed, extent, size = query
-    box, item, placed = BoxArrays(*box), ItemArrays(*item), PlacedArrays(*placed)
+    box, item = BoxArrays(*box), ItemArrays(*item)
     row, layer = size[1], size[0] * size[1]
     offsets = _offsets(item.bricks, box.nx, box.ny)
     last_blocker = 0
@@ -105,13 +106,9 @@ def next_unblocked(query, number, found):
         start = (k * box.nx + i) * box.ny + j
         state, last_blocker = _state(box, item, offsets, start, last_blocker)
         number += 1
-        if state == BLOCKED:
-            continue
-        count = 0
-        if state == OPEN:
-            count = _open_with(item, placed, extent, (i, j, k), found)
-        return i, j, k, number, count
-    return 0, 0, 0, number, -1
+        if state != BLOCKED:
+            return i, j, k, number, state
+    return 0, 0, 0, number, BLOCKED
 
 
 @kernel

@@ -30,10 +30,12 @@ def add_cells(words, bricks, corner, bins, counts):
 def update_counts(words, before, bins, counts):
     """Update the counts of cubes by the cells that changed since `before`, and then `before`."""
     nx, ny, nz = words.shape
-    for x in range(nx):
-        for y in range(ny):
-            for z in range(nz):
+    for z in range(nz):  # the order in which a box keeps its words
+        for x in range(nx):
+            for y in range(ny):
                 changed = words[x, y, z] ^ before[x, y, z]
+                if not changed:
+                    continue
                 while changed:
                     bit = lowest_bit(changed)
                     changed &= changed - _1

@@ -208,7 +208,8 @@ class FeatureObserver(Observer):
         m = max(cells)
         self._item_means = CubeMeans((m, m, m), SHAPE_CUBES)
         self._box_means = CubeMeans(cells, BOX_CUBES)
-        self._words = np.zeros(grid_nodes(cells), dtype=np.uint64)
+        x, y, z = grid_nodes(cells)
+        self._words = np.zeros((z, x, y), dtype=np.uint64).transpose(1, 2, 0)  # as those of boxes
         self._counts = np.zeros([BOX_CUBES] * 3, dtype=np.int32)
         self._shapes = np.zeros((max_shapes, *[SHAPE_CUBES] * 3), dtype=np.float32)
         self._extents = np.zeros((max_shapes, 3), dtype=np.float32)
@@ -273,7 +274,7 @@ class PlacementFeatureObserver(FeatureObserver):
         features = np.zeros((self._max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
         for n in np.flatnonzero(episode.outside).tolist():
             item, found = episode.task.items[n], episode.heuristic_placement(n)
-            turned = found.item if found else item.turned(rotations.by_alignment(item.extents)[0])
+            turned = found.item if found else item.by_alignment[0]
             features[n, 4:7] = turned.extents / self._size
             features[n, 7] = item.volume / self._size.prod()
             if found is not None:

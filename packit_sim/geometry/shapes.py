@@ -35,6 +35,9 @@ Axis = Literal["x", "y", "z"]
 UP_AXES: tuple[Axis, ...] = get_args(Axis)
 """The axes that may point up in a mesh file."""
 
+ORIENTATIONS_BUDGET = 256
+"""Shapes at a scale whose rotated items are cached, at most 25 kB each."""
+
 _MIN_EXTENT = 1e-9
 """Extents below this, relative to the bounding box's diagonal, are rounding errors."""
 
@@ -208,20 +211,17 @@ class Item:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale > 0):
             raise ArgumentError(f"scale {self.scale!r} is not possible: it must be more than 0")
-        try:
-            rotation = operator.index(self.rotation)
-        except TypeError:
-            rotation = -1
-        if not 0 <= rotation < rotations.COUNT:
-            raise ArgumentError(
-                f"rotation {self.rotation!r} is not one of 0 to {rotations.COUNT - 1}"
-            )
         object.__setattr__(self, "scale", float(self.scale))
-        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "rotation", _checked_rotation(self.rotation))
 
     def turned(self, rotation: int) -> Item:
         """Return the same shape and scale in another rotation of the canonical shape."""
-        return Item(self.shape, self.scale, rotation)
+        return _orientations(self).item(rotation)
+
+    @property
+    def by_alignment(self) -> tuple[Item, ...]:
+        """The item in all 24 rotations, in the order of alignment (`rotations.by_alignment`)."""
+        return _orientations(self).by_alignment
 
     @cached_property
     def key(self) -> tuple[str, float, int]:
@@ -268,6 +268,35 @@ class Item:
     def inner(self) -> npt.NDArray[np.bool_]:
         """Bool over `cells`: cells that are enclosed and that the surface does not touch."""
         return self.voxels.inner_cells
+
+
+class _Orientations:
+    """The items of a shape at a scale in all rotations, so that each is created once."""
+
+    def __init__(self, item: Item) -> None:
+        self._shape, self._scale = item.shape, item.scale
+        self._items: dict[int, Item] = {}
+
+    def item(self, rotation: int) -> Item:
+        number = _checked_rotation(rotation)
+        found = self._items.get(number)
+        if found is None:
+            found = self._items[number] = Item(self._shape, self._scale, number)
+        return found
+
+    @cached_property
+    def by_alignment(self) -> tuple[Item, ...]:
+        return tuple(map(self.item, rotations.by_alignment(self.item(0).extents)))
+
+
+def _checked_rotation(rotation: int) -> int:
+    try:
+        number = operator.index(rotation)
+    except TypeError:
+        number = -1
+    if not 0 <= number < rotations.COUNT:
+        raise ArgumentError(f"rotation {rotation!r} is not one of 0 to {rotations.COUNT - 1}")
+    return number
 
 
 def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh, Repairs]:
@@ -322,6 +351,17 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
 def _signed_volume(mesh: trimesh.Trimesh) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):  # the centre of mass, if it is 0
         return float(mesh.volume)
+
+
+@bounded_cache(
+    "rotated items",
+    ORIENTATIONS_BUDGET,
+    "items",
+    size=lambda orientations: 1,
+    key=lambda item: (id(item.shape), item.scale),  # the value keeps the shape alive
+)
+def _orientations(item: Item) -> _Orientations:
+    return _Orientations(item)
 
 
 @bounded_cache(

@@ -11,71 +11,178 @@ from packit_sim.geometry.word_kernels import count_bits
 _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
 """Distances in bits between neighbours along x, y and z in a word."""
 
+_MOST_NEIGHBOURS = 6
+
+_FACE = np.int32(16)
+"""Cells in a face of a brick."""
+
 _ACROSS_X, _ACROSS_Y, _ACROSS_Z = np.uint64(48), np.uint64(12), np.uint64(3)
 """Distances in bits between the first cell of a brick and the last of the brick before it."""
 
 
 @kernel
-def count_neighbours(words):
-    """Compute `contacts.neighbours`: add six bits for each cell, in parallel."""
+def sum_neighbours(words):
+    """Compute `contacts.Neighbours.sums`: each filled cell adds one to each of its neighbours."""
     nx, ny, nz = words.shape
-    digits = np.empty((3, nx, ny, nz), np.uint64)
-    none = np.uint64(0)
-    for x, y, z in np.ndindex(words.shape):
-        own = words[x, y, z]
-        left = words[x - 1, y, z] if x > 0 else FULL
-        right = words[x + 1, y, z] if x + 1 < nx else FULL
-        back = words[x, y - 1, z] if y > 0 else FULL
-        front = words[x, y + 1, z] if y + 1 < ny else FULL
-        below = words[x, y, z - 1] if z > 0 else FULL
-        above = words[x, y, z + 1] if z + 1 < nz else none
-        a = own << _X | left >> _ACROSS_X
-        b = own >> _X | (right & LOW[0]) << _ACROSS_X
-        c = (own & ~HIGH[1]) << _Y | (back & HIGH[1]) >> _ACROSS_Y
-        d = (own & ~LOW[1]) >> _Y | (front & LOW[1]) << _ACROSS_Y
-        e = (own & ~HIGH[2]) << _Z | (below & HIGH[2]) >> _ACROSS_Z
-        f = (own & ~LOW[2]) >> _Z | (above & LOW[2]) << _ACROSS_Z
-        one, other = a ^ b ^ c, d ^ e ^ f
-        two, two_more = a & b | c & (a ^ b), d & e | f & (d ^ e)
-        carried = one & other
-        digits[0, x, y, z] = one ^ other
-        digits[1, x, y, z] = two ^ two_more ^ carried
-        digits[2, x, y, z] = two & two_more | carried & (two ^ two_more)
-    return digits
+    sums = np.zeros((nx, ny, nz), np.int32)
+    sums[0] += _FACE
+    sums[nx - 1] += _FACE
+    sums[:, 0] += _FACE
+    sums[:, ny - 1] += _FACE
+    sums[:, :, 0] += _FACE
+    for z in range(nz):  # the order in which a box keeps its words
+        for x in range(nx):
+            for y in range(ny):
+                own = words[x, y, z]
+                if not own:
+                    continue
+                inside = _MOST_NEIGHBOURS * count_bits(own)
+                for d in range(3):
+                    low, high = count_bits(own & LOW[d]), count_bits(own & HIGH[d])
+                    inside -= low + high
+                    dx, dy, dz = d == 0, d == 1, d == 2
+                    if x >= dx and y >= dy and z >= dz:
+                        sums[x - dx, y - dy, z - dz] += low
+                    if x + dx < nx and y + dy < ny and z + dz < nz:
+                        sums[x + dx, y + dy, z + dz] += high
+                sums[x, y, z] += inside
+    return sums
 
 
 @kernel
-def count_contacts(digits, bricks, outer, runs):
-    """Compute `contacts.contacts` at the nodes of runs.
+def _digits(words, x, y, z):
+    """Count the filled neighbours of each cell of a brick.
+
+    Returns
+    -------
+    low, middle, high : uint64
+        The binary digits of the number of each cell: six bits are added in parallel.
+    """
+    nx, ny, nz = words.shape
+    own = words[x, y, z]
+    left = words[x - 1, y, z] if x > 0 else FULL
+    right = words[x + 1, y, z] if x + 1 < nx else FULL
+    back = words[x, y - 1, z] if y > 0 else FULL
+    front = words[x, y + 1, z] if y + 1 < ny else FULL
+    below = words[x, y, z - 1] if z > 0 else FULL
+    above = words[x, y, z + 1] if z + 1 < nz else np.uint64(0)
+    if not own | left | right | back | front | below | above:
+        return np.uint64(0), np.uint64(0), np.uint64(0)
+    a = own << _X | left >> _ACROSS_X
+    b = own >> _X | (right & LOW[0]) << _ACROSS_X
+    c = (own & ~HIGH[1]) << _Y | (back & HIGH[1]) >> _ACROSS_Y
+    d = (own & ~LOW[1]) >> _Y | (front & LOW[1]) << _ACROSS_Y
+    e = (own & ~HIGH[2]) << _Z | (below & HIGH[2]) >> _ACROSS_Z
+    f = (own & ~LOW[2]) >> _Z | (above & LOW[2]) << _ACROSS_Z
+    one, other = a ^ b ^ c, d ^ e ^ f
+    two, two_more = a & b | c & (a ^ b), d & e | f & (d ^ e)
+    carried = one & other
+    return one ^ other, two ^ two_more ^ carried, two & two_more | carried & (two ^ two_more)
+
+
+@kernel
+def bound_contacts(sums, bricks, outer, runs, mask):
+    """Compute upper bounds of the contacts at the locations of a mask.
 
     Parameters
     ----------
-    digits : Words
-        Flat digits of `contacts.neighbours`, (3, bricks of the box).
+    sums : numpy.ndarray
+        Int32 [x, y, z], see `contacts.Neighbours`.
     bricks : numpy.ndarray
-        Int64 (n,), the offset of each of the item's bricks from its first one, in C order.
+        Int16 (n, 3), see `voxels.Voxels`.
     outer : Words
         The outer cells of each of these bricks, (n,).
     runs : CellRuns
         Runs of nodes, see `column_runs`.
 
+    mask : Mask
+        Bool [x, y, z], the locations to bound; the runs cover them.
+
     Returns
     -------
-    numpy.ndarray
-        Int64 (nodes,) in C order, 0 outside the runs. The counts have no meaning where the item
-        is not inside the box, because there it continues in the next row.
+    locations : numpy.ndarray
+        Int64 (n, 3), the True locations of the mask in the order of (z, x, y).
+    bounds : numpy.ndarray
+        Int32 (n,), no less than the contacts there.
     """
-    found = np.zeros(digits.shape[1], np.int64)
+    nx, ny, nz = mask.shape
+    dense = np.zeros(mask.size, np.int32)
+    there = sums.ravel()
     for begin, end in runs:
-        total = found[begin:end]
+        total = dense[begin:end]
         for n in range(len(bricks)):
-            own = outer[n]
-            first, last = begin + bricks[n], end + bricks[n]
-            one, two, four = digits[0, first:last], digits[1, first:last], digits[2, first:last]
+            limit = np.int32(_MOST_NEIGHBOURS * count_bits(outer[n]))
+            at = (bricks[n, 0] * ny + bricks[n, 1]) * nz + bricks[n, 2]
+            counts = there[begin + at : end + at]
             for m in range(len(total)):
-                total[m] += (
-                    count_bits(own & one[m])
-                    + 2 * count_bits(own & two[m])
-                    + 4 * count_bits(own & four[m])
-                )
+                total[m] += min(counts[m], limit)
+    count = mask.sum()
+    locations = np.empty((count, 3), np.int64)
+    bounds = np.empty(count, np.int32)
+    n = 0
+    for k in range(nz):
+        for i in range(nx):
+            for j in range(ny):
+                if mask[i, j, k]:
+                    locations[n, 0], locations[n, 1], locations[n, 2] = i, j, k
+                    bounds[n] = dense[(i * ny + j) * nz + k]
+                    n += 1
+    return locations, bounds
+
+
+@kernel
+def most_contacts(filled, item, locations, bounds, counted):
+    """Find the first of the locations with the most contacts.
+
+    Parameters
+    ----------
+    filled : tuple
+        The fields of `contacts.Neighbours`.
+    item : tuple
+        The item's bricks and their outer cells, see `voxels.Voxels`.
+    locations : numpy.ndarray
+        Int64 (n, 3), the locations.
+    bounds : numpy.ndarray
+        Int32 (n,), no less than the contacts, which replace them when they are counted; -1 for a
+        location that is not to be found.
+    counted : numpy.ndarray
+        Bool (n,), where the contacts were counted; updated.
+
+    Returns
+    -------
+    int
+        The number of the location, whose bound is then its contacts; -1 if there is none.
+    """
+    found = -1
+    for n in range(len(bounds)):
+        if bounds[n] > (bounds[found] if found >= 0 else -1):
+            found = n
+    if found < 0:
+        return -1
+    most = _contacts(filled, item, locations, bounds, counted, found) - 1
+    for n in range(len(bounds)):
+        if bounds[n] > most:
+            count = _contacts(filled, item, locations, bounds, counted, n)
+            if count > most:
+                most, found = count, n
     return found
+
+
+@kernel
+def _contacts(filled, item, locations, bounds, counted, number):
+    """Return the contacts at a location, counted if they are not known."""
+    if not counted[number]:
+        words, sums = filled
+        bricks, outer = item
+        i, j, k = locations[number]
+        total = 0
+        for n in range(len(bricks)):
+            x, y, z = i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2]
+            if sums[x, y, z]:
+                low, middle, high = _digits(words, x, y, z)
+                own = outer[n]
+                total += count_bits(own & low)
+                total += 2 * count_bits(own & middle) + 4 * count_bits(own & high)
+        bounds[number] = total
+        counted[number] = True
+    return np.int64(bounds[number])

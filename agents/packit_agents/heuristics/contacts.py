@@ -6,54 +6,76 @@ processed together. Neighbours share a face.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from packit_agents.heuristics.column_runs import mask_runs
-from packit_agents.heuristics.contact_kernels import count_contacts, count_neighbours
+from packit_agents.heuristics.contact_kernels import (
+    bound_contacts,
+    most_contacts,
+    sum_neighbours,
+)
 from packit_sim.geometry.bits import Words
+from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
 
 
-def neighbours(words: Words) -> Words:
-    """Count the filled neighbours of each cell of a box.
+class Neighbours(NamedTuple):
+    """The filled neighbours of the cells of a box.
 
-    Parameters
+    Walls and the floor count as filled, the space above the box does not.
+
+    Attributes
     ----------
     words : Words
         The box's outer cells, uint64 [x, y, z].
-
-    Returns
-    -------
-    Words
-        Uint64 [digit, x, y, z]: the count of each cell as a binary number whose three digits, from
-        low to high, are in three words. The walls and the floor count as filled, the space above
-        the box does not.
+    sums : numpy.ndarray
+        Int32 [x, y, z], the numbers of filled neighbours, summed over the cells of each brick.
     """
-    return count_neighbours(np.ascontiguousarray(words))
+
+    words: Words
+    sums: npt.NDArray[np.int32]
+
+    @classmethod
+    def of(cls, words: Words) -> Neighbours:
+        """Count the neighbours in a box with these outer cells."""
+        return cls(words, sum_neighbours(words))
 
 
-def contacts(digits: Words, item: Item, mask: Mask) -> npt.NDArray[np.int64]:
-    """Count the pairs of an item's cells and filled neighbours, at each location.
+def by_contacts(filled: Neighbours, item: Item, mask: Mask) -> Iterator[tuple[int, Triple]]:
+    """Find the locations with the most pairs of an item's cells and filled neighbours.
 
     Parameters
     ----------
-    digits : Words
-        The counts of the box, from `neighbours`.
+    filled : Neighbours
+        The neighbours of the box's cells.
     item : Item
         The item, in its rotation.
     mask : Mask
         Bool [x, y, z] over the nodes; the item must be inside the box wherever it is True.
 
-    Returns
-    -------
-    numpy.ndarray
-        Int64 [x, y, z] over the nodes, 0 where the mask is False.
+    Yields
+    ------
+    contacts : int
+        The number of pairs.
+    location : Triple
+        The location. The most pairs come first, ties in the order of (z, x, y).
+
+    Notes
+    -----
+    A brick of the item has no more contacts than the cells of the box's brick have neighbours, and
+    no more than six for each of its own cells. Contacts are not counted where the sum of these
+    bounds is too small.
     """
-    x, y, z = item.voxels.bricks.T.astype(np.int64)
-    _, ny, nz = mask.shape
-    bricks = (x * ny + y) * nz + z
-    flat = digits.reshape(3, -1)
-    found = count_contacts(flat, bricks, item.voxels.outer, mask_runs(mask)).reshape(mask.shape)
-    return np.where(mask, found, 0)
+    voxels = item.voxels
+    own = voxels.bricks, voxels.outer
+    locations, bounds = bound_contacts(filled.sums, *own, mask_runs(mask), mask)
+    counted = np.zeros(len(bounds), dtype=bool)
+    while (n := most_contacts(tuple(filled), own, locations, bounds, counted)) >= 0:
+        i, j, k = locations[n].tolist()
+        yield int(bounds[n]), (i, j, k)
+        bounds[n] = -1

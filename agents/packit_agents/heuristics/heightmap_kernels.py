@@ -96,3 +96,16 @@ def gaps_below(spaces, columns, nodes, runs):
             for m in range(len(total)):
                 total[m] += below[m]
     return empty
+
+
+@kernel
+def first_least(costs, mask):
+    """Return the location (i, j, k) of the least cost in a mask, the first in (z, x, y)."""
+    nx, ny, nz = mask.shape
+    least, location = np.int64(0), (-1, -1, -1)
+    for k in range(nz):
+        for i in range(nx):
+            for j in range(ny):
+                if mask[i, j, k] and (location[0] < 0 or costs[i, j, k] < least):
+                    least, location = costs[i, j, k], (i, j, k)
+    return location

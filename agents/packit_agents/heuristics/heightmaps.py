@@ -6,13 +6,15 @@ Cells are outer cells throughout. Those of a box are words [x, y, z], one for ea
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
 from packit_agents.heuristics import heightmap_kernels
 from packit_agents.heuristics.column_runs import mask_runs
 from packit_sim.geometry.bits import Words
-from packit_sim.geometry.lattice import STEP
+from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
 
@@ -89,6 +91,29 @@ def gaps(spaces: Spaces, item: Item, mask: Mask) -> Costs:
         spaces.ravel(), columns, mask.size, mask_runs(mask)
     ).reshape(mask.shape)
     return np.where(mask, empty, 0).astype(np.int64)
+
+
+def by_cost(costs: Costs, mask: Mask) -> Iterator[tuple[int, Triple]]:
+    """Sort the locations of a mask by their costs.
+
+    Parameters
+    ----------
+    costs : Costs
+        Int64 [x, y, z] over the nodes.
+    mask : Mask
+        Bool [x, y, z] over the nodes.
+
+    Yields
+    ------
+    cost : int
+        The cost.
+    location : Triple
+        The location. The least costs come first, ties in the order of (z, x, y).
+    """
+    left = mask.copy()
+    while (location := heightmap_kernels.first_least(costs, left))[0] >= 0:
+        yield int(costs[location]), location
+        left[location] = False
 
 
 def _columns(item: Item) -> npt.NDArray[np.int64]:

@@ -12,16 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_rank
-from packit_agents.heuristics.contacts import contacts, neighbours
-from packit_agents.heuristics.heightmaps import Costs, gaps, growth, heightmap, space_below
+from packit_agents.heuristics.contacts import Neighbours, by_contacts
+from packit_agents.heuristics.heightmaps import by_cost, gaps, growth, heightmap, space_below
 from packit_sim.game.episode import Episode
-from packit_sim.geometry import rotations
-from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
@@ -81,7 +78,8 @@ class HeightmapMinimisation:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return _least(episode, partial(growth, heightmap(episode.box.outer_words)))
+        heights = heightmap(episode.box.outer_words)
+        return _best(episode, lambda item, mask: by_cost(growth(heights, item, mask), mask))
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,11 @@ class MaximalContact:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return _least(episode, partial(_negative_contacts, neighbours(episode.box.outer_words)))
+        filled = Neighbours.of(episode.box.outer_words)
+        return _best(
+            episode,
+            lambda item, mask: ((-most, at) for most, at in by_contacts(filled, item, mask)),
+        )
 
 
 @dataclass(frozen=True)
@@ -115,33 +117,41 @@ class LeastEmpty:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return _least(episode, partial(gaps, space_below(episode.box.outer_words)))
+        spaces = space_below(episode.box.outer_words)
+        return _best(episode, lambda item, mask: by_cost(gaps(spaces, item, mask), mask))
 
 
-def _negative_contacts(digits: Words, item: Item, mask: Mask) -> Costs:
-    return -contacts(digits, item, mask)
+def _best(episode: Episode, ranked: Callable[[Item, Mask], Iterator[tuple[int, Triple]]]) -> int:
+    """Find the feasible location of the least cost; ties go to the first in (z, x, y).
 
+    Parameters
+    ----------
+    episode : Episode
+        The episode.
+    ranked : callable
+        Yields the costs and the locations of a mask, the best first.
 
-def _least(episode: Episode, cost: Callable[[Item, Mask], Costs]) -> int:
-    """Find the feasible location of the least cost; ties go to the first in (z, x, y)."""
-    costs = np.full(episode.box.nodes, np.iinfo(np.int64).max)
-    for item, mask in _candidates(episode):
-        costs[mask] = cost(item, mask)[mask]
-    by_height = costs.transpose(2, 0, 1)
-    k, i, j = (int(n) for n in np.unravel_index(by_height.argmin(), by_height.shape))
-    return _number(episode, (i, j, k))
-
-
-def _candidates(episode: Episode) -> Iterator[tuple[Item, Mask]]:
-    """Yield feasible locations, each once, with the item in the rotation to assess it with."""
+    Returns
+    -------
+    int
+        The number of the location.
+    """
     choice = episode.chosen_item
     assert choice is not None
     if episode.rotation is not None:
-        yield choice.item, choice.feasible
-        return
+        locations = (location for _, location in ranked(choice.item, choice.candidates))
+        return _number(episode, next(filter(choice.is_feasible, locations)))
+    best = (next(ranked(item, mask)) for item, mask in _in_alignment(episode))
+    _, location = min(best, key=lambda found: (found[0], found[1][2], found[1]))
+    return _number(episode, location)
+
+
+def _in_alignment(episode: Episode) -> Iterator[tuple[Item, Mask]]:
+    """Yield feasible locations, each once, with the item in the rotation to assess it with."""
+    choice = episode.chosen_item
+    assert choice is not None
     left = choice.feasible.copy()
-    for rotation in rotations.by_alignment(choice.item.extents):
-        turned = choice.item.turned(rotation)
+    for turned in choice.item.by_alignment:
         mask = episode.box.feasible(turned) & left
         if mask.any():
             yield turned, mask
@@ -151,4 +161,6 @@ def _candidates(episode: Episode) -> Iterator[tuple[Item, Mask]]:
 
 
 def _number(episode: Episode, location: Triple) -> int:
-    return int(np.ravel_multi_index(location, episode.box.nodes))
+    _, ny, nz = episode.box.nodes
+    i, j, k = location
+    return (i * ny + j) * nz + k

@@ -15,7 +15,8 @@ import numpy as np
 from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_rank
 from packit_sim.game.episode import Episode
 from packit_sim.geometry import rotations
-from packit_sim.placement import PlacedItem
+from packit_sim.geometry.lattice import STEP
+from packit_sim.geometry.shapes import Item
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,11 @@ class Aligned:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return next(_valid(episode))
+        return next(_valid(episode)).rotation
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
         """Rank the valid rotations in the order of alignment."""
-        return by_rank(_valid(episode), rotations.COUNT)
+        return by_rank((item.rotation for item in _valid(episode)), rotations.COUNT)
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,9 @@ class FirstFit:
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
         first = next(_valid(episode))
         if episode.location is not None:
-            return first
-        assert episode.shape is not None
-        item = episode.task.items[episode.shape]
-        fitting = (n for n in _valid(episode) if episode.box.blbf(item.turned(n)) is not None)
-        return next(fitting, first)
+            return first.rotation
+        fitting = (item for item in _valid(episode) if episode.box.blbf(item) is not None)
+        return next(fitting, first).rotation
 
 
 @dataclass(frozen=True)
@@ -77,23 +76,23 @@ class Lowest:
     """
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        assert episode.shape is not None
-        item, box = episode.task.items[episode.shape], episode.box
+        box = episode.box
         best = next(_valid(episode))
         lowest = box.cells[2] + 1
-        for rotation in _valid(episode):
-            turned = item.turned(rotation)
-            if turned.cells[2] >= lowest:
+        for item in _valid(episode):
+            height = item.cells[2]
+            if height >= lowest:
                 continue  # too tall even on the floor
-            at = episode.location or box.blbf(turned)
-            if at is not None and (top := PlacedItem(turned, at).stop[2]) < lowest:
-                best, lowest = rotation, top
-        return best
+            layers = (lowest - height - 1) // STEP + 1
+            at = episode.location or box.blbf(item, layers=layers)
+            if at is not None and at[2] < layers:
+                best, lowest = item, STEP * at[2] + height
+        return best.rotation
 
 
-def _valid(episode: Episode) -> Iterator[int]:
-    """Yield the valid rotations in the order of alignment."""
+def _valid(episode: Episode) -> Iterator[Item]:
+    """Yield the chosen item in the valid rotations, in the order of alignment."""
     assert episode.shape is not None
-    valid = episode.action_mask()
-    extents = episode.task.items[episode.shape].extents
-    return (n for n in rotations.by_alignment(extents) if valid[n])
+    valid = episode.action_mask().tolist()
+    ranked = episode.task.items[episode.shape].by_alignment
+    return (item for item in ranked if valid[item.rotation])

@@ -1,0 +1,196 @@
+"""Kernels that decide whether two surfaces cross, where rounding can't matter.
+
+A *proof* that two triangles are apart is an axis along which there is a gap between them, and a
+proof that they cross is an edge of one that passes through the inside of the other: both by more
+than `MARGIN`, which is far more than rounding. Where there is no proof, the caller asks FCL.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+
+APART, CROSSING, UNSURE = 0, 1, 2
+
+MARGIN = 1e-9
+"""Box units; coordinates are at most a few units, so that rounding is below 1e-14."""
+
+_STACK = 256
+"""Pairs of nodes that can wait."""
+
+
+@kernel
+def relation(one, other, turn, shift):
+    """Decide whether two surfaces cross.
+
+    Parameters
+    ----------
+    one, other : tuple
+        The triangles, boxes and starts of a tree (see `deviation.Surface`).
+    turn : ndarray
+        (2, 3) int64, the rotation of the other surface: for each axis of the first, the axis of the
+        other that becomes it, and 1 or -1 if it is reversed.
+    shift : ndarray
+        (3,) float64, the translation of the other surface after its rotation.
+
+    Returns
+    -------
+    int
+        `APART`, `CROSSING`, or `UNSURE` if neither is proved.
+    """
+    triangles, boxes, starts = one
+    others, other_boxes, other_starts = other
+    leaves, other_leaves = len(starts) - 1, len(other_starts) - 1
+    waiting = np.empty((_STACK, 2), np.int64)
+    waiting[0] = 1
+    top = 1
+    moved = np.empty((1, 3, 3))
+    unsure = False
+    while top:
+        top -= 1
+        a, b = waiting[top, 0], waiting[top, 1]
+        if _boxes_apart(boxes, a, other_boxes, b, turn, shift):
+            continue
+        if a >= leaves and b >= other_leaves:
+            for m in range(other_starts[b - other_leaves], other_starts[b - other_leaves + 1]):
+                for c in range(3):
+                    for d in range(3):
+                        moved[0, c, d] = turn[1, d] * others[m, c, turn[0, d]] + shift[d]
+                for n in range(starts[a - leaves], starts[a - leaves + 1]):
+                    if _apart(triangles, n, moved, 0):
+                        continue
+                    if _cross(triangles, n, moved, 0):
+                        return CROSSING
+                    unsure = True
+        elif b >= other_leaves or (a < leaves and a <= b):
+            waiting[top, 0], waiting[top, 1] = 2 * a, b
+            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
+            top += 2
+        else:
+            waiting[top, 0], waiting[top, 1] = a, 2 * b
+            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
+            top += 2
+    return UNSURE if unsure else APART
+
+
+@kernel
+def _boxes_apart(boxes, a, other_boxes, b, turn, shift):
+    """Return whether there is a gap between the boxes of two nodes."""
+    for d in range(3):
+        axis = turn[0, d]
+        if turn[1, d] > 0:
+            low, high = other_boxes[b, 0, axis] + shift[d], other_boxes[b, 1, axis] + shift[d]
+        else:
+            low, high = shift[d] - other_boxes[b, 1, axis], shift[d] - other_boxes[b, 0, axis]
+        if boxes[a, 1, d] + MARGIN < low or high + MARGIN < boxes[a, 0, d]:
+            return True
+    return False
+
+
+@kernel
+def _apart(a, n, b, m):
+    """Return whether there is a proof that triangles a[n] and b[m] are apart."""
+    for d in range(3):
+        p, q, r = a[n, 0, d], a[n, 1, d], a[n, 2, d]
+        s, t, u = b[m, 0, d], b[m, 1, d], b[m, 2, d]
+        if min(p, q, r) > max(s, t, u) + MARGIN or min(s, t, u) > max(p, q, r) + MARGIN:
+            return True
+    x, y, z = _normal(a, n)
+    if _separates(a, n, b, m, x, y, z):
+        return True
+    u, v, w = _normal(b, m)
+    if _separates(a, n, b, m, u, v, w):
+        return True
+    for i in range(3):
+        ex, ey, ez = _edge(a, n, i)
+        if _separates(a, n, b, m, *_cross_product(ex, ey, ez, x, y, z)):
+            return True
+        fx, fy, fz = _edge(b, m, i)
+        if _separates(a, n, b, m, *_cross_product(fx, fy, fz, u, v, w)):
+            return True
+        for j in range(3):
+            fx, fy, fz = _edge(b, m, j)
+            if _separates(a, n, b, m, *_cross_product(ex, ey, ez, fx, fy, fz)):
+                return True
+    return False
+
+
+@kernel
+def _separates(a, n, b, m, x, y, z):
+    """Return whether there is a gap between triangles a[n] and b[m] along the axis (x, y, z)."""
+    p = x * a[n, 0, 0] + y * a[n, 0, 1] + z * a[n, 0, 2]
+    q = x * a[n, 1, 0] + y * a[n, 1, 1] + z * a[n, 1, 2]
+    r = x * a[n, 2, 0] + y * a[n, 2, 1] + z * a[n, 2, 2]
+    s = x * b[m, 0, 0] + y * b[m, 0, 1] + z * b[m, 0, 2]
+    t = x * b[m, 1, 0] + y * b[m, 1, 1] + z * b[m, 1, 2]
+    u = x * b[m, 2, 0] + y * b[m, 2, 1] + z * b[m, 2, 2]
+    gap = max(min(p, q, r) - max(s, t, u), min(s, t, u) - max(p, q, r))
+    return gap > 0 and gap * gap > MARGIN * MARGIN * (x * x + y * y + z * z)
+
+
+@kernel
+def _cross(a, n, b, m):
+    """Return whether there is a proof that triangles a[n] and b[m] cross."""
+    found = False
+    for i in range(3):
+        found = found or _pierces(a, n, i, b, m) or _pierces(b, m, i, a, n)
+    return found
+
+
+@kernel
+def _pierces(a, n, i, b, m):
+    """Return whether edge i of triangle a[n] passes through the inside of triangle b[m]."""
+    x, y, z = _normal(b, m)
+    end = _height(a, n, i, b, m, x, y, z)
+    start = _height(a, n, i - 1, b, m, x, y, z)
+    margin = MARGIN * np.sqrt(x * x + y * y + z * z)
+    if not (min(start, end) < -margin and max(start, end) > margin):
+        return False
+    ex, ey, ez = _edge(a, n, i)
+    length = ex * ex + ey * ey + ez * ez
+    before = 0
+    for j in range(3):
+        fx, fy, fz = _edge(b, m, j)
+        x, y, z = _cross_product(ex, ey, ez, fx, fy, fz)
+        apart = (
+            x * (a[n, i, 0] - b[m, j, 0])
+            + y * (a[n, i, 1] - b[m, j, 1])
+            + z * (a[n, i, 2] - b[m, j, 2])
+        )
+        if apart * apart <= MARGIN * MARGIN * length * (fx * fx + fy * fy + fz * fz):
+            return False
+        side = 1 if apart > 0 else -1
+        if side == -before:
+            return False
+        before = side
+    return True
+
+
+@kernel
+def _height(a, n, i, b, m, x, y, z):
+    """Return the height of corner i of a[n] above the first corner of b[m], along (x, y, z)."""
+    return (
+        x * (a[n, i, 0] - b[m, 0, 0])
+        + y * (a[n, i, 1] - b[m, 0, 1])
+        + z * (a[n, i, 2] - b[m, 0, 2])
+    )
+
+
+@kernel
+def _edge(a, n, i):
+    """Return edge i of triangle a[n], which ends at its corner i."""
+    return a[n, i, 0] - a[n, i - 1, 0], a[n, i, 1] - a[n, i - 1, 1], a[n, i, 2] - a[n, i - 1, 2]
+
+
+@kernel
+def _normal(a, n):
+    """Return the normal of triangle a[n], as long as twice its area."""
+    ax, ay, az = _edge(a, n, 0)
+    bx, by, bz = _edge(a, n, 1)
+    return _cross_product(ax, ay, az, bx, by, bz)
+
+
+@kernel
+def _cross_product(ax, ay, az, bx, by, bz):
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -1,0 +1,57 @@
+"""Kernels that compare the surfaces of two items at many offsets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+from packit_sim.engine.containment_kernels import holds, outlines_meet
+from packit_sim.engine.crossing_kernels import APART, CROSSING, relation
+
+
+@kernel
+def relations(one, other, turn, to_first, shifts):
+    """Decide whether two items on the grid are in conflict by their surfaces.
+
+    Parameters
+    ----------
+    one, other : tuple
+        The tree (see `crossing_kernels`), the parts (see `containment.PartArrays`), their outline
+        and the rotation (3, 3) of each item.
+    turn, to_first : ndarray
+        See `pairs.relative_turn`.
+    shifts : ndarray
+        (n, 3) float64, from the centre of the first to that of the other.
+
+    Returns
+    -------
+    ndarray
+        (n,) int64: `CROSSING` if the surfaces cross or a part of one is inside the other, `APART`
+        if neither is true, `UNSURE` if there is no proof that they cross or don't.
+    """
+    tree, parts, outline, matrix = one
+    other_tree, other_parts, other_outline, other_matrix = other
+    states = np.empty(len(shifts), np.int64)
+    moved = np.empty(3)
+    for n in range(len(shifts)):
+        for d in range(3):
+            moved[d] = 0.0
+            for e in range(3):
+                moved[d] += to_first[d, e] * shifts[n, e]
+        states[n] = relation(tree, other_tree, turn, moved)
+        if states[n] != APART or not outlines_meet(outline, other_outline, shifts[n]):
+            continue
+        points, triangles, part, boxes, starts = parts
+        others, other_triangles, other_part, other_boxes, other_starts = other_parts
+        if holds(others, triangles, part, boxes, starts, matrix, other_matrix, shifts[n]) or holds(
+            points,
+            other_triangles,
+            other_part,
+            other_boxes,
+            other_starts,
+            other_matrix,
+            matrix,
+            -shifts[n],
+        ):
+            states[n] = CROSSING
+    return states
