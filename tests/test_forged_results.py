@@ -134,7 +134,7 @@ def test_kinematic_results_are_replayed(honest: Path, tmp_path: Path) -> None:
         for number in range(3)
         for problem in verify_dataset(_as_kinematic(honest, tmp_path, number), everyday()).problems
     ]
-    assert any("can't be inserted from above, as its rules demand" in claim for claim in claims)
+    assert any("can't be inserted from above, as its record demands" in claim for claim in claims)
 
 
 def _as_kinematic(honest: Path, folder: Path, number: int) -> Path:

@@ -40,6 +40,7 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "Evolved": (provenance.Evolved, {"kind": "first"}),
     "Densified": (provenance.Densified, {"kind": "first"}),
     "Sampled": (provenance.Sampled, {"kind": "first"}),
+    "Puzzle": (provenance.Puzzle, {"kind": "first"}),
     "FromOriginal": (provenance.FromOriginal, {"kind": "first"}),
     "Other": (provenance.Other, {"kind": "first"}),
     "Played": (provenance.Played, {"kind": "first"}),

@@ -23,6 +23,7 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
+from packit_sim.cli.puzzle_generation import PIECES, check_options, write_puzzles
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.densification_settings import DensificationSettings
@@ -109,6 +110,21 @@ def generate_command(
             help=f"Number of rounds of {DensificationSettings.moves} moves per pack, with --dense.",
         ),
     ] = DensificationSettings.rounds,
+    puzzle: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Kind of puzzles to cut instead of evolving packs: guillotine, pinwheel, polycubes "
+            "or curved; may be repeated."
+        ),
+    ] = None,
+    pieces: Annotated[
+        list[int] | None,
+        typer.Option(help="Number of pieces of a puzzle (default: 16); may be repeated."),
+    ] = None,
+    shapes: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the pieces of puzzles; default: library in --out."),
+    ] = None,
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
@@ -128,10 +144,23 @@ def generate_command(
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 
+    Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
+    (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted and
+    curved surfaces). There are --packs puzzles of each kind and number of pieces; --out also
+    gets the library of their pieces.
+
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
 
     Example: packit generate --dense --items 20 30 --packs 10 --split train --out hard-packs
+
+    Example: packit generate --puzzle polycubes --pieces 16 --packs 10 --out my-puzzles
     """
+    if out.is_file():
+        raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
+    check_options(context)
+    if puzzle:
+        write_puzzles(puzzle, pieces or [PIECES], packs, seed, out, shapes)
+        return
     for name in EVOLUTION_OPTIONS if dense else DENSE_OPTIONS:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
@@ -139,8 +168,6 @@ def generate_command(
             raise ArgumentError(
                 f"{option} has no effect {'with' if dense else 'without'} --dense: leave it out"
             )
-    if out.is_file():
-        raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
     opened = _readable(ShapeLibrary.open(library))
     settings: SearchSettings
     if dense:

@@ -11,9 +11,10 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
@@ -27,6 +28,9 @@ SUFFIX = ".manifest.json"
 """A manifest's name is the whole name of its file, and this suffix."""
 
 _PACKS = ".jsonl"
+
+_HERE = "./"
+"""How the source of a library in the manifest's folder begins."""
 
 
 class Manifest(Struct, frozen=True, omit_defaults=True):
@@ -67,7 +71,7 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
         Returns
         -------
         Manifest
-            The record.
+            The record; a library in the same folder has its absolute path.
 
         Raises
         ------
@@ -78,7 +82,11 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
             data = path.read_bytes()
         except OSError as error:
             raise PackFormatError(str(error.strerror)) from None
-        return typed_json.decode(data, cls, PackFormatError, "a manifest")
+        found = typed_json.decode(data, cls, PackFormatError, "a manifest")
+        folder = path.absolute().parent
+        return structs.replace(
+            found, libraries=tuple(_absolute(ref, folder) for ref in found.libraries)
+        )
 
     def describes(self, data: bytes) -> bool:
         """Whether this is the manifest of a file with the given content."""
@@ -155,7 +163,9 @@ def write_described(path: Path, data: bytes, packs: int, libraries: Sequence[Lib
     _check_replaceable(path)
     former = _former_manifest(path)
     digest = hashlib.sha256(data).hexdigest()
-    manifest = Manifest(FORMAT, __version__, packs, digest, tuple(libraries))
+    folder = manifest_path(path).absolute().parent
+    refs = tuple(_relative(ref, folder) for ref in libraries)
+    manifest = Manifest(FORMAT, __version__, packs, digest, refs)
     new = _new_manifest_path(path)
     try:
         replace_text(new, manifest.to_json())
@@ -217,6 +227,20 @@ def _former_manifest(path: Path) -> Path | None:
     if manifest is None or not path.exists() or not manifest.describes(path.read_bytes()):
         return None
     return former_manifest_path(path)
+
+
+def _relative(ref: LibraryRef, folder: Path) -> LibraryRef:
+    """Record a library in a folder by its path from there, so that the folder can be moved."""
+    if ref.source is None or not Path(ref.source).is_relative_to(folder):
+        return ref
+    return replace(ref, source=_HERE + Path(ref.source).relative_to(folder).as_posix())
+
+
+def _absolute(ref: LibraryRef, folder: Path) -> LibraryRef:
+    """Return a library with an absolute path, if it is recorded by its path from a folder."""
+    if ref.source is None or not ref.source.startswith(_HERE):
+        return ref
+    return replace(ref, source=str(folder / ref.source))
 
 
 def _read(path: Path) -> Manifest | None:

@@ -16,7 +16,7 @@ from packit_sim import placement
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Densified, Evolved
+from packit_sim.datasets.provenance import Densified, Evolved, Puzzle
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import INSIDE
@@ -27,6 +27,9 @@ DENSITY_SLACK = 1e-9
 
 SCALE_SLACK = 1e-12
 """Largest relative difference between an item's scale and its settings': rounding of products."""
+
+PUZZLE_SLACK = 0.005
+"""Largest share of the box between the pieces of a puzzle: the clearance of those that need one."""
 
 WITNESSES = 512
 """Cells of an item, inner and outer each, that are tested at all locations before the oracle is."""
@@ -137,6 +140,17 @@ def density_problems(
     largest = max(volumes) / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if largest > settings.largest * (1 + SCALE_SLACK):
         yield f"its largest item fills {largest:.4g} of the box, not {settings.largest} at most"
+
+
+def puzzle_problems(pack: Pack, puzzle: Puzzle) -> Iterator[str]:
+    """Yield where a pack is not a whole puzzle."""
+    if len(pack.items) != puzzle.pieces or pack.outside:
+        yield (
+            f"its puzzle has {puzzle.pieces} pieces, but {len(pack.items)} are in the box and "
+            f"{len(pack.outside)} outside"
+        )
+    if pack.density < 1 - PUZZLE_SLACK:
+        yield f"its density is {pack.density!r}, but the pieces of a puzzle fill the box"
 
 
 def order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]:

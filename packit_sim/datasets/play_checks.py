@@ -109,7 +109,7 @@ def insertion_problems(placed: Sequence[PlacedItem]) -> Iterator[str]:
         if not is_clear(placed[:n], candidate):
             yield (
                 f"item {n} ({candidate.item.shape.id!r}) can't be inserted from above, "
-                "as its rules demand"
+                "as its record demands"
             )
 
 

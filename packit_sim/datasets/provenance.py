@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 from msgspec import Meta, Struct, field
 
@@ -22,6 +22,9 @@ Positive = Annotated[float, Meta(gt=0)]
 Return = Annotated[float, Meta(ge=-RETURN_SLACK, le=1 + RETURN_SLACK)]
 Seconds = Annotated[float, Meta(ge=0)]
 RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]
+
+PuzzleName = Literal["guillotine", "pinwheel", "polycubes", "curved"]
+"""How the box of a puzzle was cut (see `generation.puzzles`)."""
 
 
 class _Record(
@@ -115,6 +118,24 @@ class Improvement(NamedTuple):
 
     seconds: Seconds
     total: Return
+
+
+class Puzzle(_Record, frozen=True, kw_only=True, tag="puzzle"):
+    """A box that was cut into pieces, which can be put in from above in the order of the pack.
+
+    Attributes
+    ----------
+    cuts : PuzzleName
+        How it was cut.
+    pieces : int
+        The number of pieces.
+    seed : int
+        The seed of the cuts.
+    """
+
+    cuts: PuzzleName
+    pieces: Count
+    seed: Count
 
 
 class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
@@ -212,7 +233,7 @@ class Other(_Record, frozen=True, kw_only=True, tag="other"):
         return self.author or "packs"
 
 
-Provenance: TypeAlias = Evolved | Densified | Sampled | Played | FromOriginal | Other
+Provenance: TypeAlias = Evolved | Densified | Sampled | Puzzle | Played | FromOriginal | Other
 
 UNKNOWN_PROVENANCE = Other()
 """The provenance of a pack without a record."""

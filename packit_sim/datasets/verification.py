@@ -35,13 +35,14 @@ from packit_sim.datasets.pack_checks import (
     density_problems,
     named,
     order_problems,
+    puzzle_problems,
     settings_problems,
     verify,
 )
 from packit_sim.datasets.pack_files import WHOLE, folder_files, numbered_lines, read_bytes
 from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.play_checks import insertion_problems, play_problems, task_of
-from packit_sim.datasets.provenance import Densified, Evolved, Played, Provenance
+from packit_sim.datasets.provenance import Densified, Evolved, Played, Provenance, Puzzle
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
@@ -243,10 +244,13 @@ class _DatasetCheck:
         """Yield the problems of one pack, given its split as the file's name and manifest say."""
         evolved = pack.provenance if isinstance(pack.provenance, Evolved) else None
         played = pack.provenance if isinstance(pack.provenance, Played) else None
+        puzzle = pack.provenance if isinstance(pack.provenance, Puzzle) else None
         if not pack.items:
             yield "it holds no items"
         if evolved is not None:
             yield from settings_problems(pack, evolved)
+        if puzzle is not None:
+            yield from puzzle_problems(pack, puzzle)
         splits = dict.fromkeys(s for s in (*recorded, pack.provenance.split) if s is not None)
         if len(splits) > 1:
             yield f"it is recorded to be of several splits: {', '.join(map(repr, splits))}"
@@ -271,8 +275,8 @@ class _DatasetCheck:
             yield from order_problems(pack.cells, on_grid)
         if played is not None:
             yield from self._play_problems(pack, played)
-            if played.rules.kinematic:
-                yield from insertion_problems(on_grid)
+        if puzzle is not None or (played is not None and played.rules.kinematic):
+            yield from insertion_problems(on_grid)
 
     def _play_problems(self, pack: Pack, played: Played) -> Iterator[str]:
         self.unjudged_returns += task_of(pack, played) is None
