@@ -113,8 +113,8 @@ def generate_command(
     puzzle: Annotated[
         list[str] | None,
         typer.Option(
-            help="Kind of puzzles to cut instead of evolving packs: guillotine, pinwheel, polycubes "
-            "or curved; may be repeated."
+            help="Kind of puzzles to cut instead of evolving packs: guillotine, pinwheel, "
+            "polycubes or curved; may be repeated."
         ),
     ] = None,
     pieces: Annotated[
@@ -145,9 +145,9 @@ def generate_command(
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 
     Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
-    (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted and
-    curved surfaces). There are --packs puzzles of each kind and number of pieces; --out also
-    gets the library of their pieces.
+    (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted
+    and curved surfaces). There are --packs puzzles of each kind and number of pieces; the library
+    of their pieces is written as well.
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
 

@@ -8,7 +8,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.manifests import Manifest, find_manifest
 from packit_sim.datasets.pack_files import WHOLE, dataset_files, dataset_path, read_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import Evolved
+from packit_sim.datasets.provenance import Evolved, Puzzle
 from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -82,8 +82,25 @@ class SplitSummary:
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of the evolutions, sorted; empty if the packs did not evolve."""
-        return sorted({one.seed for one in self._evolved})
+        """The seeds of the evolutions or puzzles, sorted; empty if the packs are neither."""
+        return sorted({one.seed for one in (*self._evolved, *self.puzzles)})
+
+    @property
+    def puzzles(self) -> list[Puzzle]:
+        """The records of the packs that are puzzles."""
+        return [one.provenance for one in self.packs if isinstance(one.provenance, Puzzle)]
+
+    @property
+    def puzzle_rows(self) -> list[list[str]]:
+        """How puzzles were cut, the pieces, the packs, and the range of their densities."""
+        densities: dict[tuple[str, int], list[float]] = {}
+        for pack in self.packs:
+            if isinstance(record := pack.provenance, Puzzle):
+                densities.setdefault((record.cuts, record.pieces), []).append(pack.density)
+        return [
+            [cuts, str(pieces), str(len(found)), f"{min(found):.4f} to {max(found):.4f}"]
+            for (cuts, pieces), found in densities.items()
+        ]
 
     @property
     def settings(self) -> Mapping[str, Any] | None:
@@ -105,6 +122,8 @@ class SplitSummary:
 
     def command(self, library: str, out: str) -> str | None:
         """Return the `packit generate` that regenerates this part; None if there is none."""
+        if self.puzzles:
+            return self._puzzle_command(out)
         settings, seeds = self.settings, self.seeds
         usual = EvolutionSettings().to_json()
         if settings is None or not seeds or seeds != list(range(seeds[0], seeds[0] + len(seeds))):
@@ -122,6 +141,26 @@ class SplitSummary:
         if self._evolved[0].after is not None:
             words.append("--history")
         return shlex.join([*words, "--out", out])
+
+    def _puzzle_command(self, out: str) -> str | None:
+        """Return the command that cuts these puzzles; None if no single one does."""
+        records, seeds = self.puzzles, self.seeds
+        cuts = dict.fromkeys(one.cuts for one in records)
+        pieces = dict.fromkeys(one.pieces for one in records)
+        wanted = [
+            Puzzle(cuts=kind, pieces=number, seed=seed)
+            for kind, number, seed in product(cuts, pieces, range(seeds[0], seeds[0] + len(seeds)))
+        ]
+        if [one.provenance for one in self.packs] != wanted:
+            return None
+        words = ["packit", "generate"]
+        for kind in cuts:
+            words += ["--puzzle", kind]
+        for number in pieces:
+            words += ["--pieces", str(number)]
+        return shlex.join(
+            [*words, "--packs", str(len(seeds)), "--seed", str(seeds[0]), "--out", out]
+        )
 
 
 def read(source: Path | str, library: ShapeLibrary) -> tuple[SplitSummary, ...]:
@@ -185,6 +224,7 @@ def page(
         ],
         "usual": paper,
         "changed": {n: " and ".join(found) for n, found in used.items() if {*found} - {paper[n]}},
+        "puzzle_rows": [row for part in parts for row in part.puzzle_rows],
         "file_rows": [part.file_row for part in parts],
         "statistics_rows": [
             [name, *(column.get(name, "").replace("\n", ", ") for column in columns)]

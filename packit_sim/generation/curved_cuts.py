@@ -75,7 +75,7 @@ class Surface:
 
     def cut(self, block: Block) -> list[Piece]:
         """Cut a block; the second piece can be put in from above after the first."""
-        start, stop = block
+        start = block[0]
         base, top = (corner[self.across] * STEP_UNITS for corner in block)
         rise = (self.high - self.low) * self.heights
         middle = base + np.rint((self.low + rise) * STEP_UNITS).astype(np.int64)

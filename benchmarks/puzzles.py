@@ -1,0 +1,155 @@
+"""The hardness curve of puzzles: what a rule, alone and with a search, packs by kind and pieces.
+
+    .venv/bin/python -m benchmarks.puzzles    (half an hour of one core; a stopped run resumes)
+
+Cuts boxes of each kind into 5 to 32 pieces, and lets the agents pack them. The rule alone plays all
+of them, the search the first ones of each kind and number, which `--boxes` and `--searched` say.
+The puzzles and the results of each task stay in `--folder`, where a stopped run resumes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from benchmarks.common import argument_parser, machine, plot_file, write_json
+from packit_sim import Rollout, evaluate
+from packit_sim.cli.console import console
+from packit_sim.cli.output import simple_table
+from packit_sim.core.confidence import Estimate, format_estimate
+from packit_sim.datasets.pack_files import WHOLE, load_tasks, read_packs
+from packit_sim.datasets.packs import Task
+from packit_sim.datasets.provenance import RETURN_SLACK, Puzzle, PuzzleName
+from packit_sim.generation.puzzles import PuzzleJob, generate_puzzles
+from packit_sim.render import plots
+
+RULE = "largest-fitting-first/lowest/maximal-contact"
+SEARCH = f"{RULE}+lns=10s"
+LABELS = {RULE: "rule alone", SEARCH: "with 10 s of search"}
+
+KINDS: tuple[PuzzleName, ...] = get_args(PuzzleName)
+PIECES = (5, 8, 12, 16, 24, 32)
+
+SEED = 0
+"""The seed of the first puzzle, and of the evaluation."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """What an agent reached on the puzzles of one kind and number of pieces.
+
+    `solved` is Success@1 in percent.
+    """
+
+    agent: str
+    cuts: str
+    pieces: int
+    boxes: int
+    reward: Estimate
+    solved: Estimate
+
+
+def cut(job: PuzzleJob, folder: Path) -> tuple[Task, ...]:
+    """Generate puzzles if they are not there yet, and load them."""
+    file = folder / f"{WHOLE}.jsonl"
+    if not file.exists() or [pack.provenance for pack in read_packs(file)] != list(job.records):
+        generate_puzzles(job, folder)
+    return load_tasks(file)
+
+
+def puzzle(task: Task) -> Puzzle:
+    """Return the provenance of a task."""
+    record = task.pack.provenance
+    assert isinstance(record, Puzzle)
+    return record
+
+
+def points(played: Mapping[str, Sequence[Rollout]], tasks: Sequence[Task]) -> Iterator[Point]:
+    """Score each agent on each kind and number of pieces."""
+    for agent, rollouts in played.items():
+        for cuts in KINDS:
+            for pieces in PIECES:
+                totals = np.array(
+                    [
+                        rollout.total
+                        for rollout in rollouts
+                        if (record := puzzle(tasks[rollout.task])).cuts == cuts
+                        and record.pieces == pieces
+                    ]
+                )
+                solved = 100.0 * (totals >= 1 - RETURN_SLACK)
+                reward = Estimate.of(totals)
+                yield Point(agent, cuts, pieces, len(totals), reward, Estimate.of(solved))
+
+
+def show(found: Sequence[Point]) -> None:
+    """Print a table."""
+    table = simple_table("puzzle", "pieces", *(f"{LABELS[a]}: {what}" for a in LABELS for what in
+                         ("reward", "solved, %", "boxes")))  # fmt: skip
+    for cuts in KINDS:
+        for pieces in PIECES:
+            own = {p.agent: p for p in found if (p.cuts, p.pieces) == (cuts, pieces)}
+            cells = [
+                cell
+                for agent in LABELS
+                for cell in (
+                    format_estimate(own[agent].reward, ".3f"),
+                    format_estimate(own[agent].solved, ".0f"),
+                    str(own[agent].boxes),
+                )
+            ]
+            table.add_row(cuts, str(pieces), *cells)
+    console.print(table)
+
+
+def draw(found: Sequence[Point], file: Path) -> None:
+    """Plot the mean return over the number of pieces, an agent in each panel."""
+    with plots.drawn(file, [["rule", "search"]], 11, 4.5) as (figure, axes):
+        for ax, agent in zip(axes.values(), LABELS, strict=True):
+            for cuts, color, marker in zip(KINDS, plots.COLORS, "osD^", strict=False):
+                own = [p for p in found if (p.agent, p.cuts) == (agent, cuts)]
+                estimates = [p.reward for p in own]
+                plots.line(ax, PIECES, estimates, color=color, marker=marker, label=cuts)
+            boxes = min(p.boxes for p in found if p.agent == agent)
+            ax.set(title=f"{LABELS[agent]}, {boxes} boxes a point", xlabel="pieces")
+            ax.set(ylabel="mean return", ylim=(0.5, 1.02), xticks=PIECES)
+        axes["rule"].legend()
+        figure.suptitle("Puzzles: what is packed of boxes that can be filled")
+
+
+def main() -> None:
+    parser = argument_parser(__doc__)
+    parser.add_argument("--boxes", type=int, default=5, help="puzzles a kind and number of pieces")
+    parser.add_argument("--searched", type=int, default=2, help="the same, for the search")
+    parser.add_argument("--folder", type=Path, default=Path("puzzle-hardness"))
+    arguments = parser.parse_args()
+    tasks = cut(PuzzleJob(KINDS, PIECES, arguments.boxes, SEED), arguments.folder)
+    first = [n for n, one in enumerate(tasks) if puzzle(one).seed < SEED + arguments.searched]
+    results = arguments.folder / "results.jsonl"
+    played = {
+        agent: evaluate(
+            [agent], [tasks[n] for n in numbers], SEED, file=results, numbers=list(numbers)
+        )
+        for agent, numbers in {RULE: range(len(tasks)), SEARCH: first}.items()
+    }
+    found = list(points(played, tasks))
+    write_json(
+        arguments.out / "puzzles.json",
+        {
+            "command": f"python -m benchmarks.puzzles --boxes {arguments.boxes} "
+            f"--searched {arguments.searched}",
+            "seed": SEED,
+            "machine": machine(),
+            "points": [asdict(point) for point in found],
+        },
+    )
+    draw(found, plot_file(arguments.out, "puzzles"))
+    show(found)
+
+
+if __name__ == "__main__":
+    main()
