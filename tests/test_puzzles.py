@@ -242,9 +242,9 @@ def packit(*arguments: str | Path) -> Result:
     [
         (["--puzzle=hexagons"], "no puzzle 'hexagons'"),
         (["--puzzle=curved", "--pieces=1"], "pieces 1 is not possible"),
-        (["--pieces=8"], "--pieces is of puzzles: it needs --puzzle"),
-        (["--shapes=here"], "--shapes is of puzzles: it needs --puzzle"),
-        (["--puzzle=curved", "--size-range", "1", "2"], "--size-range is of evolved packs"),
+        (["--pieces=8"], "--pieces has no effect without --puzzle"),
+        (["--shapes=here"], "--shapes has no effect without --puzzle"),
+        (["--puzzle=curved", "--size-range", "1", "2"], "--size-range has no effect with --puzzle"),
     ],
 )
 def test_options_that_do_not_belong_together_are_refused(

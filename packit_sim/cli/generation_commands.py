@@ -135,6 +135,11 @@ def generate_command(
     which are replaced by larger ones again and again (simulated annealing): so dense that searches
     rarely find room for all items.
 
+    Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
+    (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted
+    and curved surfaces). There are --packs puzzles of each kind and number of pieces; the library
+    of their pieces is written as well.
+
     Shapes are drawn from the library with replacement and rescaled to fill a box of length 1, so
     that a dataset from a folder of your own meshes has tasks with their shapes, but not with their
     real sizes or numbers: `packit pack` packs your parts as they are.
@@ -143,11 +148,6 @@ def generate_command(
     stopped at any time: repeat it to resume, with the same packs in the end.
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
-
-    Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
-    (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted
-    and curved surfaces). There are --packs puzzles of each kind and number of pieces; the library
-    of their pieces is written as well.
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
 

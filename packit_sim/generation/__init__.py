@@ -1,1 +1,1 @@
-"""Generation of packs: chromosomes, the Pack Creator, evolution, densification, jobs."""
+"""Generation of packs: chromosomes, the Pack Creator, evolution, densification, jobs, puzzles."""
