@@ -23,7 +23,7 @@ from packit_sim.datasets.provenance import Puzzle, PuzzleName
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.generation import cuboid_cuts, curved_cuts, polycube_cuts
 from packit_sim.generation.jobs import GenerationError
-from packit_sim.generation.pieces import NODES, Piece
+from packit_sim.generation.puzzle_pieces import NODES, Piece
 from packit_sim.generation.puzzles import (
     CUTTERS,
     PuzzleJob,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from packit_sim.generation.pieces import NODES, Piece
+from packit_sim.generation.puzzle_pieces import NODES, Piece
 from packit_sim.geometry.lattice import Triple
 
 LEAST_SIDE = 3

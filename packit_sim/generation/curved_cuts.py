@@ -12,7 +12,7 @@ from itertools import permutations
 import numpy as np
 
 from packit_sim.generation.cuboid_cuts import Block, extents, from_below, moved, split, volume
-from packit_sim.generation.pieces import STEP_UNITS, UNITS, Piece
+from packit_sim.generation.puzzle_pieces import STEP_UNITS, UNITS, Piece
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 

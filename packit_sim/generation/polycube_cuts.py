@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.generation.pieces import NODES, NONE, STEP_UNITS, UNITS, Piece
+from packit_sim.generation.puzzle_pieces import NODES, NONE, STEP_UNITS, UNITS, Piece
 from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 

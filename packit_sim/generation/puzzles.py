@@ -23,8 +23,8 @@ from packit_sim.datasets.provenance import Puzzle, PuzzleName
 from packit_sim.generation.cuboid_cuts import WHIRL, guillotine, pinwheel
 from packit_sim.generation.curved_cuts import curved
 from packit_sim.generation.jobs import GenerationError
-from packit_sim.generation.pieces import Piece
 from packit_sim.generation.polycube_cuts import polycubes
+from packit_sim.generation.puzzle_pieces import Piece
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
