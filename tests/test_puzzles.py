@@ -13,7 +13,7 @@ import pytest
 from scipy import ndimage
 from typer.testing import CliRunner, Result
 
-from packit_sim import cut_puzzle, load_tasks, read_packs, verify, write_packs
+from packit_sim import cut_puzzle, dataset_file, load_tasks, read_packs, verify, write_packs
 from packit_sim.cli.app import app
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.datasets.pack_files import dataset_library
@@ -264,3 +264,12 @@ def test_the_command_writes_packs_and_pieces(tmp_path: Path) -> None:
         Puzzle(cuts="guillotine", pieces=5, seed=seed) for seed in (0, 1)
     ]
     assert dataset_library(tmp_path / "new").path == tmp_path / "pieces"
+
+
+@pytest.mark.parametrize("number", [0, 10, 20, 30])
+def test_the_generator_cuts_the_bundled_puzzles(number: int) -> None:
+    pack = read_packs(dataset_file("puzzles"))[number]
+    record = pack.provenance
+    assert isinstance(record, Puzzle)
+    box = cut_puzzle(record.cuts, record.pieces, record.seed)
+    assert Pack.of(box, pack.library, record) == pack

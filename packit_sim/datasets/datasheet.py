@@ -83,7 +83,7 @@ class SplitSummary:
     @property
     def seeds(self) -> list[int]:
         """The seeds of the evolutions or puzzles, sorted; empty if the packs are neither."""
-        return sorted({one.seed for one in (*self._evolved, *self.puzzles)})
+        return sorted({*(one.seed for one in self._evolved), *(one.seed for one in self.puzzles)})
 
     @property
     def puzzles(self) -> list[Puzzle]:

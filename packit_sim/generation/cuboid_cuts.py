@@ -32,7 +32,7 @@ WHOLE: Block = ((0, 0, 0), (NODES, NODES, NODES))
 def guillotine(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
     """Cut the box by planes, the largest part first; None if a part is too small to be cut."""
     blocks = split(pieces, rng)
-    return blocks and _pieces(blocks)
+    return None if blocks is None else _pieces(blocks)
 
 
 def pinwheel(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
@@ -52,8 +52,7 @@ def pinwheel(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
         be cut, or a plane separates the pieces.
     """
     whirls, planes = divmod(pieces - 1, WHIRL - 1)
-    blocks: list[Block] | None = [WHOLE]
-    blocks = _divided(blocks, whirls, _whirled, rng)
+    blocks = _divided([WHOLE], whirls, _whirled, rng)
     blocks = blocks and _divided(blocks, planes, _halved, rng)
     if not blocks or not is_even(blocks) or separating_planes(blocks):
         return None

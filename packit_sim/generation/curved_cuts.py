@@ -91,16 +91,17 @@ class Surface:
         """Return the piece of a block between two heights."""
         straight = 3 - self.across - self.along
         ends = np.array(block) * STEP_UNITS
-        points = np.rint(np.linspace(*ends[:, self.along], len(low))).astype(np.int64)
+        near, far = ends[:, self.along]
+        points = np.rint(np.linspace(near, far, len(low))).astype(np.int64)
         vertices = np.empty((len(points), 2, 2, 3), dtype=np.int64)  # point, straight, low or high
         vertices[..., self.across] = np.stack([low, high], axis=-1)[:, None]
         vertices[..., self.along] = points[:, None, None]
         vertices[..., straight] = ends[:, straight][:, None]
         names = np.arange(4 * len(points)).reshape(-1, 2, 2)
-        near, far = names[:-1].reshape(-1, 4), names[1:].reshape(-1, 4)
+        here, next_ = names[:-1].reshape(-1, 4), names[1:].reshape(-1, 4)
         ring = [(0, 1), (1, 3), (3, 2), (2, 0)]
         faces = [
-            *(np.column_stack([near[:, [b, a]], far[:, [a, b]]]) for a, b in ring),
+            *(np.column_stack([here[:, [b, a]], next_[:, [a, b]]]) for a, b in ring),
             names[:1].reshape(1, 4)[:, [0, 1, 3, 2]],
             names[-1:].reshape(1, 4)[:, [2, 3, 1, 0]],
         ]
