@@ -15,6 +15,7 @@ from packit_sim import Box, Item
 from packit_sim.cli.app import app
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
+from packit_sim.datasets import datasheet
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.pack_checks import density_problems, verify
 from packit_sim.datasets.pack_files import read_packs
@@ -137,15 +138,29 @@ def test_a_job_resumes_only_with_its_settings(library, tmp_path) -> None:
         GenerationJob(library, 1, history=True, settings=settings)
 
 
+def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_path) -> None:
+    settings = DensificationSettings(items=(3, 4), floor=0.08, pool=6, rounds=0)
+    file = tmp_path / "train.jsonl"
+    generate(GenerationJob(library, 1, 3, "train", settings=settings), file)
+    (part,) = datasheet.read(tmp_path, ShapeLibrary.open("everyday"))
+    assert part.command("everyday", "here") == (
+        "packit generate --dense --packs 1 --seed 3 --split train "
+        "--items 3 4 --floor 0.08 --pool 6 --rounds 0 --out here"
+    )
+    page = datasheet.page(tmp_path, [part], ShapeLibrary.open("everyday"), picture="x.png")
+    assert "| floor | 0.08 |" in page
+    assert "bottom-left" not in page and "evolved for" not in page
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"items": (5, 4)}, "items = (5, 4) is not possible: two numbers from 1"),
         ({"items": (0, 4)}, "items = (0, 4) is not possible: two numbers from 1"),
-        ({"floor": 0.03}, "floor = 0.03 is not possible: above 0, and at most 0.025 for 40 items"),
+        ({"floor": 0.05}, "floor = 0.05 is not possible: above 0, and at most 0.0417 for 24 items"),
         ({"floor": 0.0}, "floor = 0.0 is not possible"),
-        ({"largest": 0.01}, "largest = 0.01 is not possible: 0.02 to 1"),
-        ({"pool": 39}, "pool = 39 is not possible: at least 40 for 40 items with at most 1 of a"),
+        ({"largest": 0.01}, "largest = 0.01 is not possible: 0.03 to 1"),
+        ({"pool": 23}, "pool = 23 is not possible: at least 24 for 24 items with at most 1 of a"),
         ({"copies": 0}, "copies = 0 is not possible: at least 1"),
         ({"rounds": -1}, "rounds = -1 is not possible"),
         ({"moves": 0}, "moves = 0 is not possible"),

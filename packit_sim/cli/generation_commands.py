@@ -151,7 +151,7 @@ def generate_command(
 
     Example: packit generate --library my-meshes --packs 3 --generations 50 --out my-packs
 
-    Example: packit generate --dense --items 20 30 --packs 10 --split train --out hard-packs
+    Example: packit generate --dense --packs 10 --split train --out hard-packs
 
     Example: packit generate --puzzle polycubes --pieces 16 --packs 10 --out my-puzzles
     """

@@ -14,11 +14,12 @@ from typing import Any
 
 from packit_sim.core import templates
 from packit_sim.core.errors import PackFormatError
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.manifests import Manifest, find_manifest
 from packit_sim.datasets.pack_files import WHOLE, dataset_files, dataset_path, read_packs
 from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import Evolved, Puzzle
+from packit_sim.datasets.provenance import Densified, Evolved, Puzzle
 from packit_sim.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.library import ShapeLibrary
 
@@ -29,6 +30,9 @@ OPTIONS = {
     "patience": "--patience",
     "size_range": "--size-range",
     "search": "--search",
+    "items": "--items",
+    "floor": "--floor",
+    "rounds": "--rounds",
 }
 """Options of `packit generate` by the setting that they change."""
 
@@ -82,8 +86,8 @@ class SplitSummary:
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of the evolutions or puzzles, sorted; empty if the packs are neither."""
-        return sorted({*(one.seed for one in self._evolved), *(one.seed for one in self.puzzles)})
+        """The seeds of the packs, sorted; empty if they were not generated."""
+        return sorted({one.seed for one in (*self._generated, *self.puzzles)})
 
     @property
     def puzzles(self) -> list[Puzzle]:
@@ -104,9 +108,9 @@ class SplitSummary:
 
     @property
     def settings(self) -> Mapping[str, Any] | None:
-        """The settings of the evolutions; None if packs differ in them or did not evolve."""
-        different = {one.settings for one in self._evolved}
-        if len(self._evolved) < len(self.packs) or len(different) != 1:
+        """The settings of the packs; None if packs differ in them or were not generated."""
+        different = {one.settings for one in self._generated}
+        if len(self._generated) < len(self.packs) or len(different) != 1:
             return None
         return different.pop().to_json()
 
@@ -117,28 +121,36 @@ class SplitSummary:
         return [f"`{self.file.name}`", str(self.statistics.packs), seeds, f"`{self.sha256}`"]
 
     @property
-    def _evolved(self) -> list[Evolved]:
-        return [one.provenance for one in self.packs if isinstance(one.provenance, Evolved)]
+    def is_dense(self) -> bool:
+        """Whether the packs were made denser, and did not evolve."""
+        return any(isinstance(one, Densified) for one in self._generated)
+
+    @property
+    def _generated(self) -> list[Evolved | Densified]:
+        found = (pack.provenance for pack in self.packs)
+        return [one for one in found if isinstance(one, Evolved | Densified)]
 
     def command(self, library: str, out: str) -> str | None:
         """Return the `packit generate` that regenerates this part; None if there is none."""
         if self.puzzles:
             return self._puzzle_command(out)
         settings, seeds = self.settings, self.seeds
-        usual = EvolutionSettings().to_json()
+        usual = (DensificationSettings() if self.is_dense else EvolutionSettings()).to_json()
         if settings is None or not seeds or seeds != list(range(seeds[0], seeds[0] + len(seeds))):
             return None
         other = {name: value for name, value in settings.items() if value != usual.get(name)}
         if not other.keys() <= OPTIONS.keys():
             return None
-        words = ["packit", "generate", "--packs", str(len(seeds)), "--seed", str(seeds[0])]
+        words = ["packit", "generate", *(["--dense"] if self.is_dense else [])]
+        words += ["--packs", str(len(seeds)), "--seed", str(seeds[0])]
         if self.split != WHOLE:
             words += ["--split", self.split]
         if library != EVERYDAY:
             words += ["--library", library]
         for name, value in other.items():
             words += [OPTIONS[name], *map(str, value if isinstance(value, list) else [value])]
-        if self._evolved[0].after is not None:
+        first = self._generated[0]
+        if isinstance(first, Evolved) and first.after is not None:
             words.append("--history")
         return shlex.join([*words, "--out", out])
 
@@ -202,7 +214,10 @@ def page(
     path = dataset_path(source)
     settings = {part.split: part.settings for part in parts if part.settings is not None}
     paper = {name: _plain(value) for name, value in EvolutionSettings().to_json().items()}
-    used = {name: dict.fromkeys(_plain(s.get(name)) for s in settings.values()) for name in paper}
+    evolved = [
+        settings[part.split] for part in parts if part.split in settings and not part.is_dense
+    ]
+    used = {name: dict.fromkeys(_plain(one.get(name)) for one in evolved) for name in paper}
     columns = [part.statistics.rows() for part in parts]
     shapes = sorted(set().union(*(part.statistics.shapes for part in parts)))
     licences = Counter(library.info(id).licence or "unknown" for id in shapes if _known(library))
@@ -218,6 +233,7 @@ def page(
         "versions": list(dict.fromkeys(part.version or "of unknown version" for part in parts)),
         "commands": {part.split: part.command(opened_as, name) for part in parts},
         "settings": settings,
+        "evolved": bool(evolved),
         "setting_rows": [
             [name, *(_plain(one.get(name)) for one in settings.values())]
             for name in dict.fromkeys(name for one in settings.values() for name in one)

@@ -42,14 +42,14 @@ class DensificationSettings:
         If a setting is out of range; the message names it.
     """
 
-    items: tuple[int, int] = (20, 40)
-    floor: float = 0.02
+    items: tuple[int, int] = (20, 24)
+    floor: float = 0.03
     largest: float = 0.1
     pool: int = 100
     copies: int = 1
-    rounds: int = 100
+    rounds: int = 40
     moves: int = 100
-    tolerance: float = 0.002
+    tolerance: float = 0.0005
     cells: Triple = BOX_CELLS
 
     def __post_init__(self) -> None:

@@ -44,7 +44,17 @@ SHARES = (0.25, 0.6)
 """Range of the least volume of a pair's first new item, relative to that of the former pair."""
 
 SHAPES_TRIED = 4
-"""Shapes to try for a pair's first new item."""
+"""Shapes to try for a new item."""
+
+SHIFTS = 0.3
+"""Probability that a single item is moved, and not replaced."""
+
+DENSE = 0.8
+"""Density that packs hardly reach: items above the floor of such a pack never block growth."""
+
+BLOCKING, SMALLEST_FIRST = 1.2, 0.5
+"""A smallest share below so many times the floor is a reason to choose the smallest item first, and
+the probability that it is."""
 
 PRECISION = 0.01
 """Relative precision of the largest volume of an item."""
@@ -81,10 +91,11 @@ class DensificationState(Struct, frozen=True):
 class Densification:
     """A pack that becomes denser, round by round.
 
-    At first items of about equal volume are packed loosely. Then each move removes an item, or two
+    At first items of equal volume are packed loosely. Then each move removes an item, or two
     neighbours, and puts back the largest items of random shapes, in any rotation and at any
-    location, that fit into the free space. A move that loses volume is accepted with a probability
-    that falls to 0 (simulated annealing). The number of items stays the same.
+    location, that fit into the free space; or it moves an item. A move that loses volume is
+    accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
+    same.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
@@ -226,28 +237,32 @@ class Densification:
                     self._items.clear()
 
     def _move(self, tolerance: float) -> None:
-        """Replace one item or two, unless too much volume is lost or an item is too small."""
+        """Move an item, or replace one or two unless too much volume is lost."""
         before = list(self._items)
         former = self._remove()
-        volume = total_volume(former)
-        wanted = volume + tolerance * math.log(1 - self._rng.random())
-        smallest = self.settings.floor * total_volume(before)
-        largest = self.settings.largest * self._volume
+        if len(former) == 1 and self._rng.random() < SHIFTS:
+            self._restore_box()
+            placed = self._holes.another(former[0].item, self._rng)
+            self._items = before if placed is None else [*self._items, placed]
+            return
+        smallest = self._smallest(before, former)
+        wanted = total_volume(former) + tolerance * math.log(1 - self._rng.random())
         if len(former) == 2:
-            for _ in range(SHAPES_TRIED):
-                least = max(smallest, wanted * self._rng.uniform(*SHARES))
-                if self._add(self._shape_like(former), least, max(least, wanted - smallest)):
-                    wanted -= self._items[-1].item.volume
-                    break
+            least = max(smallest, wanted * self._rng.uniform(*SHARES))
+            if self._replace(former, least, max(least, wanted - smallest)):
+                wanted -= self._items[-1].item.volume
         if len(self._items) < self._count - 1 or not (
-            self._add(self._shape_like(former), max(wanted, smallest), largest)
+            self._replace(former, max(wanted, smallest), self.settings.largest * self._volume)
             and self._smallest_share() >= self.settings.floor
         ):
             self._items = before
 
     def _remove(self) -> list[PlacedItem]:
-        """Remove a random item, or two neighbours."""
+        """Remove a random item, or two neighbours; often the smallest if it blocks all growth."""
         first = int(self._rng.integers(self._count))
+        blocks = self._smallest_share() < BLOCKING * self.settings.floor
+        if blocks and self._rng.random() < SMALLEST_FIRST:
+            first = int(np.argmin([placed.item.volume for placed in self._items]))
         chosen = [first]
         if self._count > 1 and self._rng.random() < PAIRS:
             centers = np.array([placed.center for placed in self._items])
@@ -256,16 +271,33 @@ class Densification:
             chosen.append(int(self._rng.choice(others)))
         return [self._items.pop(n) for n in sorted(chosen, reverse=True)]
 
+    def _smallest(self, before: list[PlacedItem], former: list[PlacedItem]) -> float:
+        """Compute the least volume of a new item.
+
+        It is the floor now, and that of a pack as dense as `DENSE` unless a former item is smaller:
+        small items are replaced by larger ones, and not the reverse.
+        """
+        now = self.settings.floor * total_volume(before)
+        later = self.settings.floor * DENSE * self._volume
+        return max(now, min(later, *(placed.item.volume for placed in former)))
+
+    def _replace(self, former: list[PlacedItem], least: float, most: float) -> bool:
+        """Add an item of the first of some random shapes that fits."""
+        return any(self._add(self._shape_like(former), least, most) for _ in range(SHAPES_TRIED))
+
     def _add(self, shape: Shape, least: float, most: float) -> bool:
         """Add the largest item of a shape that fits, unless the shape is in the box too often."""
         used = sum(placed.item.shape is shape for placed in self._items)
         if used >= self.settings.copies:
             return False
-        self._box.restore(BoxState(self._box.cells, tuple(self._items)))
+        self._restore_box()
         placed = self._holes.largest(shape, least, most, self._rng, PRECISION)
         if placed is not None:
             self._items.append(placed)
         return placed is not None
+
+    def _restore_box(self) -> None:
+        self._box.restore(BoxState(self._box.cells, tuple(self._items)))
 
     def _random_shape(self) -> Shape:
         return self._shapes[int(self._rng.integers(len(self._shapes)))]

@@ -29,7 +29,7 @@ def find_holes(box, points, shallow, coarse, turns, limits, each, found):
         (turns, 9) int64, for each turn of the shape: axes and signs (see `rotations`), and the
         cells along x, y and z.
     limits : ndarray
-        (turns, 3) int64, the number of locations along x, y and z.
+        (turns, 3) int64, the number of locations along x, y and z; 0 or less if it does not fit.
     each : int
         The number of placements to find for each turn.
     found : ndarray
@@ -46,6 +46,8 @@ def find_holes(box, points, shallow, coarse, turns, limits, each, found):
     fine = np.empty(len(points), np.uint64)
     count = 0
     for turn in range(len(turns)):
+        if limits[turn].min() <= 0:
+            continue
         known = _locate(points, turns[turn], box.nx, box.ny, 0, coarse, at, cell, fine)
         last = 0
         enough = min(count + each, len(found))

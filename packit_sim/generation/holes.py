@@ -18,11 +18,10 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from packit_sim.box import Box
-from packit_sim.engine.screening import locations
 from packit_sim.generation.hole_kernels import find_holes
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.lattice import FINE, cell_box
+from packit_sim.geometry.lattice import FINE, STEP
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import PlacedItem
 
@@ -125,8 +124,10 @@ class Holes:
             Its scale.
         turns : sequence of int
             The rotations to look at, in this order.
-        each, most : int
-            The number of placements to find for each rotation, and in all.
+        each : int
+            The number of placements to find for each rotation.
+        most : int
+            The number of placements to find in all.
 
         Returns
         -------
@@ -136,27 +137,23 @@ class Holes:
         """
         side = float(np.cbrt(scale))
         own = shape_points(shape)
-        fitting, rows, limits = [], [], []
-        for turn in turns:
-            cells = cell_box(rotations.turn_extents(shape.extents, turn) * side)
-            if all(c <= size for c, size in zip(cells, self.box.cells, strict=True)):
-                fitting.append(turn)
-                rows.append((*rotations.AXES[turn], *rotations.SIGNS[turn], *cells))
-                limits.append(locations(self.box.cells, Item(shape, scale, turn)))
-        if not fitting:
-            return []
+        order = np.array(turns, dtype=np.int64)
+        axes = rotations.AXES[order]
+        upright = np.array(Item(shape, scale).cells)
+        rows = np.concatenate([axes, rotations.SIGNS[order], upright[axes]], axis=1)
+        limits = np.minimum((self.box.cells - upright[axes]) // STEP + 1, self.box.nodes)
         found = np.empty((most, 4), dtype=np.int64)
         count = find_holes(
             self.box.arrays,
             own.points * (side / FINE),
             (own.depth * side < DEEP).astype(np.uint8),
             own.coarse,
-            np.array(rows, dtype=np.int64),
-            np.array(limits, dtype=np.int64),
+            rows,
+            limits,
             each,
             found,
         )
-        return [(fitting[turn], (i, j, k)) for turn, i, j, k in found[:count].tolist()]
+        return [(turns[turn], (i, j, k)) for turn, i, j, k in found[:count].tolist()]
 
     def largest(
         self, shape: Shape, least: float, most: float, rng: np.random.Generator, precision: float
@@ -167,8 +164,10 @@ class Holes:
         ----------
         shape : Shape
             The shape.
-        least, most : float
-            The range of its volume, in cubic box units.
+        least : float
+            The least volume of the item, in cubic box units.
+        most : float
+            The largest volume of the item, in cubic box units.
         rng : numpy.random.Generator
             Source of randomness.
         precision : float
@@ -202,6 +201,11 @@ class Holes:
                 return found
             low = max(least, low * REDUCTION)
         return None
+
+    def another(self, item: Item, rng: np.random.Generator) -> PlacedItem | None:
+        """Find a feasible placement of an item, in any rotation; None if none was found."""
+        turns = rng.permutation(rotations.COUNT).tolist()
+        return self._feasible(item.shape, item.scale, turns, rng)
 
     def _feasible(
         self, shape: Shape, scale: float, turns: Sequence[int], rng: np.random.Generator
