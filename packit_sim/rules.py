@@ -5,13 +5,22 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
+from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.lattice import Triple, box_cells
+from packit_sim.geometry.rotations import COUNT
+from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
+
+RotationSet = Literal["all", "yaw"]
+"""Names of sets of rotations: all 24, or the four about the vertical axis."""
+
+_ROTATIONS: dict[RotationSet, int] = {"all": COUNT, "yaw": 4}
+"""How many of the first rotations belong to each set."""
 
 
 class End(enum.StrEnum):
@@ -36,23 +45,40 @@ class Rules:
         The world in which all items settle after each placement; None keeps items on the grid.
     cells : tuple of int, optional
         Cells of the box along x, y and z; None takes those of the task.
+    buffer : int, optional
+        Number of items that are visible at a time in the online game, in which items arrive one by
+        one (see `Episode`); None is the offline game, in which all are visible.
+    rotations : str
+        The rotations that items may have: "all" 24, or "yaw", the four about the vertical axis.
 
     Raises
     ------
     ArgumentError
-        If the cells are not possible, or both `kinematic` and `physics` are asked for.
+        If a value is not possible, or both `kinematic` and `physics` are asked for.
     """
 
     easy: bool = False
     kinematic: bool = False
     physics: PhysicsSettings | None = None
     cells: Triple | None = None
+    buffer: int | None = None
+    rotations: RotationSet = "all"
 
     def __post_init__(self) -> None:
         if self.kinematic and self.physics is not None:
             raise ArgumentError("a box is either kinematic or has physics, not both")
         if self.cells is not None:
             object.__setattr__(self, "cells", box_cells(self.cells))
+        if self.buffer is not None:
+            object.__setattr__(self, "buffer", as_integer("buffer", self.buffer))
+            if self.buffer < 1:
+                raise ArgumentError(
+                    f"a buffer of {self.buffer} items is not possible: choose 1 or more, or None"
+                )
+        if self.rotations not in _ROTATIONS:
+            raise ArgumentError(
+                f"rotations {self.rotations!r} are not known: choose from {', '.join(_ROTATIONS)}"
+            )
 
     def __str__(self) -> str:
         parts = ["PackIt-Easy" if self.easy else "PackIt"]
@@ -63,6 +89,10 @@ class Rules:
             parts.append(" ".join(["physics", *changed]))
         if self.cells is not None:
             parts.append(f"box of {' x '.join(map(str, self.cells))} cells")
+        if self.buffer is not None:
+            parts.append(f"online with a buffer of {self.buffer}")
+        if self.rotations != "all":
+            parts.append(f"{self.rotations} rotations")
         return ", ".join(parts)
 
     def changed(self, **changes: Any) -> Rules:
@@ -83,7 +113,7 @@ class Rules:
         TypeError
             If there is no rule of such a name.
         ArgumentError
-            If the cells are not possible, or both `kinematic` and `physics` are asked for.
+            If a value is not possible, or both `kinematic` and `physics` are asked for.
         """
         typed_json.check_names(changes, Rules, TypeError)
         return replace(self, **_with_physics(changes))
@@ -110,6 +140,27 @@ class Rules:
         """
         typed_json.check_names(values, cls, ArgumentError)
         return typed_json.convert(_with_physics(values), cls, ArgumentError, "rules")
+
+    @property
+    def allowed_rotations(self) -> range:
+        """The indices of the rotations that items may have."""
+        return range(_ROTATIONS[self.rotations])
+
+    def by_alignment(self, item: Item) -> tuple[Item, ...]:
+        """Return an item in the allowed rotations, in the order of alignment.
+
+        Parameters
+        ----------
+        item : Item
+            The item, in any rotation.
+
+        Returns
+        -------
+        tuple of Item
+            The item in each of them, the best aligned first (see `rotations.by_alignment`).
+        """
+        allowed = self.allowed_rotations
+        return tuple(turned for turned in item.by_alignment if turned.rotation in allowed)
 
     def new_box(self, cells: Triple) -> BaseBox[Any]:
         """Create an empty box to pack by these rules.

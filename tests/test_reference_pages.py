@@ -41,6 +41,7 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "Densified": (provenance.Densified, {"kind": "first"}),
     "Sampled": (provenance.Sampled, {"kind": "first"}),
     "Puzzle": (provenance.Puzzle, {"kind": "first"}),
+    "Drawn": (provenance.Drawn, {"kind": "first"}),
     "FromOriginal": (provenance.FromOriginal, {"kind": "first"}),
     "Other": (provenance.Other, {"kind": "first"}),
     "Played": (provenance.Played, {"kind": "first"}),

@@ -21,6 +21,9 @@ CASES = {
     "PackIt, physics, box of 80 x 80 x 60 cells": Rules(PACKIT.easy).changed(
         physics=True, cells=(80, 80, 60)
     ),
+    "PackIt, kinematic, online with a buffer of 5, yaw rotations": Rules(
+        kinematic=True, buffer=5, rotations="yaw"
+    ),
 }
 
 
@@ -47,7 +50,12 @@ def test_fields_that_are_missing_in_json_keep_their_defaults() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"eazy": True}, "no setting 'eazy': choose from easy, kinematic, physics, cells"),
+        (
+            {"eazy": True},
+            "no setting 'eazy': choose from easy, kinematic, physics, cells, buffer, r",
+        ),
+        ({"buffer": -1}, "a buffer of -1 items is not possible: choose 1 or more, or None"),
+        ({"rotations": "roll"}, "field 'rotations' is 'roll'"),
         ({"easy": 1}, "field 'easy' is 1: expected bool, got int"),
         ({"cells": [1, 2, 3]}, "a box of 1 x 2 x 3 cells is not possible"),
         ({"physics": {"friction": -1.0}}, "friction -1.0 is not possible"),

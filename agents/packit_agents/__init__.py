@@ -14,6 +14,7 @@ from packit_agents.heuristics.shape_policies import (
     LargestFirst,
     LargestFittingFirst,
     LongestFirst,
+    OldestFirst,
     RandomShape,
     SmallestFirst,
 )
@@ -31,6 +32,7 @@ __all__ = [
     "LongestFirst",
     "Lowest",
     "MaximalContact",
+    "OldestFirst",
     "RandomLocation",
     "RandomRotation",
     "RandomShape",

@@ -13,6 +13,7 @@ from rich.table import Table
 from packit_sim.cli.console import (
     DatasetArgument,
     DatasetLibraryOption,
+    SeedOption,
     SplitOption,
     console,
     open_library,
@@ -20,13 +21,14 @@ from packit_sim.cli.console import (
     progress_bars,
 )
 from packit_sim.cli.output import print_written, simple_table, write_json
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replace_text
 from packit_sim.datasets import datasheet, statistics, statistics_plot
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.datasets.original import Original, read_original
 from packit_sim.datasets.pack_files import BUILTIN_DATASETS, WHOLE, dataset_files, write_packs
 from packit_sim.datasets.statistics import DatasetStatistics
+from packit_sim.generation.sequences import SequenceSampler
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
 
@@ -120,6 +122,37 @@ def datasheet_command(
     statistics_plot.save([part.statistics for part in parts], picture)
     replace_text(out, text)
     print_written(out, f" and {picture}")
+
+
+@app.command()
+def sequences(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset.")],
+    library: Annotated[
+        str, typer.Option("--library", help="Library of the shapes, which have real sizes.")
+    ] = "blockout",
+    count: Annotated[int, typer.Option("--sequences", min=1, help="Number of sequences.")] = 500,
+    items: Annotated[int, typer.Option(min=1, help="Number of items of a sequence.")] = 50,
+    seed: SeedOption = 0,
+    cells: Annotated[
+        tuple[int, int, int], typer.Option(metavar="X Y Z", help="Cells of the box.")
+    ] = (20, 20, 20),
+    step_cm: Annotated[
+        float, typer.Option(help="Length of a grid step, which is 4 cells, in cm.")
+    ] = 5.9,
+) -> None:
+    """Draw sequences of items for the online game: shapes with equal probability, at real size.
+
+    The defaults are those of the benchmark BlockOut. Sequence n has the seed SEED + n.
+
+    Example: packit datasets sequences --out blockout
+    """
+    if out.is_file():
+        raise ArgumentError(f"--out {out} is a file: choose a folder for the dataset")
+    sampler = SequenceSampler(ShapeLibrary.open(library), cells, step_cm, items)
+    file = out / f"{WHOLE}.jsonl"
+    prepare_folder(file)
+    write_packs(file, [sampler.pack(seed + n) for n in range(count)])
+    print_written(file, f": {count} sequences")
 
 
 @app.command()

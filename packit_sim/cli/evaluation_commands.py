@@ -39,7 +39,7 @@ from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
-from packit_sim.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, RotationSet, Rules
 
 HEURISTICS = tuple(
     "/".join(parts)
@@ -70,6 +70,15 @@ def evaluate_command(
     physics: Annotated[
         bool, typer.Option("--physics", help="Let all items settle after each placement.")
     ] = False,
+    buffer: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="K", help="Play online: items arrive one by one, K of them are visible."
+        ),
+    ] = None,
+    rotations: Annotated[
+        RotationSet, typer.Option(help="Rotations that items may have: 24, or four about z.")
+    ] = "all",
     tasks: Annotated[int | None, typer.Option(min=1, help="Play only the first N tasks.")] = None,
     out: Annotated[
         Path | None,
@@ -102,7 +111,7 @@ def evaluate_command(
     if scores or physics:
         require(decomposition)
     world = PhysicsSettings(decomposition=decomposition) if physics else None
-    rules = Rules(easy=easy, kinematic=kinematic, physics=world)
+    rules = Rules(easy, kinematic, world, buffer=buffer, rotations=rotations)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     opened = open_library(library, dataset, split)
     numbered = _usable_tasks(dataset, opened, split, tasks)

@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 from packit_sim import placement
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
+from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
@@ -388,9 +389,26 @@ class Task:
 
     @property
     def digest(self) -> str:
-        """A digest of the library, the box's cells and the items, which identifies the task."""
-        items = [(item.shape.id, item.scale) for item in self.items]
+        """A digest of the library, the box's cells and the items, which identifies the task.
+
+        It does not depend on the order of the items.
+        """
+        items = sorted((item.shape.id, item.scale) for item in self.items)
         return task_digest(self.pack.library.digest, self.cells, items)
+
+    @cached_property
+    def arriving(self) -> Task:
+        """The same task with its items in the order in which they arrive in the online game."""
+        ranked = sorted(
+            range(len(self.items)),
+            key=lambda n: (self.items[n].shape.id, self.items[n].scale),
+        )
+        order = [ranked[n] for n in arrival_order(self.digest, len(ranked))]
+        items = tuple(self.items[n] for n in order)
+        if items == self.items:
+            return self
+        steps = tuple((order.index(n), turn, at) for n, turn, at in self.solution)
+        return dataclasses.replace(self, items=items, solution=steps)
 
 
 def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]]) -> str:
@@ -412,3 +430,26 @@ def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]])
     """
     facts = (library, cells, items)
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+
+
+def arrival_order(digest: str, count: int) -> list[int]:
+    """Return the order in which the items of a task arrive in the online game.
+
+    Parameters
+    ----------
+    digest : str
+        The digest of the task.
+    count : int
+        The number of its items.
+
+    Returns
+    -------
+    list of int
+        Indices into the items sorted by shape and scale, the first to arrive first.
+
+    Notes
+    -----
+    The order is that of SHA-256 of "DIGEST INDEX": as if drawn at random, and the same wherever the
+    task is played or its results are verified.
+    """
+    return sorted(range(count), key=lambda n: hashlib.sha256(f"{digest} {n}".encode()).digest())

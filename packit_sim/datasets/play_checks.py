@@ -9,7 +9,7 @@ from functools import cache
 from itertools import pairwise
 
 from packit_sim.core.sums import plain_sum
-from packit_sim.datasets.packs import ItemRecord, Pack, task_digest
+from packit_sim.datasets.packs import ItemRecord, Pack, arrival_order, task_digest
 from packit_sim.datasets.provenance import RETURN_SLACK, Played
 from packit_sim.engine.insertion import is_clear
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
@@ -69,6 +69,13 @@ def play_problems(
     wanted = played.rules.cells
     if wanted is not None and wanted != pack.cells:
         yield f"its box has {list(pack.cells)} cells, its rules say {list(wanted)}"
+    allowed = played.rules.allowed_rotations
+    turned = next((n for n, item in enumerate(pack.items) if item.rotation not in allowed), None)
+    if turned is not None:
+        yield (
+            f"item {turned} has rotation {pack.items[turned].rotation}, its rules allow "
+            f"{played.rules.rotations} rotations only"
+        )
     if played.rules.physics is None and not pack.is_on_grid:
         yield "it has items off the grid, but its rules have no physics"
     steps = played.improvements
@@ -87,6 +94,8 @@ def play_problems(
     if Counter(packed) - Counter(task):
         yield f"its box has items that task {played.task_digest!r} does not have"
         return
+    if played.rules.buffer is not None:
+        yield from _arrival_problems(pack, played.task_digest, task, played.rules.buffer)
     is_complete, is_recorded = len(packed) == len(task), played.end == End.COMPLETE
     if is_complete != is_recorded:
         yield f"its end is recorded as {str(played.end)!r}, with {len(packed)} of {len(task)} items"
@@ -101,6 +110,17 @@ def play_problems(
     ):
         if not abs(recorded - computed) <= RETURN_SLACK:
             yield f"its {name} is recorded as {recorded!r}, of its items it is {computed!r}"
+
+
+def _arrival_problems(pack: Pack, digest: str, task: Facts, buffer: int) -> Iterator[str]:
+    """Yield the first item of a box of the task that was not visible when it was placed."""
+    arriving = [task[n] for n in arrival_order(digest, len(task))]
+    for n, item in enumerate(pack.items):
+        visible = arriving[:buffer]
+        if (item.shape, item.scale) not in visible:
+            yield f"item {n} ({item.shape!r}) was not among the {buffer} visible items"
+            return
+        del arriving[visible.index((item.shape, item.scale))]
 
 
 def insertion_problems(placed: Sequence[PlacedItem]) -> Iterator[str]:

@@ -105,6 +105,18 @@ class Sampled(_Record, frozen=True, kw_only=True, tag="random chromosome"):
     size: Positive
 
 
+class Drawn(_Record, frozen=True, kw_only=True, tag="random sequence"):
+    """An empty box, and the items of a task that were drawn from a library.
+
+    Attributes
+    ----------
+    seed : int, optional
+        The seed of the draw, if it had its own.
+    """
+
+    seed: Count | None = None
+
+
 class Improvement(NamedTuple):
     """The best return of a search so far.
 
@@ -233,7 +245,9 @@ class Other(_Record, frozen=True, kw_only=True, tag="other"):
         return self.author or "packs"
 
 
-Provenance: TypeAlias = Evolved | Densified | Sampled | Puzzle | Played | FromOriginal | Other
+Provenance: TypeAlias = (
+    Evolved | Densified | Sampled | Puzzle | Drawn | Played | FromOriginal | Other
+)
 
 UNKNOWN_PROVENANCE = Other()
 """The provenance of a pack without a record."""

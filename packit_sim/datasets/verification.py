@@ -42,7 +42,14 @@ from packit_sim.datasets.pack_checks import (
 from packit_sim.datasets.pack_files import WHOLE, folder_files, numbered_lines, read_bytes
 from packit_sim.datasets.packs import FORMATS, Pack
 from packit_sim.datasets.play_checks import insertion_problems, play_problems, task_of
-from packit_sim.datasets.provenance import Densified, Evolved, Played, Provenance, Puzzle
+from packit_sim.datasets.provenance import (
+    Densified,
+    Drawn,
+    Evolved,
+    Played,
+    Provenance,
+    Puzzle,
+)
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
@@ -245,7 +252,7 @@ class _DatasetCheck:
         evolved = pack.provenance if isinstance(pack.provenance, Evolved) else None
         played = pack.provenance if isinstance(pack.provenance, Played) else None
         puzzle = pack.provenance if isinstance(pack.provenance, Puzzle) else None
-        if not pack.items:
+        if not (pack.items or isinstance(pack.provenance, Drawn)):
             yield "it holds no items"
         if evolved is not None:
             yield from settings_problems(pack, evolved)
@@ -297,7 +304,8 @@ class _DatasetCheck:
     def duplicate_problems(self, file: Path, number: int, pack: Pack) -> Iterator[str]:
         """Yield which earlier pack has the same items, or the same seed."""
         origin = pack.provenance
-        same = self._same.setdefault((pack.library, pack.cells, *sorted(pack.items, key=repr)), [])
+        items = (*sorted(pack.items, key=repr), *sorted(pack.outside, key=repr))
+        same = self._same.setdefault((pack.library, pack.cells, *items), [])
         for other_file, other, other_origin in same:
             if not _may_be_alike(origin, other_origin):
                 of = "" if other_file == file else f" of {other_file.name}"

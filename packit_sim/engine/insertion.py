@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ def clear_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
     if not placed or not mask.any():
         return found
     own = columns(item)
-    no, yes = required_heights(own.low, own.inner_low, *_tops(placed), mask.any(axis=2))
+    no, yes = required_heights(own.low, own.inner_low, *_tops(tuple(placed)), mask.any(axis=2))
     levels = np.arange(mask.shape[2]) * _FINE_PER_STEP
     found &= levels >= no[..., None]
     undecided = np.argwhere(found & (levels < yes[..., None]))
@@ -109,9 +110,21 @@ def clear_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
 
 def is_clear(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
     """Decide whether a feasible item is clear at its location."""
+    (left, back, bottom), (right, front, _) = candidate.start, candidate.stop
+    over = [
+        other
+        for other in placed
+        if other.stop[2] > bottom
+        and other.start[0] < right
+        and other.start[1] < front
+        and other.stop[0] > left
+        and other.stop[1] > back
+    ]
+    if not over:
+        return True
     mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
     mask[candidate.location] = True
-    return bool(clear_mask(placed, candidate.item, mask)[candidate.location])
+    return bool(clear_mask(over, candidate.item, mask)[candidate.location])
 
 
 def above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple[int, ...]:
@@ -151,7 +164,8 @@ def _offsets(item: Item, locations: Locations, other: PlacedItem) -> npt.NDArray
     return (np.add(other.start, other.stop) - twice_centers) * (CELL / 2)
 
 
-def _tops(placed: Sequence[PlacedItem]) -> tuple[Heights, Heights]:
+@lru_cache(maxsize=8)  # many items are tried in one box
+def _tops(placed: tuple[PlacedItem, ...]) -> tuple[Heights, Heights]:
     """Compute the tops of the highest outer and inner fine cells of placed items by column."""
     reach = np.max([other.stop for other in placed], axis=0) * FINE_PER_CELL
     tops = np.full((2, *reach[:2]), -NONE, dtype=np.int32)

@@ -25,7 +25,7 @@ from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.agents import Policy, load_policy
-from packit_sim.game.episode import Episode, Stage, State, stages
+from packit_sim.game.episode import Episode, Stage, State, ordered, stages
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
@@ -92,8 +92,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     location : Policy or str, optional
         The same for locations.
     observation : str
-        "features", "placement-features", "voxels" or "none" (see `observations`). Voxels take
-        50 MB for each observation that is stored, features 0.1 MB.
+        "features", "heightmap", "placement-features", "voxels" or "none" (see `observations`).
+        Voxels take 50 MB for each observation that is stored, heightmaps 4 MB, features 0.1 MB.
     max_shapes : int
         The most items that a task may have.
     render_mode : str, optional
@@ -323,7 +323,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
                 )
         task, number = self._named_task(state.task)
         episode = self._episode
-        if episode is None or episode.task is not task:
+        if episode is None or episode.task is not ordered(task, self.rules):
             episode = Episode(task, self.rules)
         episode.restore(state.episode)
         self._episode, self._number = episode, number

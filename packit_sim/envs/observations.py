@@ -55,7 +55,8 @@ class Observer:
 
     - stage: int, 0 shape, 1 rotation, 2 location.
     - chosen: int, the chosen shape; max_shapes if there is none yet.
-    - outside: bool (max_shapes,), which shapes are still outside.
+    - outside: bool (max_shapes,), which shapes are still outside; in the online game the visible
+      ones. All fields about a shape that has not arrived yet are 0.
     - rotations: bool (24,), if observed. At that stage the rotations that the chosen shape can
       have, afterwards the chosen one, before none.
     - locations: bool (x, y, z) over the grid nodes, if observed: the same for feasible locations.
@@ -106,12 +107,12 @@ class Observer:
             self._volumes[: len(episode.task.items)] = [i.volume for i in episode.task.items]
             self._begin(episode)
         outside = np.zeros(self._max_shapes, dtype=bool)
-        outside[: len(episode.outside)] = episode.outside
+        outside[: len(episode.outside)] = episode.visible
         return {
             "stage": int(episode.stage),
             "chosen": self._max_shapes if episode.shape is None else episode.shape,
             "outside": outside,
-            "volumes": self._volumes.copy(),
+            "volumes": _arrived(episode, self._volumes),
             "action_mask": action_mask.astype(np.int8),
             **{_FIELDS[stage]: self._possible(episode, stage) for stage in self._stages},
         }
@@ -144,7 +145,7 @@ class VoxelObserver(Observer):
     - box: bool (x, y, z) over the cells of the box, the outer cells of placed items.
     - shapes: bool (max_shapes, m, m, m), the outer cells of each shape in canonical orientation,
       centred; False for no shape. Read-only, and the same array in every second observation of an
-      episode.
+      episode; in the online game a new one, while shapes are still to arrive.
     - item: bool (m, m, m), the chosen shape in the chosen rotation, centred; False before that.
 
     Each step allocates box and item, 2 MB for a box of 100 cells along each axis, and the mask.
@@ -177,7 +178,11 @@ class VoxelObserver(Observer):
         item = np.zeros(self._item_shape, dtype=bool)
         if episode.chosen_item is not None and episode.rotation is not None:
             item = centred(episode.chosen_item.item.outer, self._item_shape)
-        return {**base, "box": episode.box.outer, "shapes": self._shapes[0], "item": item}
+        shapes = self._shapes[0]
+        if episode.arrived < len(episode.outside):
+            shapes = _arrived(episode, shapes)
+            shapes.setflags(write=False)
+        return {**base, "box": episode.box.outer, "shapes": shapes, "item": item}
 
     def _begin(self, episode: Episode) -> None:
         shapes = np.zeros((self._max_shapes, *self._item_shape), dtype=bool)
@@ -231,8 +236,8 @@ class FeatureObserver(Observer):
         return {
             **base,
             "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
-            "shapes": self._shapes.copy(),
-            "extents": self._extents.copy(),
+            "shapes": _arrived(episode, self._shapes),
+            "extents": _arrived(episode, self._extents),
             "item": item,
         }
 
@@ -272,9 +277,9 @@ class PlacementFeatureObserver(FeatureObserver):
     def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
         base = super().observe(episode, action_mask)
         features = np.zeros((self._max_shapes, PLACEMENT_FEATURES), dtype=np.float32)
-        for n in np.flatnonzero(episode.outside).tolist():
+        for n in np.flatnonzero(episode.visible).tolist():
             item, found = episode.task.items[n], episode.heuristic_placement(n)
-            turned = found.item if found else item.by_alignment[0]
+            turned = found.item if found else episode.rules.by_alignment(item)[0]
             features[n, 4:7] = turned.extents / self._size
             features[n, 7] = item.volume / self._size.prod()
             if found is not None:
@@ -283,13 +288,83 @@ class PlacementFeatureObserver(FeatureObserver):
         return {**base, "placement_features": features}
 
 
+class HeightmapObserver(Observer):
+    """Adds heightmaps, as papers on online packing use them, to the observations of `Observer`.
+
+    Notes
+    -----
+    An observation contains in addition, with m the largest number of cells along an axis, and all
+    heights those of outer cells, in box units:
+
+    - heightmap: float32 (x, y) over the cells of the box: the top of the highest filled cell of
+      each column, 0 if it is empty.
+    - shapes: float32 (max_shapes, 2, m, m), the bottom of the lowest cell and the top of the
+      highest of each column of a shape in canonical orientation, above its own lowest cell; 0 for
+      columns without cells. The corner of its cell box is at [0, 0].
+    - item: float32 (2, m, m), the same for the chosen shape in the chosen rotation; 0 before that.
+
+    With 50 shapes in a box of 100 cells along each axis an observation is 4 MB.
+    """
+
+    def __init__(
+        self, cells: Triple, max_shapes: int, actions: int, stages: Sequence[Stage]
+    ) -> None:
+        super().__init__(cells, max_shapes, actions, stages)
+        m = max(cells)
+        self._shapes = np.zeros((max_shapes, 2, m, m), dtype=np.float32)
+        high = np.float32(m * CELL)
+        self.space = spaces.Dict(
+            {
+                **self.space.spaces,
+                "heightmap": spaces.Box(0, high, cells[:2], np.float32),
+                "shapes": spaces.Box(0, high, self._shapes.shape, np.float32),
+                "item": spaces.Box(0, high, (2, m, m), np.float32),
+            }
+        )
+
+    def observe(self, episode: Episode, action_mask: npt.NDArray[np.bool_]) -> Observation:
+        base = super().observe(episode, action_mask)
+        item = np.zeros(self._shapes.shape[1:], dtype=np.float32)
+        if episode.chosen_item is not None and episode.rotation is not None:
+            _write_heights(item, episode.chosen_item.item.outer)
+        heights = np.zeros((2, *self._cells[:2]), dtype=np.float32)
+        _write_heights(heights, episode.box.outer)
+        return {
+            **base,
+            "heightmap": heights[1],
+            "shapes": _arrived(episode, self._shapes),
+            "item": item,
+        }
+
+    def _begin(self, episode: Episode) -> None:
+        self._shapes[:] = 0
+        for heights, item in zip(self._shapes, episode.task.items, strict=False):
+            _write_heights(heights, item.outer)
+
+
 OBSERVERS: dict[str, Callable[[Triple, int, int, Sequence[Stage]], Observer]] = {
     "features": FeatureObserver,
+    "heightmap": HeightmapObserver,
     "placement-features": PlacementFeatureObserver,
     "voxels": VoxelObserver,
     "none": Observer,
 }
 """The choices of the environment's setting `observation`."""
+
+
+def _arrived(episode: Episode, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Copy an array of a row for each shape, with 0 for those that have not arrived."""
+    copy = rows.copy()
+    copy[episode.arrived :] = 0
+    return copy
+
+
+def _write_heights(heights: npt.NDArray[np.float32], cells: npt.NDArray[np.bool_]) -> None:
+    """Write the bottom and the top of each column of cells [x, y, z] to an array of zeros."""
+    x, y, z = cells.shape
+    filled = cells.any(axis=2)
+    heights[0, :x, :y][filled] = cells.argmax(axis=2)[filled] * CELL
+    heights[1, :x, :y][filled] = (z - cells[:, :, ::-1].argmax(axis=2)[filled]) * CELL
 
 
 def _bools(*shape: int) -> spaces.Box:

@@ -18,9 +18,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.extras import needed_for
-from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.episode import Episode, Stage, stages
+from packit_sim.placement import PlacedItem
 
 OnProgress = Callable[[int, float], None]
 """Called by a search with the number of its rollouts so far, and the best return of them."""
@@ -49,8 +50,8 @@ class Policy(Protocol):
         Returns
         -------
         int
-            For shapes the index of one that is outside, for rotations 0 to 23, for locations the
-            index of a feasible grid node in C order.
+            An index at which `episode.action_mask()` is True: of a shape, of a rotation, or of a
+            grid node in C order.
         """
         ...
 
@@ -80,7 +81,13 @@ class Scored(Protocol):
 
 
 class Search(Protocol):
-    """A planner: it plays ahead with the model of the game, guided by an agent's policies."""
+    """A planner: it plays ahead with the model of the game, guided by an agent's policies.
+
+    Notes
+    -----
+    A search knows all items of the episode that it gets. So it never gets an online one:
+    `Agent.play` gives it the visible items alone, before each choice of a shape.
+    """
 
     def __call__(
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
@@ -195,12 +202,71 @@ class Agent:
             The source of random numbers.
         on_progress : OnProgress
             Called by the search, if there is one.
+
+        Raises
+        ------
+        ArgumentError
+            If a search is to plan an online episode with physics.
+
+        Notes
+        -----
+        In the online game the search plans anew before each choice of a shape, as if the visible
+        items were the only ones, with its whole budget each time. The first placement of its best
+        plan is played; then progress is reported, with the return so far.
         """
-        if self.search is not None and episode.end is None:
-            self.search(self, episode, rng, on_progress)
+        if self.search is None:
+            self._play_until(episode, rng)
+        elif episode.rules.buffer is None:
+            if episode.end is None:
+                self.search(self, episode, rng, on_progress)
         else:
-            while episode.end is None:
-                episode.step(self.act(episode, rng))
+            self._plan_visible(self.search, episode, rng, on_progress)
+
+    def _play_until(
+        self, episode: Episode, rng: np.random.Generator, stage: Stage | None = None
+    ) -> None:
+        """Let the policies play at least one action, up to a stage or to the end."""
+        while episode.end is None:
+            episode.step(self.act(episode, rng))
+            if episode.stage is stage:
+                return
+
+    def _plan_visible(
+        self, search: Search, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
+    ) -> None:
+        """Play an online episode by a search that knows the visible items alone."""
+        if episode.rules.physics is not None:
+            raise ArgumentError(
+                f"agent {self.name!r} can't plan online with physics: a search needs the grid"
+            )
+        rollouts = 0
+
+        def count(number: int, best: float) -> None:
+            nonlocal rollouts
+            rollouts += 1
+
+        while episode.end is None:
+            known = episode.visible_alone()
+            search(self, known, rng, count)
+            planned = known.box.placed[len(episode.box.placed) :]
+            if planned:
+                _play_placement(episode, planned[0])
+            else:  # its policies choose other rotations than those in which something fits
+                self._play_until(episode, rng, Stage.SHAPE)
+            on_progress(rollouts, episode.total)
+
+
+def _play_placement(episode: Episode, placed: PlacedItem) -> None:
+    """Play the three choices that place a visible item."""
+    item = placed.item.turned(0)
+    visible = np.flatnonzero(episode.visible).tolist()
+    chosen = {
+        Stage.SHAPE: next(n for n in visible if episode.task.items[n] == item),
+        Stage.ROTATION: placed.item.rotation,
+        Stage.LOCATION: int(np.ravel_multi_index(placed.location, episode.box.nodes)),
+    }
+    for stage in stages(episode.rules):
+        episode.step(chosen[stage])
 
 
 def _parts(policies: str) -> list[str]:

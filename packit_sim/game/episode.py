@@ -1,14 +1,16 @@
 """One episode of packing: how the game is played, without Gymnasium (paper, section 4.1).
 
 Three sub-tasks repeat: choose a shape that is outside, a rotation for it, and a location. In
-PackIt-Easy the location is chosen before the rotation.
+PackIt-Easy the location is chosen before the rotation. In the online game only the items of a
+buffer are visible; the next item arrives when one of them is placed.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -44,6 +46,11 @@ def stages(rules: Rules) -> tuple[Stage, ...]:
     return _EASY_ORDER if rules.easy else _ORDER
 
 
+def ordered(task: Task, rules: Rules) -> Task:
+    """Return a task with its items in the order of an episode: online in that of their arrival."""
+    return task if rules.buffer is None else task.arriving
+
+
 class ChosenItem:
     """The item that is being placed, and where it fits.
 
@@ -55,29 +62,32 @@ class ChosenItem:
         The box to place it in.
     item : Item
         The item in the chosen rotation; in its canonical orientation if none is chosen yet.
-    any_rotation : bool
-        Whether `blbf` and `feasible` are over all 24 rotations instead of the item's own.
+    among : sequence of int, optional
+        The rotations that `blbf` and `feasible` are over; by default the item's own.
     """
 
-    def __init__(self, box: BaseBox[Any], item: Item, any_rotation: bool = False) -> None:
+    def __init__(self, box: BaseBox[Any], item: Item, among: Sequence[int] | None = None) -> None:
         self._box = box
-        self._any_rotation = any_rotation
+        self._among = among
         self._rotations: tuple[Triple, npt.NDArray[np.bool_]] | None = None
         self.item = item
 
     @cached_property
     def blbf(self) -> Triple | None:
         """The bottom-left-back-fill location, None if the item fits nowhere."""
-        if not self._any_rotation:
+        if self._among is None:
             return self._box.blbf(self.item)
         return placement.first(self.feasible)
 
     @cached_property
     def feasible(self) -> Mask:
         """The exact mask of feasible locations, bool (nx, ny, nz) over the grid nodes."""
-        if self._any_rotation:
+        if self._among is None:
+            return self._box.feasible(self.item)
+        if len(self._among) == rotations.COUNT:
             return self._box.feasible_in_any(self.item)
-        return self._box.feasible(self.item)
+        turned = map(self.item.turned, self._among)
+        return np.logical_or.reduce([self._box.feasible(item) for item in turned])
 
     @cached_property
     def candidates(self) -> Mask:
@@ -85,7 +95,7 @@ class ChosenItem:
 
         It is for policies that look for one location: `is_feasible` decides whether it is feasible.
         """
-        if self._any_rotation or "feasible" in self.__dict__:
+        if self._among is not None or "feasible" in self.__dict__:
             return self.feasible
         return self._box.candidates(self.item)
 
@@ -102,7 +112,7 @@ class ChosenItem:
         bool
             The value of `feasible` there.
         """
-        if self._any_rotation or "feasible" in self.__dict__:
+        if self._among is not None or "feasible" in self.__dict__:
             return bool(self.feasible[location])
         return self._box.is_feasible(self.item, location)
 
@@ -172,6 +182,8 @@ class Episode:
 
     Attributes
     ----------
+    task : Task
+        The task; in the online game with its items in the order of their arrival.
     box : BaseBox
         What is packed so far.
     outside : ndarray
@@ -187,10 +199,16 @@ class Episode:
         The sum of rewards so far.
     end : End, optional
         Why the episode is over; None if it is not.
+
+    Notes
+    -----
+    In the online game a choice is valid only if the item can still be placed after it: shapes must
+    be visible and fit in an allowed rotation, rotations must have a feasible location. The episode
+    ends when no visible item can be placed.
     """
 
     def __init__(self, task: Task, rules: Rules = PACKIT) -> None:
-        self.task = task
+        self.task = ordered(task, rules)
         self.rules = rules
         self.box = rules.new_box(task.cells)
         self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
@@ -200,9 +218,36 @@ class Episode:
         self.location: Triple | None = None
         self.chosen_item: ChosenItem | None = None
         self.total = 0.0
-        self.end: End | None = None if task.items else End.COMPLETE
+        self.end: End | None = None
+        self._fitting: dict[tuple[str, float, int], tuple[int, Triple | None]] = {}
         self._placements: dict[int, tuple[int, PlacedItem | None]] = {}
         self._placements_among: tuple[ItemInBox, ...] = ()
+        self._find_end()
+
+    @property
+    def arrived(self) -> int:
+        """How many items have arrived: the first of the task; all unless the game is online."""
+        count = len(self.outside)
+        if self.rules.buffer is None:
+            return count
+        return min(count, count - int(np.count_nonzero(self.outside)) + self.rules.buffer)
+
+    @property
+    def visible(self) -> npt.NDArray[np.bool_]:
+        """Bool (n items,): which items are outside and have arrived."""
+        return self.outside & (np.arange(len(self.outside)) < self.arrived)
+
+    def visible_alone(self) -> Episode:
+        """Create an episode of the visible items alone, with the same content of the box.
+
+        It is not online, so that whoever plans ahead in it knows only what is visible.
+        """
+        items = tuple(self.task.items[n] for n in np.flatnonzero(self.visible).tolist())
+        known = Episode(
+            replace(self.task, items=items, solution=()), self.rules.changed(buffer=None)
+        )
+        known.box.restore(self.box.snapshot())
+        return known
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
         """Compute the valid actions of this stage.
@@ -214,14 +259,23 @@ class Episode:
             the grid nodes in C order.
         """
         if self.stage is Stage.SHAPE:
-            return self.outside.copy()
+            if self.rules.buffer is None:
+                return self.outside.copy()
+            return np.array([bool(seen) and self._fits(n) for n, seen in enumerate(self.visible)])
         if self.stage is Stage.LOCATION:
             assert self.chosen_item is not None
             return self.chosen_item.feasible.ravel().copy()
-        if self.location is None:
-            return np.ones(rotations.COUNT, dtype=bool)
-        assert self.chosen_item is not None
-        return self.chosen_item.rotations(self.location).copy()
+        mask = np.zeros(rotations.COUNT, dtype=bool)
+        allowed = self.rules.allowed_rotations
+        if self.location is not None:
+            assert self.chosen_item is not None
+            mask[allowed] = self.chosen_item.rotations(self.location)[allowed]
+        elif self.rules.buffer is None:
+            mask[allowed] = True
+        else:
+            assert self.shape is not None
+            mask[allowed] = [self._fits_in(self.task.items[self.shape], n) for n in allowed]
+        return mask
 
     def step(self, action: SupportsIndex) -> float:
         """Play an action of this stage.
@@ -265,8 +319,8 @@ class Episode:
         """Find where the paper's Heuristic would place an item if it was the next.
 
         The item gets the aligned rotation and the bottom-left-back-fill location; in PackIt-Easy
-        the first rotation that fits, in the order of alignment. While items are only added to the
-        box, an earlier answer is reused if it is still feasible.
+        and online the first rotation that fits, in the order of alignment. While items are only
+        added to the box, an earlier answer is reused if it is still feasible.
 
         Parameters
         ----------
@@ -336,6 +390,7 @@ class Episode:
         self.stage = state.stage
         self.shape, self.rotation, self.location = state.shape, state.rotation, state.location
         self.total, self.end = state.total, state.end
+        self._fitting.clear()
         is_chosen = self.shape is not None and (self.rules.easy or self.rotation is not None)
         self.chosen_item = self._choose_item() if is_chosen else None
 
@@ -344,15 +399,37 @@ class Episode:
         return self.task.digest
 
     def _find_placement(self, item: Item) -> PlacedItem | None:
-        ranked = item.by_alignment
-        for turned in ranked if self.rules.easy else ranked[:1]:
+        ranked = self.rules.by_alignment(item)
+        is_any = self.rules.easy or self.rules.buffer is not None
+        for turned in ranked if is_any else ranked[:1]:
             location = self.box.blbf(turned)
             if location is not None:
                 return PlacedItem(turned, location)
         return None
 
+    def _fits(self, shape: int) -> bool:
+        """Return whether an item has a feasible location in an allowed rotation."""
+        item = self.task.items[shape]
+        return any(self._fits_in(item, n) for n in self.rules.allowed_rotations)
+
+    def _fits_in(self, item: Item, rotation: int) -> bool:
+        """Return whether an item fits in a rotation: first try where it fitted before."""
+        turned, count = item.turned(rotation), len(self.box.placed)
+        among, known = self._fitting.get(turned.key, (-1, (0, 0, 0)))
+        if known is not None and among != count and not self.box.is_feasible(turned, known):
+            known = self.box.blbf(turned)
+        self._fitting[turned.key] = count, known
+        return known is not None
+
+    def _find_end(self) -> None:
+        """End the episode if nothing is left, or online if nothing visible can be placed."""
+        if not self.outside.any():
+            self.end = End.COMPLETE
+        elif self.rules.buffer is not None and not self.action_mask().any():
+            self.end = End.NO_LOCATION
+
     def _choose_shape(self, shape: int) -> bool:
-        if not (0 <= shape < len(self.outside) and self.outside[shape]):
+        if not (0 <= shape < len(self.outside) and self.action_mask()[shape]):
             return False
         self.shape = shape
         return True
@@ -378,7 +455,7 @@ class Episode:
         item = self.task.items[self.shape]
         if self.rotation is not None:
             item = item.turned(self.rotation)
-        return ChosenItem(self.box, item, any_rotation=self.rules.easy)
+        return ChosenItem(self.box, item, self.rules.allowed_rotations if self.rules.easy else None)
 
     def _place(self) -> float:
         """Place the chosen item and return the reward."""
@@ -394,6 +471,7 @@ class Episode:
         self.outside[self.shape] = False
         self.shape = self.rotation = self.location = self.chosen_item = None
         self.stage = Stage.SHAPE
-        if not self.outside.any():
-            self.end = End.COMPLETE
+        if self.rules.physics is not None:  # items move, so that others may fit again
+            self._fitting.clear()
+        self._find_end()
         return reward

@@ -151,7 +151,7 @@ def _in_alignment(episode: Episode) -> Iterator[tuple[Item, Mask]]:
     choice = episode.chosen_item
     assert choice is not None
     left = choice.feasible.copy()
-    for turned in choice.item.by_alignment:
+    for turned in episode.rules.by_alignment(choice.item):
         mask = episode.box.feasible(turned) & left
         if mask.any():
             yield turned, mask

@@ -1,6 +1,7 @@
 """Policies for Shape-Selection: which shape is packed next.
 
-Ties go to the first shape.
+A shape is valid if it is outside; in the online game only if it is visible and fits. Ties go to the
+first shape.
 """
 
 from __future__ import annotations
@@ -10,25 +11,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_weight
+from packit_agents.heuristics.action_scores import (
+    ActionScores,
+    by_random_weight,
+    by_rank,
+    by_weight,
+)
 from packit_sim.game.episode import Episode
 from packit_sim.geometry.shapes import Item
 
 
 @dataclass(frozen=True)
 class RandomShape:
-    """One of the shapes outside, drawn uniformly (Goyal and Deng, 2020)."""
+    """One of the valid shapes, drawn uniformly (Goyal and Deng, 2020)."""
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        return int(rng.choice(np.flatnonzero(episode.outside)))
+        return int(rng.choice(np.flatnonzero(episode.action_mask())))
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
-        """Rank the shapes outside at random, so that a search meets them in any order."""
-        return by_random_weight(episode.outside, rng)
+        """Rank the valid shapes at random, so that a search meets them in any order."""
+        return by_random_weight(episode.action_mask(), rng)
 
 
 class _First(ABC):
-    """The shape outside with the largest weight; weights are also the likelihoods for a search."""
+    """The valid shape with the largest weight; weights are also the likelihoods for a search."""
 
     @abstractmethod
     def weight(self, item: Item) -> float:
@@ -41,7 +47,7 @@ class _First(ABC):
         return by_weight(self._weights(episode))
 
     def _weights(self, episode: Episode) -> ActionScores:
-        return np.array([self.weight(item) for item in episode.task.items]) * episode.outside
+        return np.array([self.weight(item) for item in episode.task.items]) * episode.action_mask()
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,19 @@ class LargestFittingFirst(LargestFirst):
             if episode.heuristic_placement(n) is None:
                 weights[n] *= 1e-6
         return by_weight(weights)
+
+
+@dataclass(frozen=True)
+class OldestFirst:
+    """The valid shape that arrived first; without a buffer the first of the task (ours)."""
+
+    def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
+        return int(episode.action_mask().argmax())
+
+    def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
+        """Rank the valid shapes in the order of their arrival."""
+        valid = np.flatnonzero(episode.action_mask())
+        return by_rank(valid.tolist(), len(episode.outside))
 
 
 @dataclass(frozen=True)

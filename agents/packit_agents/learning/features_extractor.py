@@ -129,7 +129,7 @@ def check_features(space: spaces.Space[object], reader: str) -> None:
     if "box" in known and shapes is not None and shapes.dtype == np.float32:
         return
     if shapes is not None:
-        found = "voxels"
+        found = "heightmaps" if "heightmap" in known else "voxels"
     else:
         found = "one vector" if isinstance(space, spaces.Box) else "no shapes"
     raise ArgumentError(

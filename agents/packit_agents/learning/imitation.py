@@ -98,7 +98,7 @@ def _costs(episode: Episode, best: int, shapes: int) -> npt.NDArray[np.float32]:
     """(shapes,) costs; `best` is the teacher's choice."""
     items = episode.task.items
     costs = np.full(shapes, IMPOSSIBLE, dtype=np.float32)
-    for n in np.flatnonzero(episode.outside).tolist():
+    for n in np.flatnonzero(episode.visible).tolist():
         smaller = SMALLER * max(1 - items[n].volume / items[best].volume, 0.0)
         costs[n] = smaller if episode.heuristic_placement(n) else 1.0
     costs[best] = 0
