@@ -27,9 +27,9 @@ from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.generation.sequences import SequenceSampler
 
 AGENTS = (
-    "oldest-first/aligned/blbf",
+    "best-fit/best-fit/best-fit",
+    "oldest-first/best-fit/best-fit",
     "oldest-first/lowest/blbf",
-    "largest-fitting-first/lowest/blbf",
     "oldest-first/lowest/maximal-contact",
 )
 

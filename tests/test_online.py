@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from packit_agents import OldestFirst
+from packit_agents.heuristics.best_fit import resting
 from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.cli import evaluation_commands
@@ -38,6 +39,7 @@ from tests.runs import packit
 
 ONLINE = Rules(kinematic=True, buffer=3, rotations="yaw")
 HOOK = ((0, 0, 0), (1, 0, 0), (2, 0, 0), (2, 1, 0), (2, 2, 0), (1, 2, 0), (0, 2, 0))
+STEPS = np.vstack([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
 CUBES = 5
 """Cubes along each axis of BlockOut's box."""
 
@@ -280,6 +282,7 @@ def test_other_rotations_can_not_be_chosen() -> None:
         "largest-fitting-first/lowest/maximal-contact",
         "smallest-first/first-fit/heightmap-minimisation",
         "oldest-first/lowest/least-empty",
+        "best-fit/best-fit/best-fit",
     ],
 )
 @pytest.mark.parametrize("easy", [False, True])
@@ -307,6 +310,42 @@ def test_the_oldest_is_the_first_to_be_chosen() -> None:
     assert OldestFirst()(episode, np.random.default_rng(0)) == 0
     scores = OldestFirst().scores(episode, np.random.default_rng(0))
     assert (np.diff(scores[:3]) < 0).all() and np.isneginf(scores[3:]).all()
+
+
+@pytest.mark.parametrize("easy", [False, True])
+def test_the_best_fit_touches_most_of_all_placements(easy) -> None:
+    """Compared with a count of the faces of cubes, over all that rests."""
+    episode = Episode(sequence(side=12), replace(ONLINE, easy=easy))
+    agent = Agent.from_name("best-fit/best-fit/best-fit")
+    while episode.end is None:
+        filled = np.pad(np.zeros(episode.box.nodes, dtype=bool), 1, constant_values=True)
+        filled[:, :, -1] = False  # the open top
+        for placed in episode.box.placed:
+            for cube in cubes_of(placed.item):
+                filled[tuple(np.add(cube, placed.location) + 1)] = True
+        touched = []
+        for n in np.flatnonzero(episode.action_mask()).tolist():
+            for item in map(episode.task.items[n].turned, range(4)):
+                for at in np.argwhere(resting(episode.box.feasible(item))):
+                    own = np.add(sorted(cubes_of(item)), at) + 1
+                    touched.append(sum(filled[tuple((own + step).T)].sum() for step in STEPS))
+        placed = len(episode.box.placed)
+        while episode.end is None and len(episode.box.placed) == placed:
+            episode.step(agent.act(episode, np.random.default_rng(0)))
+        last = episode.box.placed[-1]
+        own = np.add(sorted(cubes_of(last.item)), last.location) + 1
+        assert sum(filled[tuple((own + step).T)].sum() for step in STEPS) == max(touched)
+
+
+def test_the_best_fit_of_items_that_do_not_fit_is_the_first() -> None:
+    task = sequence(side=12)
+    episode = Episode(replace(task, pack=replace(task.pack, cells=(4, 4, 4))))
+    agent = Agent.from_name("best-fit/best-fit/best-fit")
+    assert agent.act(episode, np.random.default_rng(0)) == 0
+    agent.play(episode, np.random.default_rng(0))
+    assert episode.end is End.NO_LOCATION
+    scores = agent.shape.scores(Episode(sequence(), ONLINE), np.random.default_rng(0))
+    assert np.flatnonzero(scores > -np.inf).tolist() == [0, 1, 2]
 
 
 # Searches

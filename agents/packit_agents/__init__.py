@@ -1,5 +1,6 @@
 """Agents that play PackIt: policies for its sub-tasks."""
 
+from packit_agents.heuristics.best_fit import BestFitLocation, BestFitRotation, BestFitShape
 from packit_agents.heuristics.location_policies import (
     BLBF,
     DBLF,
@@ -23,6 +24,9 @@ __all__ = [
     "BLBF",
     "DBLF",
     "Aligned",
+    "BestFitLocation",
+    "BestFitRotation",
+    "BestFitShape",
     "FirstFit",
     "HeightmapMinimisation",
     "LargestBoxFirst",
