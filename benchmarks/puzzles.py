@@ -3,8 +3,9 @@
     .venv/bin/python -m benchmarks.puzzles    (half an hour of one core; a stopped run resumes)
 
 Cuts boxes of each kind into 5 to 32 pieces, and lets the agents pack them. The rule alone plays all
-of them, the search the first ones of each kind and number, which `--boxes` and `--searched` say.
-The puzzles and the results of each task stay in `--folder`, where a stopped run resumes.
+of them (`--boxes` of each kind and number of pieces), the search the first ones (`--searched`). The
+puzzles and the results of each task stay in `--folder`, where a stopped run resumes. Prints a
+table, and writes `puzzles.json` and a plot.
 """
 
 from __future__ import annotations
@@ -18,8 +19,6 @@ import numpy as np
 
 from benchmarks.common import argument_parser, machine, plot_file, write_json
 from packit_sim import Rollout, evaluate
-from packit_sim.cli.console import console
-from packit_sim.cli.output import simple_table
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import WHOLE, load_tasks, read_packs
 from packit_sim.datasets.packs import Task
@@ -86,24 +85,21 @@ def points(played: Mapping[str, Sequence[Rollout]], tasks: Sequence[Task]) -> It
                 yield Point(agent, cuts, pieces, len(totals), reward, Estimate.of(solved))
 
 
-def show(found: Sequence[Point]) -> None:
-    """Print a table."""
-    table = simple_table("puzzle", "pieces", *(f"{LABELS[a]}: {what}" for a in LABELS for what in
-                         ("reward", "solved, %", "boxes")))  # fmt: skip
+def markdown(found: Sequence[Point]) -> str:
+    """Write a table with a row for each kind and number of pieces."""
+    columns = ["puzzle", "pieces"]
+    for label in LABELS.values():
+        columns += [f"reward, {label}", "solved, %"]
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for cuts in KINDS:
         for pieces in PIECES:
             own = {p.agent: p for p in found if (p.cuts, p.pieces) == (cuts, pieces)}
-            cells = [
-                cell
-                for agent in LABELS
-                for cell in (
-                    format_estimate(own[agent].reward, ".3f"),
-                    format_estimate(own[agent].solved, ".0f"),
-                    str(own[agent].boxes),
-                )
-            ]
-            table.add_row(cuts, str(pieces), *cells)
-    console.print(table)
+            cells = [f"`{cuts}`", str(pieces)]
+            for agent in LABELS:
+                cells.append(format_estimate(own[agent].reward, ".3f"))
+                cells.append(format(own[agent].solved.mean, ".0f"))
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def draw(found: Sequence[Point], file: Path) -> None:
@@ -148,7 +144,7 @@ def main() -> None:
         },
     )
     draw(found, plot_file(arguments.out, "puzzles"))
-    show(found)
+    print(markdown(found))
 
 
 if __name__ == "__main__":
