@@ -31,6 +31,9 @@ SEARCH = f"{RULE}+lns=10s"
 LABELS = {RULE: "rule alone", SEARCH: "with 10 s of search"}
 
 KINDS: tuple[PuzzleName, ...] = get_args(PuzzleName)
+ALL = "all"
+"""Stands for all kinds together."""
+
 PIECES = (5, 8, 12, 16, 24, 32)
 
 SEED = 0
@@ -70,19 +73,19 @@ def puzzle(task: Task) -> Puzzle:
 def points(played: Mapping[str, Sequence[Rollout]], tasks: Sequence[Task]) -> Iterator[Point]:
     """Score each agent on each kind and number of pieces."""
     for agent, rollouts in played.items():
-        for cuts in KINDS:
+        for cuts in (*KINDS, ALL):
             for pieces in PIECES:
+                records = [puzzle(tasks[rollout.task]) for rollout in rollouts]
                 totals = np.array(
                     [
                         rollout.total
-                        for rollout in rollouts
-                        if (record := puzzle(tasks[rollout.task])).cuts == cuts
-                        and record.pieces == pieces
+                        for rollout, record in zip(rollouts, records, strict=True)
+                        if record.pieces == pieces and cuts in (record.cuts, ALL)
                     ]
                 )
-                solved = 100.0 * (totals >= 1 - RETURN_SLACK)
                 reward = Estimate.of(totals)
-                yield Point(agent, cuts, pieces, len(totals), reward, Estimate.of(solved))
+                solved = Estimate.of(100.0 * (totals >= 1 - RETURN_SLACK))
+                yield Point(agent, cuts, pieces, len(totals), reward, solved)
 
 
 def markdown(found: Sequence[Point]) -> str:
@@ -91,13 +94,13 @@ def markdown(found: Sequence[Point]) -> str:
     for label in LABELS.values():
         columns += [f"reward, {label}", "solved, %"]
     lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
-    for cuts in KINDS:
+    for cuts in (*KINDS, ALL):
         for pieces in PIECES:
             own = {p.agent: p for p in found if (p.cuts, p.pieces) == (cuts, pieces)}
-            cells = [f"`{cuts}`", str(pieces)]
+            cells = [cuts if cuts == ALL else f"`{cuts}`", str(pieces)]
             for agent in LABELS:
                 cells.append(format_estimate(own[agent].reward, ".3f"))
-                cells.append(format(own[agent].solved.mean, ".0f"))
+                cells.append(format_estimate(own[agent].solved, ".0f"))
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -112,7 +115,7 @@ def draw(found: Sequence[Point], file: Path) -> None:
                 plots.line(ax, PIECES, estimates, color=color, marker=marker, label=cuts)
             boxes = min(p.boxes for p in found if p.agent == agent)
             ax.set(title=f"{LABELS[agent]}, {boxes} boxes a point", xlabel="pieces")
-            ax.set(ylabel="mean return", ylim=(0.5, 1.02), xticks=PIECES)
+            ax.set(ylabel="mean return", ylim=(0.4, 1.02), xticks=PIECES)
         axes["rule"].legend()
         figure.suptitle("Puzzles: what is packed of boxes that can be filled")
 
