@@ -189,10 +189,10 @@ def main() -> None:
             low, high = row["interval"]
             cells += [f"{row['ratio']:.2f}", f"{low:.2f} to {high:.2f}", str(row["same results"])]
         table.add_row(name, *cells)
+        write_json(arguments.out / "rollouts.json", result)
     for player in players:
         player.close()
     Console(width=120).print(table)
-    write_json(arguments.out / "rollouts.json", result)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def proof(one: PlacedItem, other: PlacedItem) -> int:
     pair = Pair.of(one, other)
     turn, to_first = relative_turn(pair.item.rotation, pair.other.rotation)
     trees = collision_mesh(pair.item).tree, collision_mesh(pair.other).tree
-    return int(relation(*trees, turn, to_first @ pair.shift))
+    return int(relation(*trees, turn, to_first @ pair.shift, np.zeros(2, dtype=np.int64)))
 
 
 @examples(150)

@@ -21,7 +21,7 @@ _STACK = 256
 
 
 @kernel
-def relation(one, other, turn, shift):
+def relation(one, other, turn, shift, witness):
     """Decide whether two surfaces cross.
 
     Parameters
@@ -33,19 +33,23 @@ def relation(one, other, turn, shift):
         other that becomes it, and 1 or -1 if it is reversed.
     shift : ndarray
         (3,) float64, the translation of the other surface after its rotation.
+    witness : ndarray
+        (2,) int64, the leaves that were found to cross last, which are compared first; 0 for none.
 
     Returns
     -------
     int
         `APART`, `CROSSING`, or `UNSURE` if neither is proved.
     """
-    triangles, boxes, starts = one
-    others, other_boxes, other_starts = other
+    _, boxes, starts = one
+    _, other_boxes, other_starts = other
     leaves, other_leaves = len(starts) - 1, len(other_starts) - 1
+    moved = np.empty((1, 3, 3))
+    if witness[0] and _leaf_relation(one, other, witness, turn, shift, moved) == CROSSING:
+        return CROSSING
     waiting = np.empty((_STACK, 2), np.int64)
     waiting[0] = 1
     top = 1
-    moved = np.empty((1, 3, 3))
     unsure = False
     while top:
         top -= 1
@@ -53,17 +57,12 @@ def relation(one, other, turn, shift):
         if _boxes_apart(boxes, a, other_boxes, b, turn, shift):
             continue
         if a >= leaves and b >= other_leaves:
-            for m in range(other_starts[b - other_leaves], other_starts[b - other_leaves + 1]):
-                for c in range(3):
-                    for d in range(3):
-                        moved[0, c, d] = turn[1, d] * others[m, c, turn[0, d]] + shift[d]
-                for n in range(starts[a - leaves], starts[a - leaves + 1]):
-                    if _apart(triangles, n, moved, 0):
-                        continue
-                    if _cross(triangles, n, moved, 0):
-                        return CROSSING
-                    unsure = True
-        elif b >= other_leaves or (a < leaves and a <= b):
+            found = _leaf_relation(one, other, waiting[top], turn, shift, moved)
+            if found == CROSSING:
+                witness[0], witness[1] = a, b
+                return CROSSING
+            unsure = unsure or found == UNSURE
+        elif b >= other_leaves or (a < leaves and _size(boxes, a) >= _size(other_boxes, b)):
             waiting[top, 0], waiting[top, 1] = 2 * a, b
             waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
             top += 2
@@ -72,6 +71,36 @@ def relation(one, other, turn, shift):
             waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
             top += 2
     return UNSURE if unsure else APART
+
+
+@kernel
+def _leaf_relation(one, other, pair, turn, shift, moved):
+    """Return the relation of the triangles in two leaves; `moved` (1, 3, 3) is overwritten."""
+    triangles, _, starts = one
+    others, _, other_starts = other
+    leaf, other_leaf = pair[0] - len(starts) + 1, pair[1] - len(other_starts) + 1
+    unsure = False
+    for m in range(other_starts[other_leaf], other_starts[other_leaf + 1]):
+        for c in range(3):
+            for d in range(3):
+                moved[0, c, d] = turn[1, d] * others[m, c, turn[0, d]] + shift[d]
+        for n in range(starts[leaf], starts[leaf + 1]):
+            if _apart(triangles, n, moved, 0):
+                continue
+            if _cross(triangles, n, moved, 0):
+                return CROSSING
+            unsure = True
+    return UNSURE if unsure else APART
+
+
+@kernel
+def _size(boxes, node):
+    """Return the sum of the extents of a node's box."""
+    low, high = 0.0, 0.0
+    for d in range(3):
+        low += boxes[node, 0, d]
+        high += boxes[node, 1, d]
+    return high - low
 
 
 @kernel

@@ -46,9 +46,11 @@ class Stack:
             self.array = grown
 
     def push(self, rows: npt.NDArray[Any]) -> None:
-        self.reserve(len(rows))
-        self.array[self.count : self.count + len(rows)] = rows
-        self.count += len(rows)
+        end = self.count + len(rows)
+        if end > len(self.array):
+            self.reserve(len(rows))
+        self.array[self.count : end] = rows
+        self.count = end
 
 
 class Occupancy(Generic[ItemT]):

@@ -33,12 +33,13 @@ def relations(one, other, turn, to_first, shifts):
     other_tree, other_parts, other_outline, other_matrix = other
     states = np.empty(len(shifts), np.int64)
     moved = np.empty(3)
+    witness = np.zeros(2, np.int64)
     for n in range(len(shifts)):
         for d in range(3):
             moved[d] = 0.0
             for e in range(3):
                 moved[d] += to_first[d, e] * shifts[n, e]
-        states[n] = relation(tree, other_tree, turn, moved)
+        states[n] = relation(tree, other_tree, turn, moved, witness)
         if states[n] != APART or not outlines_meet(outline, other_outline, shifts[n]):
             continue
         points, triangles, part, boxes, starts = parts

@@ -131,7 +131,7 @@ def bound_contacts(sums, bricks, outer, runs, mask):
 
 
 @kernel
-def most_contacts(filled, item, locations, bounds, counted):
+def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     """Find the first of the locations with the most contacts.
 
     Parameters
@@ -142,11 +142,13 @@ def most_contacts(filled, item, locations, bounds, counted):
         The item's bricks and their outer cells, see `voxels.Voxels`.
     locations : numpy.ndarray
         Int64 (n, 3), the locations.
+    first_bounds : numpy.ndarray
+        Int32 (n,), as returned by `bound_contacts`.
     bounds : numpy.ndarray
-        Int32 (n,), no less than the contacts, which replace them when they are counted; -1 for a
-        location that is not to be found.
+        Int32 (n,), at first the same. Tighter bounds replace them, in the end the contacts
+        themselves; -1 for a location that is not to be found.
     counted : numpy.ndarray
-        Bool (n,), where the contacts were counted; updated.
+        Bool (n,), where the contacts are known; updated.
 
     Returns
     -------
@@ -159,30 +161,40 @@ def most_contacts(filled, item, locations, bounds, counted):
             found = n
     if found < 0:
         return -1
-    most = _contacts(filled, item, locations, bounds, counted, found) - 1
+    known = (first_bounds, bounds, counted)
+    most = _contacts(filled, item, locations, known, found, 0) - 1
     for n in range(len(bounds)):
         if bounds[n] > most:
-            count = _contacts(filled, item, locations, bounds, counted, n)
+            count = _contacts(filled, item, locations, known, n, most + 1)
             if count > most:
                 most, found = count, n
     return found
 
 
 @kernel
-def _contacts(filled, item, locations, bounds, counted, number):
-    """Return the contacts at a location, counted if they are not known."""
-    if not counted[number]:
-        words, sums = filled
-        bricks, outer = item
-        i, j, k = locations[number]
-        total = 0
-        for n in range(len(bricks)):
-            x, y, z = i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2]
-            if sums[x, y, z]:
-                low, middle, high = _digits(words, x, y, z)
-                own = outer[n]
-                total += count_bits(own & low)
-                total += 2 * count_bits(own & middle) + 4 * count_bits(own & high)
-        bounds[number] = total
-        counted[number] = True
-    return np.int64(bounds[number])
+def _contacts(filled, item, locations, known, number, least):
+    """Return the contacts at a location, or a bound of them that is less than `least`.
+
+    The contacts of one brick after the other replace its bound in the sum.
+    """
+    first_bounds, bounds, counted = known
+    if counted[number]:
+        return np.int64(bounds[number])
+    words, sums = filled
+    bricks, outer = item
+    i, j, k = locations[number]
+    total = np.int64(first_bounds[number])
+    for n in range(len(bricks)):
+        x, y, z = i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2]
+        if sums[x, y, z]:
+            low, middle, high = _digits(words, x, y, z)
+            own = outer[n]
+            total -= min(np.int64(sums[x, y, z]), _MOST_NEIGHBOURS * count_bits(own))
+            total += count_bits(own & low)
+            total += 2 * count_bits(own & middle) + 4 * count_bits(own & high)
+            if total < least:
+                bounds[number] = total
+                return total
+    bounds[number] = total
+    counted[number] = True
+    return total

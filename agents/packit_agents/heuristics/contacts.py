@@ -68,14 +68,15 @@ def by_contacts(filled: Neighbours, item: Item, mask: Mask) -> Iterator[tuple[in
     Notes
     -----
     A brick of the item has no more contacts than the cells of the box's brick have neighbours, and
-    no more than six for each of its own cells. Contacts are not counted where the sum of these
-    bounds is too small.
+    no more than six for each of its own cells. Counting stops where the sum of what is counted and
+    of the other bounds is too small.
     """
     voxels = item.voxels
     own = voxels.bricks, voxels.outer
-    locations, bounds = bound_contacts(filled.sums, *own, mask_runs(mask), mask)
-    counted = np.zeros(len(bounds), dtype=bool)
-    while (n := most_contacts(tuple(filled), own, locations, bounds, counted)) >= 0:
+    locations, first_bounds = bound_contacts(filled.sums, *own, mask_runs(mask), mask)
+    bounds, counted = first_bounds.copy(), np.zeros(len(locations), dtype=bool)
+    known = locations, first_bounds, bounds, counted
+    while (n := most_contacts(tuple(filled), own, *known)) >= 0:
         i, j, k = locations[n].tolist()
         yield int(bounds[n]), (i, j, k)
         bounds[n] = -1
