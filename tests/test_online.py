@@ -13,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
+from benchmarks import online
+from benchmarks.common import RESULTS
 from packit_agents import OldestFirst
 from packit_agents.heuristics.best_fit import resting
 from packit_sim import placement
@@ -27,7 +29,7 @@ from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.results import Rollout, read_results
-from packit_sim.game.agents import Agent
+from packit_sim.game.agents import GROUND_TRUTH, Agent
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.generation.sequences import SequenceSampler
 from packit_sim.geometry.polycubes import polycube
@@ -35,6 +37,7 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules
 from scripts.build_blockout import CELL_CM, SHAPES
+from tests.doc_pages import DOCS
 from tests.runs import packit
 
 ONLINE = Rules(kinematic=True, buffer=3, rotations="yaw")
@@ -305,6 +308,12 @@ def test_the_episode_goes_on_while_anything_visible_fits() -> None:
     )
 
 
+def test_the_solution_can_be_played_in_the_order_of_arrival() -> None:
+    episode = Episode(load_tasks("starter")[0], Rules(buffer=2))
+    GROUND_TRUTH.play(episode, np.random.default_rng(0))
+    assert episode.end is End.COMPLETE and episode.total == pytest.approx(1)
+
+
 def test_the_oldest_is_the_first_to_be_chosen() -> None:
     episode = Episode(sequence(), ONLINE)
     assert OldestFirst()(episode, np.random.default_rng(0)) == 0
@@ -538,3 +547,26 @@ def test_the_command_line_plays_online(tmp_path, monkeypatch) -> None:
     assert "kinematic, online with a buffer of 3, yaw rotations" in " ".join(printed.split())
     assert {r.rules for r in read_results(tmp_path / "results.jsonl")} == {ONLINE}
     packit("verify", tmp_path / "results.jsonl")
+
+
+# The benchmark
+
+
+def test_the_page_shows_the_results_of_the_benchmark() -> None:
+    runs = json.loads((RESULTS / "online.json").read_text())
+    page = (DOCS / "benchmarks" / "online.md").read_text(encoding="utf-8")
+    lines = [line for line in page.splitlines() if line.startswith("|")]
+    expected = online.rows(runs)
+    for line, row in zip(lines[2:], expected, strict=False):
+        assert [cell.strip(" `") for cell in line[1:-1].split("|")] == row
+    assert len(expected) > 2
+
+
+def test_a_game_of_the_benchmark_is_played_once(tmp_path) -> None:
+    runs: dict = {}
+    file = tmp_path / "online.json"
+    online.play(runs, file, "oldest-first/aligned/blbf", 1, 2)
+    (packed,) = [run["packed"] for run in runs["oldest-first/aligned/blbf"].values()]
+    assert json.loads(file.read_text()) == runs and all(5 < count <= 31 for count in packed)
+    online.play(runs, file, "oldest-first/aligned/blbf", 1, 2)
+    assert len(packed) == 2 and pytest.approx(82.9, abs=0.05) == 31 * online.SHARE

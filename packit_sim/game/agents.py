@@ -445,7 +445,7 @@ def _load(group: str, kind: str, name: str) -> Any:
 
 def _solution_shape(episode: Episode, rng: np.random.Generator) -> int:
     for shape, _, _ in episode.task.solution:
-        if episode.outside[shape]:
+        if episode.visible[shape]:
             return shape
     raise PackItError("the task has no solution to play")
 
@@ -460,4 +460,7 @@ def _solution_location(episode: Episode, rng: np.random.Generator) -> int:
 
 
 GROUND_TRUTH = Agent("ground-truth", _solution_shape, _solution_rotation, _solution_location)
-"""Plays the solution of a task, item by item, by the rules of PackIt or PackIt-Easy."""
+"""Plays the solution of a task, item by item, by the rules of PackIt or PackIt-Easy.
+
+Online it places the visible items where the solution has them: if nothing must come from above.
+"""
