@@ -15,6 +15,7 @@ from packit_sim.engine import collision, feasibility, insertion, nofit, oracle
 from packit_sim.engine.feasibility import Blockers
 from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
+from packit_sim.engine.pairs import Pair
 from packit_sim.geometry.shapes import Item
 from packit_sim.selftest import case_runs
 from packit_sim.selftest.cases import Case, draw_case
@@ -142,7 +143,12 @@ def test_each_check_finds_what_it_is_for(
 
 
 def test_boolean_volumes_find_what_engine_and_oracle_both_miss(monkeypatch) -> None:
-    monkeypatch.setattr(collision, "nested", lambda *_: False)
+    def crossing_alone(a, b, offsets):
+        pairs = [Pair.at_offset(a, b, tuple(offset)) for offset in offsets.tolist()]
+        meshes = collision.collision_mesh(a), collision.collision_mesh(b)
+        return np.array([collision._crosses(pair, *meshes) for pair in pairs])
+
+    monkeypatch.setattr(collision, "_on_grid", crossing_alone)
     monkeypatch.setattr(oracle, "contains", lambda *_: False)
     case = nested()
     assert differences(case, "masks") == []
