@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.common import RESULTS, plot_file
@@ -35,6 +36,17 @@ PICTURED = (
     ("strips", "0", "cube"),
 )
 """Kind, name and rotation set of the strips that the page shows."""
+
+CONVERGENCE = (
+    "Egeblad et al. 2009/Merged3",
+    "Egeblad et al. 2009/Merged5",
+    "Liu et al. 2015/Experiment1",
+    "Stoyan et al. 2004/Example3",
+    "Stoyan et al. 2005/Example3",
+)
+"""The instances whose heights the picture shows over time."""
+
+POINTS = 200
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Of Okabe and Ito, safe for the colour-blind."""
@@ -106,28 +118,33 @@ def _pictures(results: Results, folder: Path) -> Iterator[str]:
 
 
 def draw(runs: Runs, file: Path) -> None:
-    """Plot the best height over time, relative to sparrow-3d's after 60 s, of each search."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    """Plot the mean height over time of some strips, relative to sparrow-3d's after 60 s."""
+    figure = Figure(figsize=(9, 5), layout="constrained")
     axes = figure.add_subplot()
     shown = [run for run in runs if run["others"].get("sparrow-3d, 60 s", math.nan) > 0]
-    for rotations, color in zip(sorted({run["rotations"] for run in shown}), COLORS, strict=False):
-        own = [run for run in shown if run["rotations"] == rotations]
-        for n, run in enumerate(own):
-            least = run["others"]["sparrow-3d, 60 s"]
-            found = [seconds for seconds, _ in run["curve"]]
-            times = [*found, max(run["seconds"], *found)]
-            heights = [height / least for _, height in run["curve"]]
-            label = rotations if n == 0 else None
-            axes.step(
-                times, [*heights, heights[-1]], where="post", color=color, label=label, lw=0.9
-            )
+    names = [name for name in CONVERGENCE if any(run["name"] == name for run in shown)]
+    colors = dict(zip(names or sorted({run["name"] for run in shown}), COLORS, strict=False))
+    for (name, rotations), own in _grouped(shown, "name", "rotations"):
+        if name not in colors or rotations == "cube":
+            continue
+        least = own[0]["others"]["sparrow-3d, 60 s"]
+        times = np.geomspace(0.5, max(run["seconds"] for run in own), POINTS)
+        reached = [[_reached(run["curve"], time) / least for run in own] for time in times]
+        means = np.mean(reached, axis=1)
+        style = "--" if rotations == "fixed" else "-"
+        axes.plot(times, means, style, color=colors[name], label=f"{name}, {rotations}")
     axes.axhline(1, color="black", linestyle=":", label="sparrow-3d, 60 s")
-    axes.set(xscale="log", xlabel="seconds", ylabel="height / sparrow-3d's after 60 s")
+    axes.set(xscale="log", xlabel="seconds", ylabel="mean height / sparrow-3d's after 60 s")
     axes.set_ylim(top=1.6)
     axes.grid(alpha=0.3)
-    axes.legend()
+    figure.legend(loc="outside right center", fontsize="small")
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=110)
+
+
+def _reached(curve: Sequence[tuple[float, float]], seconds: float) -> float:
+    """Return the best height until then; NaN before the first."""
+    return min((height for at, height in curve if at <= seconds), default=math.nan)
 
 
 def _literature(runs: Runs) -> Iterator[str]:
@@ -223,10 +240,7 @@ def _library(runs: Runs) -> Iterator[str]:
     rows = []
     for run in runs:
         curve = run["curve"]
-        reached = [
-            min((height for at, height in curve if at <= limit), default=None)
-            for limit in (SHORT, LONG)
-        ]
+        reached = [_reached(curve, limit) for limit in (SHORT, LONG)]
         first = [f"{curve[0][0]:.1f} s", _number(curve[0][1])]
         rows.append([run["name"], run["rotations"], *first, *map(_number, reached), _yes([run])])
     yield _table(
