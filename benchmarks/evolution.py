@@ -123,12 +123,12 @@ def one_pack(library: ShapeLibrary, seed: int, generations: int, workers: int) -
 
 
 def counts(counted: Counters) -> dict[str, Any]:
-    """Summarise the counters of this process: queries, FCL calls and hit rates of caches."""
+    """Summarise the counters of this process: queries, mesh comparisons and hit rates of caches."""
     return {
         "BLBF queries": counted.searches,
         "locations a query": counted.locations / max(counted.searches, 1),
         "open locations a query": counted.undecided / max(counted.searches, 1),
-        "FCL calls a query": counted.fcl_calls_per_query,
+        "mesh comparisons a query": counted.mesh_comparisons_per_query,
         "hit rates": {
             name: use.hits / (use.hits + use.misses)
             for name, use in counted.caches.items()

@@ -163,7 +163,7 @@ def time_chromosomes(pools: list[Pool]) -> tuple[Times, Counters]:
 def counts(counted: Counters) -> dict[str, Any]:
     return {
         "undecided share of locations": counted.undecided_share,
-        "FCL calls a query": counted.fcl_calls_per_query,
+        "mesh comparisons a query": counted.mesh_comparisons_per_query,
         "queries": counted.queries,
         "caches": {
             name: {"hits": use.hits, "misses": use.misses, "size": use.size, "unit": use.unit}

@@ -134,7 +134,7 @@ def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     assert used.locations > 19**3
     assert 0 < used.undecided < used.locations
     assert used.undecided_share == used.undecided / used.locations
-    assert 0 < used.fcl_calls <= used.undecided
-    assert used.fcl_calls_per_query == used.fcl_calls / 3
-    assert used.caches["collisions"].misses <= used.fcl_calls
+    assert 0 < used.mesh_comparisons <= used.undecided
+    assert used.mesh_comparisons_per_query == used.mesh_comparisons / 3
+    assert used.caches["collisions"].misses <= used.mesh_comparisons
     assert used.caches["turned voxels"].hits > 0

@@ -119,7 +119,7 @@ def test_two_seeded_rollouts_are_equal_step_by_step(tasks) -> None:
                 env.reset()
             seen, *rest = env.step(env.action_space.sample(mask=env.action_masks().astype(np.int8)))
             info = rest.pop()
-            del info["fcl_calls"]  # fewer where the process knows the answers
+            del info["mesh_comparisons"]  # fewer where the process knows the answers
             steps.append(({k: v for k, v in (seen | info).items() if k != "shapes"}, rest))
         return steps
 
@@ -186,7 +186,7 @@ def test_easy_checks_the_rotations_of_a_location_once(tasks, monkeypatch) -> Non
     assert len(asked) == rotation_steps == 5
 
 
-def test_fcl_calls_are_those_of_the_environment_itself(tasks) -> None:
+def test_mesh_comparisons_are_those_of_the_environment_itself(tasks) -> None:
     """Two environments that play in turn count as much as each of them alone would."""
 
     def play(envs: list[PackItEnv], steps: int) -> list[int]:
@@ -198,7 +198,7 @@ def test_fcl_calls_are_those_of_the_environment_itself(tasks) -> None:
             for env in envs:
                 caches.clear()
                 *_, info = env.step(int(np.flatnonzero(env.action_masks())[-1]))
-                env.last = info["fcl_calls"]
+                env.last = info["mesh_comparisons"]
         return [env.last for env in envs]
 
     envs = [PackItEnv(tasks, observation="none", max_shapes=40) for _ in range(2)]
@@ -208,10 +208,10 @@ def test_fcl_calls_are_those_of_the_environment_itself(tasks) -> None:
     assert alone > 0
     assert play(envs, 9) == [alone, alone]
     _, info = idle.set_state(idle.get_state())
-    assert info["fcl_calls"] == 0
+    assert info["mesh_comparisons"] == 0
 
 
-def test_fcl_calls_are_counted_for_each_thread(tasks) -> None:
+def test_mesh_comparisons_are_counted_for_each_thread(tasks) -> None:
     envs = [PackItEnv(tasks, observation="none", max_shapes=40) for _ in range(2)]
     idle, busy = envs
     idle.reset(options={"task": 0})
@@ -226,7 +226,7 @@ def test_fcl_calls_are_counted_for_each_thread(tasks) -> None:
         thread = threading.Thread(target=play)
         thread.start()
         thread.join()
-    assert busy.info["fcl_calls"] > 0 and idle._calls.fcl_calls == 0
+    assert busy.info["mesh_comparisons"] > 0 and idle._comparisons.mesh_comparisons == 0
 
 
 def test_a_state_remembers_that_the_episode_is_over(tasks) -> None:
@@ -336,7 +336,7 @@ def test_states_go_back_exactly_and_travel(tasks, easy, generated) -> None:
                 env.reset()
             valid = np.flatnonzero(env.action_masks())
             *_, info = env.step(int(env.np_random.choice(valid)))
-            info.pop("fcl_calls")
+            info.pop("mesh_comparisons")
             seen.append((info, env.episode.state()))
         return seen
 

@@ -88,7 +88,7 @@ def fingerprint(env_id: str, vectorization: str, steps: int = 12) -> str:
     for _ in range(steps):
         everything = {
             **seen,
-            **{k: v for k, v in info.items() if k not in ("fcl_calls", "_fcl_calls")},
+            **{k: v for k, v in info.items() if k not in ("mesh_comparisons", "_mesh_comparisons")},
         }
         for key in sorted(everything):
             values = np.asarray(everything[key])

@@ -27,7 +27,7 @@ class Counters:
         The locations that were tested by cells.
     undecided : int
         The locations that cells could not decide, so that meshes were tested.
-    fcl_calls : int
+    mesh_comparisons : int
         The collision tests of meshes, by FCL or by a proof: those that no cache answered.
     caches : dict of str to CacheUsage
         The usage of each cache by name.
@@ -38,7 +38,7 @@ class Counters:
     checks: int
     locations: int
     undecided: int
-    fcl_calls: int
+    mesh_comparisons: int
     caches: dict[str, caches.CacheUsage]
 
     @property
@@ -52,9 +52,9 @@ class Counters:
         return self.undecided / max(self.locations, 1)
 
     @property
-    def fcl_calls_per_query(self) -> float:
-        """The mean number of FCL calls of a query; 0 without queries."""
-        return self.fcl_calls / max(self.queries, 1)
+    def mesh_comparisons_per_query(self) -> float:
+        """The mean number of mesh comparisons of a query; 0 without queries."""
+        return self.mesh_comparisons / max(self.queries, 1)
 
     def since(self, earlier: Counters) -> Counters:
         """Return the counts since an earlier reading; the sizes of caches are the current ones."""
@@ -74,23 +74,25 @@ class Counters:
         return Counters(**counts, caches=used)
 
 
-_counts = dict.fromkeys(("masks", "searches", "checks", "locations", "undecided", "fcl_calls"), 0)
+_counts = dict.fromkeys(
+    ("masks", "searches", "checks", "locations", "undecided", "mesh_comparisons"), 0
+)
 
 
 @dataclass
-class CallCounter:
-    """Counts the FCL calls that are made while it is active (see `counted_by`).
+class ComparisonCounter:
+    """Counts the mesh comparisons that are made while it is active (see `counted_by`).
 
     Attributes
     ----------
-    fcl_calls : int
-        Calls so far.
+    mesh_comparisons : int
+        Comparisons so far.
     """
 
-    fcl_calls: int = 0
+    mesh_comparisons: int = 0
 
 
-_active: ContextVar[CallCounter | None] = ContextVar("active", default=None)
+_active: ContextVar[ComparisonCounter | None] = ContextVar("active", default=None)
 
 
 def count(kind: str, locations: int, undecided: int) -> None:
@@ -102,8 +104,8 @@ def count(kind: str, locations: int, undecided: int) -> None:
 
 
 @contextmanager
-def counted_by(counter: CallCounter) -> Iterator[None]:
-    """Count the FCL calls of a `with` block, in this thread alone; the innermost block counts."""
+def counted_by(counter: ComparisonCounter) -> Iterator[None]:
+    """Count the mesh comparisons of a block, in this thread alone; the innermost block counts."""
     token = _active.set(counter)
     try:
         yield
@@ -111,13 +113,13 @@ def counted_by(counter: CallCounter) -> Iterator[None]:
         _active.reset(token)
 
 
-def count_fcl_calls(calls: int) -> None:
+def count_mesh_comparisons(number: int) -> None:
     """Count collision tests of meshes, each of which no cached answer of the same pair settled."""
     with caches.lock:
-        _counts["fcl_calls"] += calls
+        _counts["mesh_comparisons"] += number
     counter = _active.get()
     if counter is not None:
-        counter.fcl_calls += calls
+        counter.mesh_comparisons += number
 
 
 def counters() -> Counters:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache, cached_property
-from packit_sim.core.counters import count_fcl_calls
+from packit_sim.core.counters import count_mesh_comparisons
 from packit_sim.engine.containment import ClosedPart, PartArrays, nested, nested_oracle
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE
 from packit_sim.engine.items import ItemInBox, PlacedItem
@@ -133,7 +133,7 @@ def surfaces_conflicts(
 
 def _on_grid(a: Item, b: Item, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Decide by a proof where there is one, otherwise by FCL: bool (n,) for offsets (n, 3)."""
-    count_fcl_calls(len(offsets))
+    count_mesh_comparisons(len(offsets))
     shifts = shifts_at(a, b, offsets)
     mesh, other = collision_mesh(a), collision_mesh(b)
     states = relations(
@@ -190,7 +190,7 @@ def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
     ),
 )
 def _off_grid_memo(placed: PlacedItem, other: ItemInBox) -> bool:
-    count_fcl_calls(1)
+    count_mesh_comparisons(1)
     return _conflict(Pair.of(placed, other))
 
 

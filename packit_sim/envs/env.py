@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from packit_sim.core.counters import CallCounter, counted_by
+from packit_sim.core.counters import ComparisonCounter, counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.pack_files import STARTER_PACKS
@@ -121,8 +121,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     The reward is the placed volume over the volume of the task's items; with physics it is the
     change of the volume that is inside and stable, which may be negative, and "density" and
     "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
-    fly), "action_mask", "density" of the box, "placed_volume", "fcl_calls" that this environment
-    made since its last reset, and, when the episode is over, "end": why.
+    fly), "action_mask", "density" of the box, "placed_volume", "mesh_comparisons" that this
+    environment made since its last reset, and, when the episode is over, "end": why.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # noqa: RUF012
@@ -176,7 +176,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self._episode: Episode | None = None
         self._number = GENERATED
         self._terminated = False
-        self._calls = CallCounter()
+        self._comparisons = ComparisonCounter()
         self._scene: Scene | None = None
         self._viewer: Viewer | None = None
 
@@ -233,8 +233,8 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self._check(task)
         self._episode = Episode(task, self.rules)
         self._terminated = False
-        self._calls = CallCounter()
-        with counted_by(self._calls):
+        self._comparisons = ComparisonCounter()
+        with counted_by(self._comparisons):
             self._play_fixed()
             self._show()
             return self._observe()
@@ -270,7 +270,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self._terminated:
             raise StateError(f"the episode is over: {self.episode.end}: call reset()")
         reward = 0.0
-        with counted_by(self._calls):
+        with counted_by(self._comparisons):
             if self.episode.end is None:
                 reward = self.episode.step(action) + self._play_fixed()
             self._terminated = self.episode.end is not None
@@ -329,7 +329,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         self._episode, self._number = episode, number
         self._terminated = state.terminated
         self.np_random.bit_generator.state = state.random
-        with counted_by(self._calls):
+        with counted_by(self._comparisons):
             return self._observe()
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -385,7 +385,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             "action_mask": action_mask,
             "density": density,
             "placed_volume": density * float(episode.box.size.prod()),
-            "fcl_calls": self._calls.fcl_calls,
+            "mesh_comparisons": self._comparisons.mesh_comparisons,
         }
         if episode.end is not None:
             info["end"] = str(episode.end)
