@@ -83,7 +83,7 @@ class BoundedCache(Generic[_P, _T]):
     function : Callable[_P, _T]
         Computes a value.
     unit : str
-        The unit of `size` and `budget`.
+        The unit of the size and the budget.
     size : Callable[[_T], int]
         The size of a value.
     key : Callable[..., Hashable]
