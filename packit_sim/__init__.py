@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from packit_sim.game.episode import Stage as Stage
     from packit_sim.generation.evolution import evolve as evolve
     from packit_sim.generation.puzzles import cut_puzzle as cut_puzzle
+    from packit_sim.generation.sequences import SequenceSampler as SequenceSampler
     from packit_sim.geometry.shapes import Item as Item
     from packit_sim.geometry.shapes import Shape as Shape
     from packit_sim.libraries.library import ShapeLibrary as ShapeLibrary
@@ -84,6 +85,7 @@ _HOMES = {
     "game.episode": ("Episode", "Stage"),
     "generation.evolution": ("evolve",),
     "generation.puzzles": ("cut_puzzle",),
+    "generation.sequences": ("SequenceSampler",),
     "geometry.shapes": ("Item", "Shape"),
     "libraries.library": ("ShapeLibrary",),
     "nesting.containers": ("BoxContainer",),

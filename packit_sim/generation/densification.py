@@ -56,12 +56,18 @@ BLOCKING, SMALLEST_FIRST = 1.2, 0.5
 """A smallest share below so many times the floor is a reason to choose the smallest item first, and
 the probability that it is."""
 
+EARLY = 0.5
+"""Share of the rounds in which the smallest item may be below the floor."""
+
+MORE_ROUNDS = 3
+"""Factor on the rounds, after which a pack with an item below the floor is given up."""
+
 PRECISION = 0.01
 """Relative precision of the largest volume of an item."""
 
 
 class DensificationError(PackItError):
-    """A library without enough shapes for the items of a densification."""
+    """A library without enough shapes for a densification, or an item that stays too small."""
 
 
 class DensificationState(Struct, frozen=True):
@@ -95,7 +101,8 @@ class Densification:
     neighbours, and puts back the largest items of random shapes, in any rotation and at any
     location, that fit into the free space; or it moves an item. A move that loses volume is
     accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
-    same.
+    same. In the second half of the rounds items below the floor are replaced first; there are more
+    rounds if one is left.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
@@ -143,8 +150,8 @@ class Densification:
 
     @property
     def is_over(self) -> bool:
-        """Whether all rounds are done."""
-        return len(self.densities) > self.settings.rounds
+        """Whether all rounds are done, and no item is too small."""
+        return len(self.densities) > self.settings.rounds and self._holds_floor
 
     @property
     def best(self) -> Pack:
@@ -158,7 +165,19 @@ class Densification:
         return Pack.of(box, LibraryRef.of(self._library), provenance)
 
     def step(self, workers: Workers | None = None) -> None:
-        """Pack loosely at first, then do one round."""
+        """Pack loosely at first, then do one round.
+
+        Raises
+        ------
+        DensificationError
+            If an item is still too small after three times the rounds.
+        """
+        if len(self.densities) > max(1, MORE_ROUNDS * self.settings.rounds):
+            raise DensificationError(
+                f"seed {self.seed}: after {len(self.densities) - 1} rounds the smallest item has "
+                f"{100 * self._smallest_share():.2f}% of the volume, not "
+                f"{100 * self.settings.floor:g}%: choose a lower floor, fewer items or more rounds"
+            )
         if not self.densities:
             self._pack_loosely()
         else:
@@ -222,7 +241,7 @@ class Densification:
         """Compute the mean loss of volume that a move of the present round may cause."""
         settings = self.settings
         done = (len(self.densities) - 1) * settings.moves + move
-        left = 1 - done / (settings.rounds * settings.moves)
+        left = max(0.0, 1 - done / (settings.rounds * settings.moves))
         return settings.tolerance * self._volume * left**2
 
     def _pack_loosely(self) -> None:
@@ -239,6 +258,7 @@ class Densification:
     def _move(self, tolerance: float) -> None:
         """Move an item, or replace one or two unless too much volume is lost."""
         before = list(self._items)
+        share = self._smallest_share()
         former = self._remove()
         if len(former) == 1 and self._rng.random() < SHIFTS:
             self._restore_box()
@@ -253,15 +273,17 @@ class Densification:
                 wanted -= self._items[-1].item.volume
         if len(self._items) < self._count - 1 or not (
             self._replace(former, max(wanted, smallest), self.settings.largest * self._volume)
-            and self._smallest_share() >= self.settings.floor
+            and (self._is_early or self._holds_floor or self._smallest_share() > share)
         ):
             self._items = before
 
     def _remove(self) -> list[PlacedItem]:
-        """Remove a random item, or two neighbours; often the smallest if it blocks all growth."""
+        """Remove a random item, or two neighbours; the smallest if it has to grow."""
         first = int(self._rng.integers(self._count))
-        blocks = self._smallest_share() < BLOCKING * self.settings.floor
-        if blocks and self._rng.random() < SMALLEST_FIRST:
+        if not (self._is_early or self._holds_floor) or (
+            self._smallest_share() < BLOCKING * self.settings.floor
+            and self._rng.random() < SMALLEST_FIRST
+        ):
             first = int(np.argmin([placed.item.volume for placed in self._items]))
         chosen = [first]
         if self._count > 1 and self._rng.random() < PAIRS:
@@ -307,6 +329,15 @@ class Densification:
         if self._rng.random() < SAME_SHAPE:
             return former[int(self._rng.integers(len(former)))].item.shape
         return self._random_shape()
+
+    @property
+    def _is_early(self) -> bool:
+        """Whether items may still be too small: they began alike, and don't all grow at once."""
+        return len(self.densities) <= EARLY * self.settings.rounds
+
+    @property
+    def _holds_floor(self) -> bool:
+        return self._smallest_share() >= self.settings.floor
 
     def _smallest_share(self) -> float:
         volumes = [placed.item.volume for placed in self._items]

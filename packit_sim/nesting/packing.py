@@ -94,7 +94,7 @@ class Packing:
         return max((float(self.vertices(p)[:, 2].max()) for p in self.placements), default=0.0)
 
     @property
-    def size(self) -> tuple[float, float, float]:
+    def sides(self) -> tuple[float, float, float]:
         """The sides of the container; a strip is as high as its highest item."""
         x, y, z = self.container.size
         return x, y, self.height if self.container.is_strip else z

@@ -39,7 +39,7 @@ def shown(packing: Packing) -> PosedContents:
         The box in box units: its longest side has 100 to 128 cells, so many that the others are
         nearly whole numbers of cells.
     """
-    sides = np.array(packing.size) / packing.container.longest
+    sides = np.array(packing.sides) / packing.container.longest
     count = min(_CELLS, key=lambda n: float(np.abs(sides * n - np.round(sides * n)).max()))
     return contents(packing, range(len(packing.placements)), count * CELL)
 

@@ -142,7 +142,7 @@ def stages(
     check_range("metres", metres, POSITIVE)
     packing, unit = sweeps.packing, sweeps.unit
     settings = replace(settings or PHYSICS, side=unit * metres)
-    size = np.array(packing.size) / unit
+    size = np.array(packing.sides) / unit
     whole, items = posed(packing), []
     for n, drop in zip(order, stacking_of(sweeps, order, fixed=fixed).drops, strict=True):
         matrix = whole[n].matrix.copy()

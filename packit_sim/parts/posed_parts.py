@@ -78,6 +78,6 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Pos
         The box, and the parts in this order. A strip is as high as its highest part.
     """
     unit = CELL * packing.container.longest / side
-    a, b, c = (max(1, round(one / unit)) for one in packing.size)
+    a, b, c = (max(1, round(one / unit)) for one in packing.sides)
     items = posed(packing, side)
     return PosedContents((a, b, c), tuple(items[n] for n in numbers))
