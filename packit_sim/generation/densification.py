@@ -167,6 +167,11 @@ class Densification:
     def step(self, workers: Workers | None = None) -> None:
         """Pack loosely at first, then do one round.
 
+        Parameters
+        ----------
+        workers : Workers, optional
+            Not used: each move follows from the one before.
+
         Raises
         ------
         DensificationError
