@@ -222,7 +222,7 @@ def test_mesh_comparisons_are_counted_for_each_thread(tasks) -> None:
             *_, busy.info = busy.step(int(np.flatnonzero(busy.action_masks())[-1]))
 
     caches.clear()
-    with counted_by(idle._calls):
+    with counted_by(idle._comparisons):
         thread = threading.Thread(target=play)
         thread.start()
         thread.join()
