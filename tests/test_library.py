@@ -561,3 +561,9 @@ def test_endless_integers_in_a_catalogue_are_refused(written, field, digits) -> 
     file.write_text(text)
     with pytest.raises(LibraryError, match=f"library.json: .*an integer of {digits} digits is not"):
         ShapeLibrary.open(written)
+
+
+def test_an_id_that_numpy_drew_names_the_same_shape() -> None:
+    library = ShapeLibrary.open("everyday")
+    shape = library[np.random.default_rng(0).choice(library.ids)]
+    assert type(shape.id) is str and library[shape.id] is shape

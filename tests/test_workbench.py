@@ -27,7 +27,7 @@ ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
 
 @pytest.fixture(name="bench")
 def _bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workbench]:
-    monkeypatch.setattr(exports, "draw", lambda packing, path: path.write_bytes(b""))
+    monkeypatch.setattr(exports, "draw", lambda packing, path, keep_out: path.write_bytes(b""))
     with Workbench() as bench:
         yield bench
 

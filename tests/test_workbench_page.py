@@ -15,7 +15,7 @@ LONG = 120_000
 
 @pytest.fixture(name="page")
 def _page(chromium, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setattr(exports, "draw", lambda packing, path: path.write_bytes(b""))
+    monkeypatch.setattr(exports, "draw", lambda packing, path, keep_out: path.write_bytes(b""))
     errors: list[str] = []
     requests: list[str] = []
     with Workbench() as bench:

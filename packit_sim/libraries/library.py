@@ -227,7 +227,7 @@ class ShapeLibrary:
             If its stored mesh is damaged.
         """
         self._require(id)
-        return self.source.shape(id)
+        return self.source.shape(str(id))  # NumPy's strings are others in records
 
     def __contains__(self, id: object) -> bool:
         return id in self._ids
