@@ -105,3 +105,21 @@ def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
     """
     for name, valid in checks.items():
         check_range(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)
+
+
+def check_same(**values: tuple[Any, Any]) -> None:
+    """Check that a saved state belongs to what resumes from it.
+
+    Parameters
+    ----------
+    **values : tuple
+        The value then and the value now, by name.
+
+    Raises
+    ------
+    ArgumentError
+        If two of them differ; the message contains both.
+    """
+    for name, (then, now) in values.items():
+        if then != now:
+            raise ArgumentError(f"{name} was {then!r}, now {now!r}: it can't be resumed")

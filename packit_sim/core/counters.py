@@ -114,7 +114,7 @@ def counted_by(counter: ComparisonCounter) -> Iterator[None]:
 
 
 def count_mesh_comparisons(number: int) -> None:
-    """Count collision tests of meshes, each of which no cached answer of the same pair settled."""
+    """Count collision tests of meshes that no cache answered."""
     with caches.lock:
         _counts["mesh_comparisons"] += number
     counter = _active.get()

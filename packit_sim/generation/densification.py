@@ -9,7 +9,8 @@ import numpy as np
 from msgspec import Struct
 
 from packit_sim.box import Box
-from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.checks import check_same
+from packit_sim.core.errors import PackItError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
@@ -214,12 +215,7 @@ class Densification:
         ArgumentError
             If it has another seed or other settings.
         """
-        for name, theirs, ours in (
-            ("seed", state.seed, self.seed),
-            ("settings", state.settings, self.settings),
-        ):
-            if theirs != ours:
-                raise ArgumentError(f"{name} was {theirs!r}, now {ours!r}: it can't be resumed")
+        check_same(seed=(state.seed, self.seed), settings=(state.settings, self.settings))
         self._rng.bit_generator.state = state.random
         self._items = []
         for record in state.items:

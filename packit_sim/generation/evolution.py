@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import Struct, structs
 
-from packit_sim.core.errors import ArgumentError, StateError
+from packit_sim.core.checks import check_same
+from packit_sim.core.errors import StateError
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved
@@ -194,12 +195,7 @@ class Evolution:
         ArgumentError
             If it has another seed or other settings.
         """
-        for name, theirs, ours in (
-            ("seed", state.seed, self.seed),
-            ("settings", state.settings, self.settings),
-        ):
-            if theirs != ours:
-                raise ArgumentError(f"{name} was {theirs!r}, now {ours!r}: it can't be resumed")
+        check_same(seed=(state.seed, self.seed), settings=(state.settings, self.settings))
         self._rng.bit_generator.state = state.random
         self._search.restore(state.search)
         self._stale, self.evaluated = state.stale, state.evaluated
