@@ -32,7 +32,7 @@ class DensificationSettings:
     moves : int
         The number of moves in a round.
     tolerance : float
-        The mean loss of density that a move may cause at the beginning. It falls to 0.
+        The mean loss of density that a move may cause at the beginning. It falls to 0 in `rounds`.
     cells : tuple of int
         The box's cells along x, y and z.
 
@@ -47,9 +47,9 @@ class DensificationSettings:
     largest: float = 0.1
     pool: int = 100
     copies: int = 1
-    rounds: int = 40
+    rounds: int = 60
     moves: int = 100
-    tolerance: float = 0.0005
+    tolerance: float = 0.003
     cells: Triple = BOX_CELLS
 
     def __post_init__(self) -> None:

@@ -102,8 +102,8 @@ class Densification:
     neighbours, and puts back the largest items of random shapes, in any rotation and at any
     location, that fit into the free space; or it moves an item. A move that loses volume is
     accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
-    same. In the second half of the rounds items below the floor are replaced first; there are more
-    rounds if one is left.
+    same. In the second half of the rounds items below the floor are replaced first; if one is left,
+    annealing begins again.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
@@ -151,8 +151,9 @@ class Densification:
 
     @property
     def is_over(self) -> bool:
-        """Whether all rounds are done, and no item is too small."""
-        return len(self.densities) > self.settings.rounds and self._holds_floor
+        """Whether annealing has ended, with no item that is too small."""
+        done, rounds = len(self.densities) - 1, self.settings.rounds
+        return done >= rounds and done % max(1, rounds) == 0 and self._holds_floor
 
     @property
     def best(self) -> Pack:
@@ -242,7 +243,7 @@ class Densification:
         """Compute the mean loss of volume that a move of the present round may cause."""
         settings = self.settings
         done = (len(self.densities) - 1) * settings.moves + move
-        left = max(0.0, 1 - done / (settings.rounds * settings.moves))
+        left = 1 - done / (settings.rounds * settings.moves) % 1
         return settings.tolerance * self._volume * left**2
 
     def _pack_loosely(self) -> None:
