@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
@@ -41,6 +42,7 @@ class BinsSearch(Search):
         super().__init__(task, seed)
         self._emptied: int | None = None
         self._smaller: list[Floats] = []
+        self._numbers: Ints = np.empty(0, dtype=np.int64)
         self._boxes: Floats = np.empty((0, 4))
         self._staying: Ints = np.empty(0, dtype=np.int64)
 
@@ -48,10 +50,14 @@ class BinsSearch(Search):
         """Take over a better packing."""
         self.best = solution
         self._attempt = None
-        self._emptied = self._to_empty(problem, solution)
-        self._smaller = self._with_a_smaller_box(problem, solution)
+        boxes = solution.boxes
+        self._numbers = _box_numbers(solution.poses, boxes)
+        fills = np.bincount(self._numbers, self._task.volumes, len(boxes)).astype(float)
+        fits = fitting(problem, self._task, np.vstack((boxes, boxes_of(self._task.sizes))))
+        self._emptied = self._to_empty(fills, fits[:, : len(boxes)])
+        self._smaller = self._with_a_smaller_box(boxes, fills, fits[:, len(boxes) :])
         volume = float(self._task.volumes.sum()) / math.prod(self._task.size)
-        is_fewest = self._emptied is None or len(solution.boxes) <= math.ceil(volume - 1e-9)
+        is_fewest = self._emptied is None or len(boxes) <= math.ceil(volume - 1e-9)
         self.is_done = is_fewest and not self._smaller
 
     def _constructed(self, problem: Problem) -> Solution:
@@ -69,8 +75,7 @@ class BinsSearch(Search):
             return self._attempted(best.poses, self._boxes)
         assert self._emptied is not None
         poses, self._boxes = best.poses, best.boxes
-        numbers = _box_numbers(poses, self._boxes)
-        own = self._choices.permutation(np.flatnonzero(numbers == self._emptied))
+        own = self._choices.permutation(np.flatnonzero(self._numbers == self._emptied))
         moved = own if self._choices.random() < _ALL_AT_ONCE else own[:1]
         self._staying = own[len(moved) :]
         inside = poses.inside.copy()
@@ -106,29 +111,30 @@ class BinsSearch(Search):
         score = (float(len(used)), _volume(left), float(fills[used].min()))
         return Solution(score, Poses(poses.inside, poses.turned, places), left)
 
-    def _to_empty(self, problem: Problem, solution: Solution) -> int | None:
-        """Return the emptiest box of which each item fits into another one."""
-        boxes = solution.boxes
-        numbers = _box_numbers(solution.poses, boxes)
-        fits = fitting(problem, self._task, boxes)
-        fills = np.bincount(numbers, self._task.volumes, len(boxes))
+    def _to_empty(self, fills: Floats, fits: npt.NDArray[np.bool_]) -> int | None:
+        """Return the emptiest box of which each item fits into another one.
+
+        fills: (b,), the volume of items in each box; fits: (n, b), which items fit into which.
+        """
         for k in np.argsort(fills, kind="stable").tolist():
-            if np.delete(fits[numbers == k], k, axis=1).any(axis=1).all():
+            if np.delete(fits[self._numbers == k], k, axis=1).any(axis=1).all():
                 return int(k)
         return None
 
-    def _with_a_smaller_box(self, problem: Problem, solution: Solution) -> list[Floats]:
-        """Return the boxes with one of them replaced by a smaller one that might do."""
-        boxes, found = solution.boxes, []
-        numbers = _box_numbers(solution.poses, boxes)
-        fits = fitting(problem, self._task, boxes_of(self._task.sizes))
-        fills = np.bincount(numbers, self._task.volumes, len(boxes))
+    def _with_a_smaller_box(
+        self, boxes: Floats, fills: Floats, fits: npt.NDArray[np.bool_]
+    ) -> list[Floats]:
+        """Return the boxes with one of them replaced by a smaller one that might do.
+
+        fills: (b,), the volume of items in each box; fits: (n, s), which items fit into which size.
+        """
+        found = []
         for k, fill in enumerate(fills.tolist()):
             for n, size in enumerate(self._task.sizes):
                 changed = boxes.copy()
                 changed[k, 1:] = size
                 is_smaller = _volume(changed) < _volume(boxes)
-                if is_smaller and fill <= math.prod(size) and fits[numbers == k, n].all():
+                if is_smaller and fill <= math.prod(size) and fits[self._numbers == k, n].all():
                     found.append(changed)
         return found
 
