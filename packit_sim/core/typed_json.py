@@ -7,6 +7,7 @@ import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
 import msgspec
@@ -145,6 +146,16 @@ class _Header(msgspec.Struct):
 def format_of(data: bytes | str, error: type[PackItError], what: str = "it") -> Any:
     """Read the field "format" of a JSON object, unchecked; the rest is as of `decode`."""
     return decode(data, _Header, error, what).format
+
+
+@dataclass(frozen=True)
+class JsonRecord:
+    """A base of dataclasses that can be written as JSON."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields in JSON's types."""
+        fields: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return fields
 
 
 def builtins(record: Any) -> Any:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from packit_sim.core.checks import Range, check_settings
+from packit_sim.core.typed_json import JsonRecord
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
 
 
 @dataclass(frozen=True)
-class DensificationSettings:
+class DensificationSettings(JsonRecord):
     """The settings of a densification.
 
     Parameters
@@ -74,11 +73,6 @@ class DensificationSettings:
             tolerance=Range(0, 1),
         )
         box_cells(self.cells)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the settings in JSON's types."""
-        fields: dict[str, Any] = json.loads(json.dumps(asdict(self)))
-        return fields
 
     @property
     def steps(self) -> int:

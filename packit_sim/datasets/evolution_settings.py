@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.typed_json import JsonRecord
 from packit_sim.geometry.lattice import BOX_CELLS, Triple, box_cells
 
 SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -20,7 +20,7 @@ SEARCHES: tuple[str, ...] = get_args(SearchName)
 
 
 @dataclass(frozen=True)
-class EvolutionSettings:
+class EvolutionSettings(JsonRecord):
     """The settings of an evolution; the defaults are the paper's, except for the mutation rates.
 
     Parameters
@@ -101,11 +101,6 @@ class EvolutionSettings:
             search=(self.search in SEARCHES, f"choose from {', '.join(SEARCHES)}"),
         )
         box_cells(self.cells)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the settings in JSON's types."""
-        fields: dict[str, Any] = json.loads(json.dumps(asdict(self)))
-        return fields
 
     @property
     def steps(self) -> int:
