@@ -1,4 +1,4 @@
-"""Whether a request is of a page that this server served: other pages may send some, too."""
+"""Where pages are served, and whether a request is of such a page: others may send some, too."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ import socket
 from collections.abc import Sequence
 from urllib.parse import urlsplit
 
+from packit_sim.core.errors import RenderError
+
 LOOPBACK = "127.0.0.1"
 """The address that only this machine reaches."""
 
 EVERYWHERE = "0.0.0.0"
 """Stands for all addresses of this machine."""
+
+
+def refused(host: str, port: int | None, reason: object) -> RenderError:
+    """Return the error for a page that can't be served at a host and a port, 0 or None for any."""
+    return RenderError(
+        f"the page can't be served at host {host!r}, port {port or 'any'}: {reason}; choose "
+        "another port, or none for a free one, and a host of this machine"
+    )
 
 
 def is_own_host(asked: str, host: str) -> bool:

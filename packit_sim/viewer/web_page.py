@@ -18,7 +18,7 @@ import rich
 
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
-from packit_sim.core.web_origins import EVERYWHERE, LOOPBACK
+from packit_sim.core.web_origins import EVERYWHERE, LOOPBACK, refused
 from packit_sim.render.cameras import ISO, TOP, Camera
 from packit_sim.render.looks import BACKGROUND
 
@@ -160,12 +160,12 @@ def _serve(host: str, port: int) -> viser.ViserServer:
         import viser
     logging.getLogger("websockets.server").addFilter(_is_no_handshake)
     if not 0 <= port < 2**16:
-        raise _refused(host, port, "ports are 1 to 65535")
+        raise refused(host, port, "ports are 1 to 65535")
     try:
         with socket.create_server((host, port)) as probe:  # viser would try others, or hang
             address = probe.getsockname()[0]
     except OSError as error:
-        raise _refused(host, port, str(error)) from error
+        raise refused(host, port, error) from error
     from packit_sim.viewer.connections import guarded
 
     with _silence():
@@ -176,15 +176,8 @@ def _serve(host: str, port: int) -> viser.ViserServer:
             raise RenderError(f"viser {viser.__version__} serves pages in an unknown way: get 1.1")
         if port and server.get_port() != port:
             server.stop()
-            raise _refused(host, port, "another program has just taken it")
+            raise refused(host, port, "another program has just taken it")
     return server
-
-
-def _refused(host: str, port: int, reason: str) -> RenderError:
-    return RenderError(
-        f"the viewer can't listen at host {host!r}, port {port}: {reason}; "
-        f"choose another port, or none for a free one, and a host of this machine"
-    )
 
 
 def _is_no_handshake(record: logging.LogRecord) -> bool:

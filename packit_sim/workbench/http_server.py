@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from packit_sim.core.errors import PackItError, RenderError
+from packit_sim.core.errors import PackItError
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.core.web_origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page
+from packit_sim.core.web_origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page, refused
 
 _SECONDS = 60.0
 """How long a connection may be silent."""
@@ -145,10 +145,7 @@ class HttpServer:
         try:
             self._server = ThreadingHTTPServer((host, port or 0), Handler)
         except (OSError, OverflowError) as error:
-            raise RenderError(
-                f"the page can't be served at host {host!r}, port {port}: {error}; choose another "
-                "port, or none for a free one, and a host of this machine"
-            ) from error
+            raise refused(host, port, error) from error
         self._server.daemon_threads = True
         shown = LOOPBACK if host == EVERYWHERE else host
         self.address = f"http://{shown}:{self._server.server_address[1]}"
