@@ -298,8 +298,7 @@ class PackedParts:
 
     @property
     def _requirements(self) -> Requirements:
-        fixed = frozenset(range(len(self.task.fixed)))
-        return self.task.requirements or Requirements(fixed=fixed)
+        return self.task.requirements or Requirements(fixed=self.task.fixed_numbers)
 
     def view(self, box: int = 0, port: int | None = None) -> Viewer:
         """Show a box on a local, interactive web page.

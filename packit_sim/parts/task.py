@@ -222,7 +222,7 @@ class PackTask:
                 each.volume * centimetres**3 if each.mass is None else each.mass
                 for each in self.all_parts
             ),
-            fixed=frozenset(range(len(self.fixed))),
+            fixed=self.fixed_numbers,
             metres=centimetres / 100,
         )
 
@@ -247,6 +247,11 @@ class PackTask:
     def container(self, box: BoxType) -> BoxContainer:
         """Return a box with what the parts keep clear of."""
         return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles))
+
+    @property
+    def fixed_numbers(self) -> frozenset[int]:
+        """The numbers that `with_fixed` gives to the placements of the fixed parts."""
+        return frozenset(range(len(self.fixed)))
 
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
