@@ -12,13 +12,13 @@ import numpy.typing as npt
 from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
-from packit_sim.engine.feasibility import ORIGIN, Blockers, Mask, checked_location
-from packit_sim.engine.items import BoxState, ItemT, PlacedItem
+from packit_sim.engine.feasibility import Blockers, Mask, checked_location
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bits import Words
-from packit_sim.geometry.lattice import BOX_CELLS, CELL, Triple, box_cells, grid_nodes
+from packit_sim.geometry.items import BoxState, ItemT, PlacedItem
+from packit_sim.geometry.lattice import BOX_CELLS, CELL, ORIGIN, Triple, box_cells, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
 

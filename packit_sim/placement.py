@@ -5,7 +5,6 @@ and `oracle` the same mask by a plain loop over all locations: slow, obvious, an
 """
 
 from packit_sim.engine.feasibility import (
-    ORIGIN,
     WALLS,
     Blockers,
     Mask,
@@ -20,8 +19,9 @@ from packit_sim.engine.feasibility import (
     is_feasible,
     is_inside,
 )
-from packit_sim.engine.items import BoxState, Contents, ItemInBox, PlacedItem, PosedItem
 from packit_sim.engine.oracle import conflicts, is_valid, oracle
+from packit_sim.geometry.items import BoxState, Contents, ItemInBox, PlacedItem, PosedItem
+from packit_sim.geometry.lattice import ORIGIN
 
 __all__ = [
     "ORIGIN",

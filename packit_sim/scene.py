@@ -14,9 +14,9 @@ import numpy as np
 
 from packit_sim.core.errors import RenderError
 from packit_sim.core.silence import quiet
+from packit_sim.geometry.items import BoxState, Contents, ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import BoxState, Contents, ItemInBox, PlacedItem
 from packit_sim.render.bullet import ContactWorld
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import color_of

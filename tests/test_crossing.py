@@ -13,9 +13,9 @@ from packit_sim.engine.collision import (
     surfaces_conflicts,
 )
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE, relation
-from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.pairs import Pair, matrix, relative_turn
 from packit_sim.geometry import rotations
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.libraries.library import ShapeLibrary
 from tests.examples import examples
 from tests.zoo import ZOO, cube_of, random_item

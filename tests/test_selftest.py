@@ -13,9 +13,9 @@ from packit_sim.box import Box
 from packit_sim.core.parallel import Workers
 from packit_sim.engine import collision, feasibility, insertion, nofit, oracle
 from packit_sim.engine.feasibility import Blockers
-from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.pairs import Pair
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.selftest import case_runs
 from packit_sim.selftest.cases import Case, draw_case

@@ -28,10 +28,10 @@ from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
 from packit_sim.engine.compaction import compact
 from packit_sim.engine.disassembly import MOVES
+from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
-from packit_sim.placement import BoxState, PlacedItem
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
 Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]

@@ -26,13 +26,13 @@ from packit_sim.core.errors import PackItError
 from packit_sim.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Played
+from packit_sim.geometry.items import BoxState, Contents, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.media import export, films, video
 from packit_sim.physics.settings import DISTANCE
 from packit_sim.physics.settling import settle
-from packit_sim.placement import BoxState, Contents, PlacedItem
 from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png

@@ -1,6 +1,6 @@
 """Checks of one pack: items, density, settings and order of placing.
 
-The oracle (`placement.conflicts`) decides about the geometry, without the code that packed.
+The oracle (`engine.oracle`) decides about the geometry, without the code that packed.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import placement
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.provenance import Densified, Evolved, Puzzle
+from packit_sim.engine.feasibility import is_inside
+from packit_sim.engine.oracle import conflicts
+from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import INSIDE
-from packit_sim.placement import PlacedItem, PosedItem
 
 DENSITY_SLACK = 1e-9
 """Largest difference between a recorded and a replayed density: rounding of sums."""
@@ -69,10 +70,10 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
             if pack.items[n].counted and not inside:
                 problems.append(f"{what} is not inside the box, within {INSIDE} box units")
             continue
-        if not placement.is_inside(pack.cells, candidate):
+        if not is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        blocking = [n for n, other in before.items() if placement.conflicts(other, candidate)]
+        blocking = [n for n, other in before.items() if conflicts(other, candidate)]
         if blocking:
             problems.append(f"{what} is in conflict with items {blocking}")
         before[n] = candidate
@@ -171,7 +172,7 @@ def order_problems(cells: Triple, placed: Sequence[PlacedItem]) -> Iterator[str]
     outer, inner = np.zeros(cells, dtype=bool), np.zeros(cells, dtype=bool)
     before: list[PlacedItem] = []
     for n, candidate in enumerate(placed):
-        if not placement.is_inside(cells, candidate):
+        if not is_inside(cells, candidate):
             continue
         free = _earlier(outer, inner, before, candidate)
         if free is not None:
@@ -214,7 +215,7 @@ def _earlier(
     for x, y, z in left.tolist():
         at = PlacedItem(item, (x, y, z))
         for n, other in enumerate(asked):
-            if placement.conflicts(other, at):
+            if conflicts(other, at):
                 asked.insert(0, asked.pop(n))
                 break
         else:

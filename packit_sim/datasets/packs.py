@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from packit_sim import placement
 from packit_sim.box import BaseBox, Box
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
@@ -21,11 +20,12 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
 from packit_sim.datasets import format_1
 from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
+from packit_sim.engine.feasibility import checked_location
+from packit_sim.geometry.items import BoxState, ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import BoxState, ItemInBox, PlacedItem, PosedItem
 
 FORMAT = 2
 """Version of the format of packs, results and manifests that this module writes."""
@@ -352,7 +352,7 @@ class Pack:
             box_cells(self.cells)
             for n, item in enumerate(self.items):  # noqa: B007 (used in the message)
                 if item.location is not None:
-                    placement.checked_location(self.cells, item.location)
+                    checked_location(self.cells, item.location)
         except ValueError as error:
             field = "cells" if n is None else f"items[{n}].location"
             raise PackFormatError(f"field {field!r}: {error}") from None

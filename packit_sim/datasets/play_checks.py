@@ -12,8 +12,8 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import ItemRecord, Pack, arrival_order, task_digest
 from packit_sim.datasets.provenance import RETURN_SLACK, Played
 from packit_sim.engine.insertion import is_clear
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
-from packit_sim.placement import PlacedItem
 from packit_sim.rules import End
 
 Facts = tuple[tuple[str, float], ...]

@@ -1,6 +1,6 @@
 """Checks of whole datasets, independent of the code that generates them.
 
-The oracle (`placement.conflicts`) decides about the geometry: no mask or search of the engine, and
+The oracle (`engine.oracle`) decides about the geometry: no mask or search of the engine, and
 no `Box`, is used.
 """
 
@@ -50,11 +50,11 @@ from packit_sim.datasets.provenance import (
     Provenance,
     Puzzle,
 )
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import SPLITS
-from packit_sim.placement import PlacedItem
 
 VOLUME_SLACK = 1e-6
 """Largest relative difference between a recorded volume and that of the mesh: rounding of sums."""

@@ -18,7 +18,6 @@ from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.counters import count_mesh_comparisons
 from packit_sim.engine.containment import ClosedPart, PartArrays, nested, nested_oracle
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE
-from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.pair_kernels import relations
 from packit_sim.engine.pairs import (
     Pair,
@@ -30,6 +29,7 @@ from packit_sim.engine.pairs import (
 )
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.deviation import tree_of
+from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 

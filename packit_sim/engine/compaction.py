@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.sweeping import Axis, free_distance
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
 
 GAP = CONTACT_TOLERANCE / 10

@@ -18,9 +18,9 @@ from packit_sim.core.checks import Range, check_range
 from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
-from packit_sim.engine.items import Contents, PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.sweeping import Axis, free_distance
+from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
 MOVES = 3

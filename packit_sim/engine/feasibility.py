@@ -21,7 +21,6 @@ from packit_sim.core.counters import count
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import nofit, screening
 from packit_sim.engine.collision import surfaces_conflict, surfaces_conflicts
-from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening import (
     Locations,
@@ -33,16 +32,14 @@ from packit_sim.engine.screening import (
 )
 from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import Triple, grid_nodes
+from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.lattice import ORIGIN, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 
 Mask = npt.NDArray[np.bool_]
 
 WALLS = ("right", "front", "top")
 """The walls through which an item on the grid can protrude, by axis."""
-
-ORIGIN: Triple = (0, 0, 0)
-"""The first location in the order of bottom-left-back fill."""
 
 
 def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:

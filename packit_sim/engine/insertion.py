@@ -24,10 +24,10 @@ import numpy.typing as npt
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.insertion_kernels import NONE, column_ends, required_heights
-from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.screening import Locations
 from packit_sim.engine.sweeping import least_rise_oracle, surface
 from packit_sim.engine.sweeping_kernels import rises
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE_PER_CELL, STEP
 from packit_sim.geometry.shapes import Item
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.collision import surfaces_conflict
-from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.engine.screening import States, screen_offsets
 from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, merge
+from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 

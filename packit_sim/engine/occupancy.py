@@ -8,9 +8,9 @@ from typing import Any, Generic
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.engine.items import ItemT, PlacedItem, triangles
 from packit_sim.engine.occupancy_kernels import NO_PAGE, fill, unfill
 from packit_sim.geometry.bits import Words
+from packit_sim.geometry.items import ItemT, PlacedItem, triangles
 from packit_sim.geometry.lattice import Triple, grid_nodes
 from packit_sim.geometry.voxels import Voxels
 

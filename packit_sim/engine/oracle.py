@@ -11,7 +11,7 @@ import numpy.typing as npt
 from packit_sim.core.caches import bounded_cache
 from packit_sim.engine.collision import collides, contains
 from packit_sim.engine.feasibility import Mask, is_inside
-from packit_sim.engine.items import Contents, ItemInBox, PlacedItem, triangles
+from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem, triangles
 from packit_sim.geometry.lattice import FINE_PER_CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxelization import lattice_cells

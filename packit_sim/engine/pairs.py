@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packit_sim.engine.items import ItemInBox, PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item
 

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.engine import screening_kernels
-from packit_sim.engine.items import PlacedItem
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening_kernels import BLOCKED
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item
 

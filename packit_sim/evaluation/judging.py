@@ -13,11 +13,11 @@ from msgspec import structs
 from packit_sim.core.parallel import Workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.evaluation.results import ResultsError, Rollout, opened
+from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
-from packit_sim.placement import BoxState, PlacedItem
 
 _log = plain_logger(__name__)
 

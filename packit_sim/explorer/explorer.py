@@ -18,9 +18,9 @@ from packit_sim.explorer.controls import Controls, ViewRequest
 from packit_sim.explorer.fit_markers import FitMarkers
 from packit_sim.explorer.fit_query import FitQuery
 from packit_sim.explorer.redraw_thread import RedrawThread
-from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.lattice import CELL, ORIGIN, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import ORIGIN, PlacedItem
 from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, ByShare, Color, Legend, by_order
 from packit_sim.viewer.box_view import BoxView, DisplaySettings, over, reach
 from packit_sim.viewer.web_page import WebPage

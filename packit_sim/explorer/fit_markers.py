@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.explorer.fit_query import FitQuery
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.poses import Pose
-from packit_sim.placement import PlacedItem
 from packit_sim.render.coloring import PALETTE, Color
 from packit_sim.viewer.box_view import rgb
 from packit_sim.viewer.surfaces import surface

@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import Blockers, Mask, PlacedItem, first
+from packit_sim.placement import Blockers, Mask, first
 
 
 @dataclass(frozen=True, eq=False)

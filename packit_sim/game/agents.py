@@ -21,7 +21,7 @@ import numpy.typing as npt
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.extras import needed_for
 from packit_sim.game.episode import Episode, Stage, stages
-from packit_sim.placement import PlacedItem
+from packit_sim.geometry.items import PlacedItem
 
 OnProgress = Callable[[int, float], None]
 """Called by a search with the number of its rollouts so far, and the best return of them."""

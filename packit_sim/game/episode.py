@@ -23,9 +23,10 @@ from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
 from packit_sim.geometry import rotations
+from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import ItemInBox, Mask, PlacedItem
+from packit_sim.placement import Mask
 from packit_sim.rules import PACKIT, End, Rules
 
 

@@ -16,9 +16,9 @@ from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
 from packit_sim.datasets.provenance import Densified
 from packit_sim.generation.holes import Holes
+from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import BoxState, PlacedItem
 
 if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers

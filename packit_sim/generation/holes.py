@@ -21,9 +21,9 @@ from packit_sim.box import Box
 from packit_sim.generation.hole_kernels import find_holes
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import FINE, STEP
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.placement import PlacedItem
 
 REFERENCE_SIDE = 0.25
 """Longest side, in box units, of the item whose cells are the points inside a shape."""

@@ -12,10 +12,9 @@ from packit_sim.box import Box
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.generation.chromosomes import Chromosome
-from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.lattice import ORIGIN, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import ORIGIN
 
 _SLACK = 1e-9
 """Tolerance for the rounding of sums of volumes."""

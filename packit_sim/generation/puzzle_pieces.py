@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from packit_sim.engine.items import PlacedItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Ints
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT, STEP, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Item, Shape

@@ -36,6 +36,9 @@ BOX_CELLS = (100, 100, 100)
 MAX_CELLS = 512
 """Largest number of cells along an axis of a box, or of an item that is voxelized."""
 
+ORIGIN: Triple = (0, 0, 0)
+"""The first location in the order of bottom-left-back fill."""
+
 CONTACT_TOLERANCE = 1e-4
 """How far two accepted items may interpenetrate, in box units: surfaces that touch are no conflict,
 and parts on a grid touch all the time. Collision meshes are shrunk by half of it on each side, and

@@ -14,9 +14,9 @@ from PIL.ImageFont import FreeTypeFont
 
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.cameras import Camera
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened

@@ -15,9 +15,9 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from packit_sim.core.errors import ArgumentError, RenderError
+from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
-from packit_sim.placement import Contents, ItemInBox
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
 from packit_sim.render.image_files import output_file
 from packit_sim.render.lettering import plain

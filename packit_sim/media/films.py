@@ -12,9 +12,9 @@ import numpy.typing as npt
 from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
-from packit_sim.placement import Contents, ItemInBox, PlacedItem
 from packit_sim.render.cameras import turntable
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import ITEM_GAP, Layout

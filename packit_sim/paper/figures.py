@@ -18,11 +18,11 @@ from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import Evolved
 from packit_sim.evaluation.results import Rollout
 from packit_sim.geometry import rotations
+from packit_sim.geometry.items import BoxState, Contents, ItemInBox
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, STEP
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.placement import BoxState, Contents, ItemInBox
 from packit_sim.render import plots
 from packit_sim.render.cameras import FRONT, TOP, Camera
 from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, Color, Colors

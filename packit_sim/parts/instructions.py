@@ -16,13 +16,13 @@ from packit_sim.core import templates
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
+from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
 from packit_sim.parts.posed_parts import PosedContents, contents
 from packit_sim.parts.requirements import Requirements, ways_in
 from packit_sim.parts.turning import place_in_words, turn_in_words, way_in_words
-from packit_sim.placement import PosedItem
 from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
 from packit_sim.render.image_files import RGBImage

@@ -10,6 +10,7 @@ import numpy as np
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.poses import Pose
 from packit_sim.media import films, video
 from packit_sim.nesting.packing import Packing
@@ -17,7 +18,6 @@ from packit_sim.parts.part_sweeps import AXES, PartSweeps
 from packit_sim.parts.posed_parts import contents
 from packit_sim.parts.removal import Route
 from packit_sim.parts.requirements import Requirements, ways_in
-from packit_sim.placement import PosedItem
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import DEFAULT_LOOK
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
-from packit_sim.placement import PosedItem
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.items import triangles
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import Contents, ItemInBox, PosedItem, triangles
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
@@ -20,7 +20,6 @@ from packit_sim.physics.convex.fitting import Part, fitted
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS_AND_FLOOR, World
-from packit_sim.placement import Contents, ItemInBox, PosedItem
 
 _CHECK_STEPS = 10
 """Time steps between two checks of the speeds."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import Settled, settle, settle_each
-from packit_sim.placement import Contents, ItemInBox
 
 
 @dataclass(frozen=True, eq=False)

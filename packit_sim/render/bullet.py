@@ -25,10 +25,10 @@ import trimesh
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
+from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.obj_text import UNIT, convex_pieces, drawn, objects
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import ItemInBox
 from packit_sim.render.coloring import Color
 from packit_sim.render.worlds import AMBIENT, DIFFUSE, LIGHT, Pixels, View
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import ItemInBox, PosedItem
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import ItemInBox, PosedItem
 
 ITEM_GAP = 0.06
 """Gap in box units between neighbouring items, and between them and the box."""

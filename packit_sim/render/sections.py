@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
-from packit_sim.placement import PlacedItem
 from packit_sim.render.looks import Cut
 
 

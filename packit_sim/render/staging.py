@@ -9,8 +9,8 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.core.errors import RenderError
+from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.poses import Pose
-from packit_sim.placement import ItemInBox, PlacedItem
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.layouts import Layout

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.errors import MeshError
+from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 from packit_sim.media.export import names
-from packit_sim.placement import ItemInBox
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 
 TRIANGLES = 1500

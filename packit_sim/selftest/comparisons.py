@@ -10,11 +10,11 @@ import numpy as np
 from packit_sim.core import caches
 from packit_sim.core.counters import counters
 from packit_sim.engine import insertion, nofit
-from packit_sim.engine.feasibility import ORIGIN, Mask, fits, is_inside
-from packit_sim.engine.items import BoxState, PlacedItem
+from packit_sim.engine.feasibility import Mask, fits, is_inside
 from packit_sim.engine.oracle import conflicts, oracle
 from packit_sim.geometry import rotations
-from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.items import BoxState, PlacedItem
+from packit_sim.geometry.lattice import ORIGIN, STEP, Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.selftest import motion, volumes
 from packit_sim.selftest.cases import Case, locations_inside

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from packit_sim.engine.collision import LooseMesh
-from packit_sim.engine.items import PlacedItem
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE, Triple
 from packit_sim.geometry.shapes import Item
 

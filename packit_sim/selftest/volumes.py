@@ -7,7 +7,7 @@ import importlib.util
 import numpy as np
 import trimesh
 
-from packit_sim.engine.items import PlacedItem
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 
 DEPTH = float(np.sqrt(3)) * CONTACT_TOLERANCE

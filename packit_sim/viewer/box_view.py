@@ -10,9 +10,9 @@ import numpy as np
 import trimesh
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.poses import UPRIGHT, Pose
-from packit_sim.placement import Contents, ItemInBox, PlacedItem
 from packit_sim.render.coloring import Color, by_item
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from packit_sim.core.web_origins import LOOPBACK
+from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.geometry.lattice import Triple
-from packit_sim.placement import Contents, ItemInBox
 from packit_sim.viewer.box_view import BoxView, corners
 from packit_sim.viewer.web_page import WebPage
 
