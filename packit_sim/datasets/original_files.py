@@ -19,10 +19,10 @@ from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError, located
-from packit_sim.datasets.pack_files import read_bytes
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
+from packit_sim.libraries.data_files import read_bytes
 
 SMALLEST, LARGEST = CELL, 1.75
 """Range of linear factors: a diagonal of one cell, and a little more than the box's diagonal."""

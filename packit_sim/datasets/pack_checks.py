@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.check_reports import named
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import Pack
@@ -221,8 +222,3 @@ def _earlier(
         else:
             return at.location
     return None
-
-
-def named(number: int, name: str) -> str:
-    """Name an item in a problem."""
-    return f"item {number} ({name!r})"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from packit_sim.core.errors import LibraryError, PackFormatError, located
 from packit_sim.datasets.manifests import Manifest, find_manifest, write_described
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.libraries.data_files import numbered_lines, read_bytes
 from packit_sim.libraries.library import ShapeLibrary, assets_folder, builtin_names
-from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 from packit_sim.libraries.splits import SPLITS
 
 STARTER_PACKS = "starter"
@@ -320,25 +320,3 @@ def read_packs(path: Path | str) -> list[Pack]:
             for pack in packs
         ]
     return packs
-
-
-def read_bytes(path: Path) -> bytes:
-    """Read a file, or raise PackFormatError; a mesh file is refused by its name."""
-    if path.suffix.lower() in MESH_SUFFIXES and path.is_file():
-        raise PackFormatError(
-            f"{path} is a mesh file, not a dataset: datasets are .jsonl files, or folders of such; "
-            "`packit generate --library FOLDER` makes one of a folder of meshes, and "
-            "`packit pack` packs meshes at their real sizes"
-        )
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        problem = error.strerror if isinstance(error, OSError) else error
-        raise PackFormatError(f"packs can't be read from {path}: {problem}") from None
-
-
-def numbered_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines that are not blank, with their numbers from 1."""
-    for number, line in enumerate(data.split(b"\n"), start=1):
-        if line.strip():
-            yield number, line

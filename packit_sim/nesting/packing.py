@@ -9,10 +9,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from packit_sim.core.check_reports import named
 from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.sums import plain_sum
-from packit_sim.datasets.pack_checks import named
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer

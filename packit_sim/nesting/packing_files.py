@@ -13,13 +13,12 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
+from packit_sim.core.check_reports import Problem, Report, named
 from packit_sim.core.errors import MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
-from packit_sim.datasets.pack_checks import named
-from packit_sim.datasets.pack_files import read_bytes
-from packit_sim.datasets.verification import Problem, Report
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.libraries.data_files import read_bytes
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.pack_files import read_bytes
+from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.units import check_unit
 
 MANIFESTS = (".csv", ".json")
