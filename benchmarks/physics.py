@@ -44,7 +44,7 @@ from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
 from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.layouts import Layout
-from packit_sim.scene import Scene
+from packit_sim.render.scene import Scene
 
 _T = TypeVar("_T")
 
