@@ -31,10 +31,10 @@ from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.provenance import RETURN_SLACK
-from packit_sim.datasets.rules import Rules
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.paper.reproduction import HEURISTIC
 from packit_sim.render import plots
+from packit_sim.rules import Rules
 
 RANDOM = "random/aligned/blbf"
 BEAMS = "+beam=4"

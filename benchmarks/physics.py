@@ -29,14 +29,14 @@ from packit_sim import Pack, Shape, ShapeLibrary, read_packs
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import dataset_file
-from packit_sim.physics.compaction import compact, drops
+from packit_sim.engine.compaction import compact, drops
+from packit_sim.engine.disassembly import disassemble
 from packit_sim.physics.convex.decomposition import (
     Decomposition,
     decompose,
     decompose_all,
     decompose_anew,
 )
-from packit_sim.physics.disassembly import disassemble
 from packit_sim.physics.penetration import penetrations, wall_penetrations
 from packit_sim.physics.quality import FLOATING_HEIGHT
 from packit_sim.physics.settings import PhysicsSettings
@@ -44,7 +44,7 @@ from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
 from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.layouts import Layout
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 _T = TypeVar("_T")
 

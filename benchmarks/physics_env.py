@@ -31,12 +31,12 @@ from packit_sim import Agent, ShapeLibrary, Task
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.rules import Rules
 from packit_sim.envs.env import PackItEnv
 from packit_sim.game.episode import Episode
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
-from packit_sim.render.scene import Scene
+from packit_sim.rules import Rules
+from packit_sim.scene import Scene
 
 AGENTS = (
     "largest-first/aligned/blbf",

@@ -31,7 +31,7 @@ from benchmarks.common import (
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.render import renderers
 from packit_sim.render.looks import Cut, Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 ITEMS, SEED = 20, 0
 AIM = 80.0

@@ -47,8 +47,9 @@ MODULES = (
     *(f"packit_sim/geometry/{name}.py" for name in (*_GEOMETRY, "word_kernels")),
     *(f"packit_sim/engine/{name}.py" for name in _ENGINE),
     "packit_sim/box.py",
-    *(f"packit_sim/datasets/{name}.py" for name in ("packs", "pack_files", "pack_checks", "rules")),
+    *(f"packit_sim/datasets/{name}.py" for name in ("packs", "pack_files", "pack_checks")),
     "packit_sim/evaluation/results.py",
+    "packit_sim/rules.py",
 )
 """The modules that are mutated. `packit_sim/placement.py` only names others' functions."""
 

@@ -44,7 +44,7 @@ from packit_sim.envs.task_source import FRESH
 from packit_sim.libraries.splits import SPLITS
 from packit_sim.render import plots
 from packit_sim.render.renderers import RENDERER_VARIABLE
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 with quiet():  # it prints its build time
     import pybullet

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from packit_sim.datasets.pack_files import write_packs as write_packs
     from packit_sim.datasets.packs import Pack as Pack
     from packit_sim.datasets.packs import Task as Task
-    from packit_sim.datasets.rules import Rules as Rules
     from packit_sim.envs.env import PackItEnv as PackItEnv
     from packit_sim.envs.vector import PackItVectorEnv as PackItVectorEnv
     from packit_sim.evaluation.evaluation import Score as Score
@@ -65,7 +64,8 @@ if TYPE_CHECKING:
     from packit_sim.render.layouts import Layout as Layout
     from packit_sim.render.looks import Cut as Cut
     from packit_sim.render.looks import Look as Look
-    from packit_sim.render.scene import Scene as Scene
+    from packit_sim.rules import Rules as Rules
+    from packit_sim.scene import Scene as Scene
 
 _HOMES = {
     "box": ("Box",),
@@ -75,7 +75,6 @@ _HOMES = {
     "datasets.pack_checks": ("verify",),
     "datasets.pack_files": ("dataset_file", "load_tasks", "read_packs", "write_packs"),
     "datasets.packs": ("Pack", "Task"),
-    "datasets.rules": ("Rules",),
     "envs.env": ("PackItEnv",),
     "envs.vector": ("PackItVectorEnv",),
     "evaluation.evaluation": ("Score", "compare", "evaluate", "evaluate_batched", "play"),
@@ -105,7 +104,8 @@ _HOMES = {
     "render.coloring": ("ByNumber", "by_order"),
     "render.layouts": ("Layout",),
     "render.looks": ("Cut", "Look"),
-    "render.scene": ("Scene",),
+    "rules": ("Rules",),
+    "scene": ("Scene",),
 }
 """The modules of the public names, below `packit_sim`; the same as above."""
 

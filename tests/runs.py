@@ -21,9 +21,9 @@ from packit_sim.cli.app import app, main
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import Played
-from packit_sim.datasets.rules import PACKIT, End, Rules
 from packit_sim.evaluation.results import Rollout, write_results
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, End, Rules
 
 
 @cache

@@ -14,7 +14,7 @@ from packit_sim.datasets.pack_files import read_packs
 from packit_sim.evaluation.results import read_results
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 from tests.runs import run_packit as packit
 
 SMALL = ("--pool", "6", "--generations", "1")

@@ -17,10 +17,10 @@ from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.pack_files import write_packs
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.compaction import GAP, Compacted, compact, drops
 from packit_sim.engine.sweeping import surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
-from packit_sim.physics.compaction import GAP, Compacted, compact, drops
 from tests.examples import examples
 from tests.runs import rollout
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item

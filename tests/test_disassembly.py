@@ -13,10 +13,10 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.disassembly import disassemble, find_route
 from packit_sim.engine.sweeping import Axis, cyclic, free_distance, least_rise_oracle, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.physics.disassembly import disassemble, find_route
 from packit_sim.placement import PlacedItem
 from tests.examples import examples
 from tests.zoo import BALL, BOWL, RING, ZOO, cube_of

@@ -19,13 +19,13 @@ from packit_sim.core.counters import counted_by
 from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.datasets.pack_files import load_tasks, write_packs
 from packit_sim.datasets.packs import Pack, Task
-from packit_sim.datasets.rules import Rules
 from packit_sim.engine import insertion
 from packit_sim.envs.env import PackItEnv
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Stage
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 from tests.zoo import cube_of
 
 

@@ -9,12 +9,12 @@ from trimesh import creation
 from packit_agents import BLBF, Aligned, LargestFirst, RandomLocation, RandomRotation, RandomShape
 from packit_sim.core.confidence import Estimate
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.datasets.rules import End
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, evaluate, play
 from packit_sim.game.agents import Agent, Policy, UnknownPolicyError, policy_names
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.rules import End
 from tests.zoo import BALL, RING, ZOO, cube_of
 
 SLAB = Shape.from_mesh(creation.box((1, 0.7, 0.05)), "slab")

@@ -17,7 +17,6 @@ from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_checks import verify
 from packit_sim.datasets.pack_files import load_tasks, read_packs
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import Rules
 from packit_sim.evaluation import evaluation
 from packit_sim.evaluation.evaluation import Score, compare, evaluate
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
@@ -25,6 +24,7 @@ from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.paper import reproduction
 from packit_sim.paper.reproduction import TABLES, markdown, reproduced
+from packit_sim.rules import Rules
 from tests.runs import packit
 
 NAMES = ("largest-first/aligned/blbf", "random/random/random", "random/aligned/blbf+backtrack=3")

@@ -23,7 +23,6 @@ from packit_sim.core.errors import PackItError
 from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
 from packit_sim.datasets.packs import ItemRecord, Pack, PackedItem
 from packit_sim.datasets.provenance import Other, Played
-from packit_sim.datasets.rules import End
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.explorer import panels
 from packit_sim.explorer.collection import PackCollection
@@ -35,6 +34,7 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
+from packit_sim.rules import End
 from packit_sim.viewer.box_view import corners, reach
 from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
 from packit_sim.viewer.web_page import _look, _view

@@ -17,7 +17,6 @@ from packit_agents.heuristics.contacts import Neighbours, by_contacts
 from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, space_below
 from packit_sim.box import Box
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.datasets.rules import End, Rules
 from packit_sim.game.agents import load_policy
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
@@ -25,6 +24,7 @@ from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import Mask
+from packit_sim.rules import End, Rules
 from tests.examples import examples
 from tests.zoo import RING, ZOO, cube_of, fill, random_item
 

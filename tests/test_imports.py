@@ -22,7 +22,7 @@ ABSENT = {
     *("torch", "typer", "viser"),
     *("packit_sim.cli", "packit_sim.explorer", "packit_sim.media", "packit_sim.paper"),
     "packit_sim.workbench",
-    *("packit_sim.render", "packit_sim.reports", "packit_sim.viewer"),
+    *("packit_sim.render", "packit_sim.reports", "packit_sim.scene", "packit_sim.viewer"),
 }
 
 SETTINGS = {"packit_sim.physics", "packit_sim.physics.settings"}
@@ -44,7 +44,7 @@ def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -
 
 def test_the_scene_loads_pybullet_when_it_first_needs_it() -> None:
     code = (
-        "import json, sys, packit_sim.render.scene, packit_sim.physics.settling_box;"
+        "import json, sys, packit_sim.scene, packit_sim.physics.settling_box;"
         "print(json.dumps(sorted(sys.modules)))"
     )
     assert "pybullet" not in modules_after(code)

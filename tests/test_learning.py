@@ -40,7 +40,6 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import load_tasks, write_packs
 from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack
-from packit_sim.datasets.rules import End, Rules
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.features import CubeMeans
 from packit_sim.envs.observations import PLACEMENT_FEATURES
@@ -55,6 +54,7 @@ from packit_sim.geometry.rotations import turn_array
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.rules import End, Rules
 from tests.zoo import cube_of
 
 SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=2)

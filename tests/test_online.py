@@ -24,7 +24,6 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.pack_files import load_tasks, read_packs
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.play_checks import play_problems
-from packit_sim.datasets.rules import End, Rules
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
 from packit_sim.envs.observations import OBSERVERS
@@ -36,6 +35,7 @@ from packit_sim.generation.sequences import SequenceSampler
 from packit_sim.geometry.polycubes import polycube
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import End, Rules
 from scripts.build_blockout import CELL_CM, SHAPES
 from tests.doc_pages import DOCS
 from tests.runs import packit

@@ -17,11 +17,11 @@ from trimesh import creation
 from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.original import Original, read_original
 from packit_sim.datasets.provenance import FromOriginal
-from packit_sim.datasets.rules import End
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.evaluation import play
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import End
 
 MUG, CHAIR = "03797390", "03001627"
 HALF = 0.5**0.5

@@ -22,7 +22,6 @@ from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatErr
 from packit_sim.datasets.pack_checks import verify
 from packit_sim.datasets.pack_files import write_packs
 from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
-from packit_sim.datasets.rules import End, Rules
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
@@ -38,6 +37,7 @@ from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle
 from packit_sim.reports.examples import gallery
 from packit_sim.reports.runs import Runs
+from packit_sim.rules import End, Rules
 from packit_sim.viewer.viewer import Viewer
 from tests.runs import packit
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of

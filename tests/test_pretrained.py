@@ -19,10 +19,10 @@ from packit_agents.learning.weights import read_weights
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import Rules
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "assets" / "weights"

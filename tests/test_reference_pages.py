@@ -16,7 +16,6 @@ from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
 from packit_sim.datasets import packs, provenance
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.datasets.rules import End
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
 from packit_sim.geometry.quantized import QuantizedMesh
@@ -25,6 +24,7 @@ from packit_sim.libraries.library import ShapeLibrary, assets_folder
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.nesting import instances, packing_files
 from packit_sim.physics.quality import QualityScores
+from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
 
 FILES = DOCS / "reference" / "files.md"

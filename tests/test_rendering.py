@@ -25,9 +25,9 @@ from packit_sim.render.cameras import CAMERAS, FRONT, TOP, Camera, turntable
 from packit_sim.render.coloring import ByNumber, ByShare, by_order
 from packit_sim.render.layouts import ITEM_GAP, Layout
 from packit_sim.render.looks import BACKGROUND, Cut, Look
-from packit_sim.render.scene import Scene
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.render.software import SoftwareWorld
+from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, RING, ZOO, cube_of
 
 pytestmark = pytest.mark.usefixtures("software")
@@ -230,7 +230,7 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) ->
 def test_a_world_is_replaced_before_it_has_too_many_sections(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.render.scene._MAX_SECTIONS", 6000)
+    monkeypatch.setattr("packit_sim.scene._MAX_SECTIONS", 6000)
     box = Box()
     box.place(Item(BALL, 0.1), (5, 5, 0))
     with Scene(box) as scene:
@@ -384,7 +384,7 @@ HERE = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(Path(__file__).parents[1])}
 )
 def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: Path) -> None:
     code = (
-        "from packit_sim.box import Box; from packit_sim.render.scene import Scene\n"
+        "from packit_sim.box import Box; from packit_sim.scene import Scene\n"
         "with Scene(Box()) as scene: print(scene.snapshot(32, 32).renderer)"
     )
     home = {"HOME": str(tmp_path)}

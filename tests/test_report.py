@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.rules import Rules
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.learning_curves import CurveError, TrainingRecord
 from packit_sim.evaluation.results import write_results
@@ -24,6 +23,7 @@ from packit_sim.reports.examples import SOLUTION, Example, extremes, gallery
 from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
+from packit_sim.rules import Rules
 from tests.runs import everyday, packit, results, rollout, tasks, training
 
 GOOD, BAD = "largest-first/aligned/blbf", "random/random/<b>&random"

@@ -9,9 +9,9 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.rules import PACKIT, Rules
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
+from packit_sim.rules import PACKIT, Rules
 
 WORLD = PhysicsSettings(friction=0.7, decomposition=DecompositionSettings(method="bisection"))
 

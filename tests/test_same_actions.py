@@ -14,10 +14,10 @@ import pytest
 from packit_sim.core import caches
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import Rules
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import Rules
 
 RECORD = Path(__file__).parent / "references" / "actions.json"
 

@@ -25,7 +25,7 @@ from packit_sim.placement import BoxState, PosedItem
 from packit_sim.render import bullet, renderers
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 pytestmark = pytest.mark.usefixtures("software")
@@ -154,7 +154,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
 ) -> None:
     with Scene(three_items()) as scene:
         world = scene._world
-        monkeypatch.setattr("packit_sim.render.scene._MAX_SHAPES", 2)
+        monkeypatch.setattr("packit_sim.scene._MAX_SHAPES", 2)
         box = Box((60, 80, 100))
         box.place(cube_of(20), (5, 5, 0))
         scene.update(box)
@@ -165,7 +165,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
 def test_a_world_is_replaced_before_it_has_too_many_triangles(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.render.scene._MAX_TRIANGLES", 6000)
+    monkeypatch.setattr("packit_sim.scene._MAX_TRIANGLES", 6000)
     with Scene(Box()) as scene:
         for scale in (0.1, 0.11, 0.12, 0.13):
             box = Box()
@@ -365,7 +365,7 @@ def test_without_pybullet_pictures_are_drawn_and_contacts_name_the_extra(
 
 def test_nothing_on_the_terminal(tmp_path: Path) -> None:
     code = (
-        "from packit_sim.box import Box; from packit_sim.render.scene import Scene\n"
+        "from packit_sim.box import Box; from packit_sim.scene import Scene\n"
         "print('before'); scene = Scene(Box()); scene.snapshot(32, 32); scene.penetrations()\n"
         "scene.close(); Scene(Box()); kept = Scene(Box()); print('after')"
     )

@@ -28,7 +28,7 @@ from packit_sim.physics.stability import stability
 from packit_sim.physics.world import World
 from packit_sim.placement import BoxState
 from packit_sim.render.layouts import Layout
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 from tests.zoo import BALL, BOWL, ZOO, cube_of, fill, random_item
 
 SETTINGS = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))

@@ -8,9 +8,9 @@ import numpy as np
 
 from benchmarks.peers.posed import Posed
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import End
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode, Stage
+from packit_sim.rules import End
 
 SEED = 0
 

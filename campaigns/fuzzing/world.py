@@ -26,10 +26,10 @@ from packit_sim.datasets.provenance import (
     Provenance,
     Sampled,
 )
-from packit_sim.datasets.rules import End
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import End
 
 SHAPES = {
     "box/model0": creation.box((1, 2, 3)),

@@ -21,7 +21,7 @@ from packit_sim.datasets.packs import Pack
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 DEMO_SEED = 7
 """A seed whose pool contains few slender shapes, so that the box gets full."""

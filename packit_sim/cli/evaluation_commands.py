@@ -32,7 +32,6 @@ from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import PACKIT, RotationSet, Rules
 from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
 from packit_sim.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.evaluation.results import Rollout, read_results
@@ -40,6 +39,7 @@ from packit_sim.game.agents import Agent
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
+from packit_sim.rules import PACKIT, RotationSet, Rules
 
 HEURISTICS = tuple(
     "/".join(parts)

@@ -21,6 +21,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+import packit_sim
 from packit_sim.core import compilation
 from packit_sim.core.extras import EXTRAS
 from packit_sim.core.version import __version__
@@ -252,7 +253,7 @@ def _caches() -> list[Check]:
             "set NUMBA_CACHE_DIR to a folder that is writable",
         )
     else:
-        package = Path(__file__).parents[1]
+        package = Path(packit_sim.__file__).parent
         root = package if kernels.is_relative_to(package) else kernels.parent
         first = Check("compiled engine", "ok", _content(root, "*.nb[ci]"))
     folder = cache_folder()

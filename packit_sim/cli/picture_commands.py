@@ -39,7 +39,7 @@ from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.layouts import Layout
 from packit_sim.render.legends import add_legend
 from packit_sim.render.looks import BACKGROUND, RGB, BoxStyle, Cut, Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 USUAL_BACKGROUND = f"#{bytes(BACKGROUND).hex()}"
 

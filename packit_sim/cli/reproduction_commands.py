@@ -31,13 +31,13 @@ from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs
 from packit_sim.datasets.packs import LibraryRef, Task
 from packit_sim.datasets.provenance import Evolved
-from packit_sim.datasets.rules import PACKIT, Rules
 from packit_sim.evaluation.results import Rollout
 from packit_sim.game.agents import Agent
 from packit_sim.libraries.splits import Split
 from packit_sim.paper import hardness, portfolio
 from packit_sim.paper.reproduction import HEURISTIC, TABLES, draw, markdown, reproduced, to_json
 from packit_sim.render import plots
+from packit_sim.rules import PACKIT, Rules
 
 BENCHMARK = "everyday-v1"
 """The dataset of the benchmark."""

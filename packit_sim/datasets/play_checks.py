@@ -11,10 +11,10 @@ from itertools import pairwise
 from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.packs import ItemRecord, Pack, arrival_order, task_digest
 from packit_sim.datasets.provenance import RETURN_SLACK, Played
-from packit_sim.datasets.rules import End
 from packit_sim.engine.insertion import is_clear
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
+from packit_sim.rules import End
 
 Facts = tuple[tuple[str, float], ...]
 """The shape and scale of each item of a task, sorted."""

@@ -9,10 +9,10 @@ from msgspec import Meta, Struct, field
 
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.rules import PACKIT, End, Rules
 from packit_sim.geometry import rotations
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.settings import Method
+from packit_sim.rules import PACKIT, End, Rules
 
 RETURN_SLACK = 1e-9
 """Tolerance of returns for the rounding of sums."""

@@ -22,7 +22,6 @@ from packit_sim.core.errors import ArgumentError, StateError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.pack_files import STARTER_PACKS
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import PACKIT, Rules
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
 from packit_sim.game.agents import Policy, load_policy
@@ -30,9 +29,10 @@ from packit_sim.game.episode import Episode, Stage, State, ordered, stages
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, Rules
 
 if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
-    from packit_sim.render.scene import Look, Scene
+    from packit_sim.scene import Look, Scene
     from packit_sim.viewer.viewer import Viewer
 
 MAX_SHAPES = 50
@@ -338,7 +338,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             return None
         box = self.episode.box
         if self._scene is None:
-            from packit_sim.render.scene import Scene
+            from packit_sim.scene import Scene
 
             self._scene = Scene(box)
         self._scene.update(box)

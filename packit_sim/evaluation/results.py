@@ -21,9 +21,9 @@ from packit_sim.datasets.pack_files import read_packs, write_packs
 from packit_sim.datasets.packs import ItemRecord, Pack, Task
 from packit_sim.datasets.play_checks import play_problems, task_of
 from packit_sim.datasets.provenance import Improvement, Played
-from packit_sim.datasets.rules import End, Rules
 from packit_sim.game.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import End, Rules
 
 CHECKPOINT_SECONDS = 5.0
 """The interval at which new results are written: if the process is killed, later ones are lost."""

@@ -14,12 +14,12 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.datasets.pack_files import dataset_file, dataset_library, read_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Densified, Evolved, Played
-from packit_sim.datasets.rules import PACKIT, Rules
 from packit_sim.evaluation.results import ResultsError, Rollout
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, Rules
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
-from packit_sim.datasets.rules import PACKIT, End, Rules
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask
+from packit_sim.rules import PACKIT, End, Rules
 
 
 class Stage(enum.IntEnum):

@@ -21,7 +21,7 @@ from packit_sim.render.cameras import Camera
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png
 from packit_sim.render.lettering import ELLIPSIS, font_of, line_height, lines_of, plain, shortened
 from packit_sim.render.looks import BACKGROUND, Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 MIN_SIDE = 16
 """The smallest side of a shape's picture, in pixels."""

@@ -19,7 +19,7 @@ from packit_sim.render.cameras import turntable
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import ITEM_GAP, Layout
 from packit_sim.render.looks import DEFAULT_LOOK, Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 Frame = tuple[Look, Layout | None]
 """How a box is shown in one frame of a film."""

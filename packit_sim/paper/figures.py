@@ -29,7 +29,7 @@ from packit_sim.render.coloring import COLORINGS, UNKNOWN_COLOR, Color, Colors
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look
 from packit_sim.render.rendering import Snapshot
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 _WHITE = Look(background=(255, 255, 255))
 _CHOSEN: Color = (0.84, 0.37, 0.00)

@@ -16,7 +16,7 @@ from packit_sim.nesting.placements import Placement
 from packit_sim.parts.posed_parts import PosedContents, contents
 from packit_sim.render.coloring import UNKNOWN_COLOR, Colors, by_item
 from packit_sim.render.looks import Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 _CELLS = range(100, 129)
 """How many cells the longest side may have."""

@@ -27,7 +27,7 @@ from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.looks import RGB, Look
-from packit_sim.render.scene import Scene
+from packit_sim.scene import Scene
 
 WHITE: RGB = (255, 255, 255)
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.sums import plain_sum
+from packit_sim.engine.compaction import Compacted, compact, drops
+from packit_sim.engine.disassembly import MOVES, Disassembly, disassemble, insertion_routes, share
 from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, STEP
-from packit_sim.physics.compaction import Compacted, compact, drops
-from packit_sim.physics.disassembly import MOVES, Disassembly, disassemble, insertion_routes, share
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import Stability, stability, stable_share

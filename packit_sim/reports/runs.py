@@ -10,9 +10,9 @@ from pathlib import Path
 from statistics import mean
 
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.rules import Rules
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.evaluation.results import Rollout, read_results
+from packit_sim.rules import Rules
 
 
 class ReportError(PackItError, ValueError):

@@ -12,7 +12,7 @@ from packit_agents.learning.networks import NetworkSettings
 from packit_sim.core import typed_json
 from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.rules import PACKIT, Rules
+from packit_sim.rules import PACKIT, Rules
 
 Observed = Literal["features", "placement-features"]
 

@@ -17,7 +17,7 @@ from torch import nn
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_sim.core.errors import PackItError
 from packit_sim.core.files import replacing
-from packit_sim.datasets.rules import Rules
+from packit_sim.rules import Rules
 
 FORMAT = "packit-network"
 VERSION = 2

@@ -6,9 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from packit_sim.datasets.rules import End
 from packit_sim.game.agents import Agent, OnProgress, Scored, UnknownPolicyError
 from packit_sim.game.episode import Episode, Stage, State
+from packit_sim.rules import End
 
 
 def proposals(

@@ -1,8 +1,8 @@
 """Routes into and out of a packed box: straight moves along the axes, one after another.
 
 An item that can be removed can be inserted, by the reversed route. Each move is checked exactly
-over its whole length (see `engine.sweeping`); moves meet at grid locations, and the last one goes
-up and out (see `engine.insertion`). Items are not rotated, and only one of them moves at a time.
+over its whole length (see `sweeping`); moves meet at grid locations, and the last one goes up and
+out (see `insertion`). Items are not rotated, and only one of them moves at a time.
 """
 
 from __future__ import annotations

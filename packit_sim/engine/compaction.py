@@ -2,7 +2,7 @@
 
 The items of a pack are at grid nodes, so that there may be a gap of up to a grid step below each of
 them. Compaction takes them off the grid: every move is straight and ends exactly where the meshes
-meet (see `engine.sweeping`).
+meet (see `sweeping`).
 """
 
 from __future__ import annotations
