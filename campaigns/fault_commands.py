@@ -19,7 +19,8 @@ from packit_agents.learning.checkpoints import read_checkpoint
 from packit_agents.learning.weights import read_weights
 from packit_sim.cli.app import main
 from packit_sim.datasets.pack_files import dataset_file, read_packs
-from packit_sim.evaluation import results
+from packit_sim.evaluation import results_store
+from packit_sim.evaluation.results import read_results
 from packit_sim.generation import jobs
 from packit_sim.libraries import importer
 from packit_sim.libraries.library import ShapeLibrary
@@ -90,7 +91,7 @@ def make_quick() -> None:
     New processes for the meshes would take seconds to start.
     """
     torch.set_num_threads(1)
-    for module in (jobs, results, training):
+    for module in (jobs, results_store, training):
         vars(module)["CHECKPOINT_SECONDS"] = -1.0
     fork = multiprocessing.get_context("fork")
     forking = SimpleNamespace(get_context=lambda method: fork)
@@ -105,7 +106,7 @@ def _check_packs(folder: Path, whole: Path) -> None:
 
 def _check_results(folder: Path, whole: Path) -> None:
     """Results: the first two, which were there before, or more."""
-    found, wanted = (results.read_results(each / "res.jsonl") for each in (folder, whole))
+    found, wanted = (read_results(each / "res.jsonl") for each in (folder, whole))
     lost = [rollout for rollout in wanted[:2] if rollout not in found]
     assert not lost and all(rollout in wanted for rollout in found), "results are lost"
 
@@ -138,8 +139,8 @@ def _check_reproduction(folder: Path, whole: Path) -> None:
     made = folder / "rep"
     file = made / "evolution.jsonl"
     if file.exists():
-        wanted = results.read_results(whole / "rep" / "evolution.jsonl")
-        assert all(rollout in wanted for rollout in results.read_results(file))
+        wanted = read_results(whole / "rep" / "evolution.jsonl")
+        assert all(rollout in wanted for rollout in read_results(file))
     for file in made.glob("*.json"):
         assert json.loads(file.read_text())
     for file in made.glob("*.md"):

@@ -84,11 +84,11 @@ def test_an_evaluation_that_was_killed_resumes(agents, tasks, rollouts, tmp_path
     file = tmp_path / "results.jsonl"
     script = (
         "from packit_sim import ShapeLibrary\n"
-        "from packit_sim.evaluation import evaluation, results\n"
+        "from packit_sim.evaluation import evaluation, results_store\n"
         "from packit_sim.datasets.pack_files import load_tasks\n"
         "from packit_sim.game.agents import Agent\n"
         "from pathlib import Path\n"
-        "results.CHECKPOINT_SECONDS = 0\n"
+        "results_store.CHECKPOINT_SECONDS = 0\n"
         f"agents = [Agent.from_name(name) for name in {NAMES!r}]\n"
         "tasks = load_tasks('starter', ShapeLibrary.open('everyday'))[:3]\n"
         f"evaluation.evaluate(agents, tasks, 2, file=Path({str(file)!r}))\n"

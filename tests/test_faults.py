@@ -11,7 +11,8 @@ import pytest
 
 from campaigns import injector
 from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.evaluation.results import opened, read_results, write_results
+from packit_sim.evaluation.results import read_results, write_results
+from packit_sim.evaluation.results_store import opened
 from tests.runs import run_packit
 
 EVALUATE = [

@@ -14,7 +14,7 @@ from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.files import claimed
 from packit_sim.core.parallel import Workers
 from packit_sim.datasets.pack_files import write_packs
-from packit_sim.evaluation import judging, results
+from packit_sim.evaluation import judging, results_store
 from packit_sim.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.physics.convex import decomposition, disk_cache
@@ -95,7 +95,7 @@ def test_what_is_judged_is_not_judged_again(played, judged, tmp_path, monkeypatc
     judge(read_results(other), everyday(), "bisection", file=other)
     assert other.read_bytes() == before
     monkeypatch.setattr(judging, "_judged", None)
-    monkeypatch.setattr(results, "write_results", None)
+    monkeypatch.setattr(results_store, "write_results", None)
     assert judge(judged, everyday(), "bisection", file=file) == judged
     assert file.read_bytes() == before and list(tmp_path.glob(".*")) == []
 
@@ -103,7 +103,7 @@ def test_what_is_judged_is_not_judged_again(played, judged, tmp_path, monkeypatc
 def test_a_stop_keeps_what_was_judged(played, judged, tmp_path, monkeypatch) -> None:
     file = tmp_path / "results.jsonl"
     write_results(file, played)
-    monkeypatch.setattr(results, "CHECKPOINT_SECONDS", -1.0)
+    monkeypatch.setattr(results_store, "CHECKPOINT_SECONDS", -1.0)
     begun: list[Rollout] = []
 
     def stop(one: Rollout) -> None:

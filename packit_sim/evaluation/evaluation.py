@@ -20,7 +20,8 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.envs.observations import Observation
-from packit_sim.evaluation.results import ResultsError, Rollout, check_same, opened
+from packit_sim.evaluation.results import ResultsError, Rollout
+from packit_sim.evaluation.results_store import check_same, opened
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode
 from packit_sim.rules import PACKIT, Rules

@@ -12,7 +12,8 @@ from msgspec import structs
 
 from packit_sim.core.parallel import Workers
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.evaluation.results import ResultsError, Rollout, opened
+from packit_sim.evaluation.results import ResultsError, Rollout
+from packit_sim.evaluation.results_store import opened
 from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
