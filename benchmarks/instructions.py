@@ -27,7 +27,7 @@ from rich.table import Table
 from benchmarks.common import PAIR_CACHES, argument_parser, write_json
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.core import caches
-from packit_sim.engine.collision import collision_mesh
+from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
 
 TIMES = 20

@@ -35,7 +35,7 @@ from benchmarks.pools import DENSITY, Pool, prepare
 from packit_sim import EvolutionSettings, ShapeLibrary, placement
 from packit_sim.core import caches
 from packit_sim.core.counters import Counters, counters
-from packit_sim.engine.collision import collision_mesh
+from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
 from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
 from packit_sim.generation.pack_creator import PackCreator

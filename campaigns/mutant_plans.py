@@ -26,10 +26,12 @@ _OWN = {
     "feasibility": ("placement", "nofit"),
     "screening": ("placement", "nofit"),
     "collision": ("placement", "containment"),
+    "collision_meshes": ("placement", "containment"),
     "occupancy": ("off_grid", "box", "placement"),
     "pack_files": ("packs", "verification"),
     "pack_checks": ("verification",),
     "results": ("evaluation", "forged_results", "manifests"),
+    "results_store": ("evaluation", "manifests"),
 }
 """Names of test files for modules that have no file of the same name."""
 

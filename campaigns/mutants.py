@@ -40,15 +40,15 @@ JUDGED = RESULTS.with_name("mutants_judged.json")
 
 _GEOMETRY = ("rotations", "voxels", "voxelization", "voxel_kernels", "voxelization_kernels")
 _ENGINE = (
-    *("feasibility", "screening", "screening_kernels", "collision", "nofit", "occupancy"),
-    *("occupancy_kernels", "oracle", "containment", "containment_kernels"),
+    *("feasibility", "screening", "screening_kernels", "collision", "collision_meshes"),
+    *("nofit", "occupancy", "occupancy_kernels", "oracle", "containment", "containment_kernels"),
 )
 MODULES = (
     *(f"packit_sim/geometry/{name}.py" for name in (*_GEOMETRY, "word_kernels")),
     *(f"packit_sim/engine/{name}.py" for name in _ENGINE),
     "packit_sim/box.py",
     *(f"packit_sim/datasets/{name}.py" for name in ("packs", "pack_files", "pack_checks")),
-    "packit_sim/evaluation/results.py",
+    *(f"packit_sim/evaluation/{name}.py" for name in ("results", "results_store")),
     "packit_sim/rules.py",
 )
 """The modules that are mutated. `packit_sim/placement.py` only names others' functions."""

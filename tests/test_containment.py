@@ -9,7 +9,8 @@ from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import insertion, nofit
-from packit_sim.engine.collision import CollisionMesh, collides, contains
+from packit_sim.engine.collision import collides, contains
+from packit_sim.engine.collision_meshes import CollisionMesh
 from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.engine.nofit import MEETINGS
 from packit_sim.engine.occupancy import Occupancy

@@ -5,13 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from packit_sim.engine.collision import (
-    collides,
-    collision_mesh,
-    contains,
-    surfaces_conflict,
-    surfaces_conflicts,
-)
+from packit_sim.engine.collision import collides, contains, surfaces_conflict, surfaces_conflicts
+from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE, relation
 from packit_sim.engine.pairs import Pair, matrix, relative_turn
 from packit_sim.geometry import rotations

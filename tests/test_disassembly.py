@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.box import Box
-from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.engine.disassembly import disassemble, find_route
 from packit_sim.engine.sweeping import Axis, cyclic, free_distance, least_rise_oracle, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple

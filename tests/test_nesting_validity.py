@@ -13,7 +13,7 @@ from trimesh import creation
 
 from packit_sim import Item, ShapeLibrary
 from packit_sim.core.errors import ArgumentError
-from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType

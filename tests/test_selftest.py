@@ -12,6 +12,7 @@ from campaigns.common import table_in_page
 from packit_sim.box import Box
 from packit_sim.core.parallel import Workers
 from packit_sim.engine import collision, feasibility, insertion, nofit, oracle
+from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.feasibility import Blockers
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.pairs import Pair
@@ -145,8 +146,8 @@ def test_each_check_finds_what_it_is_for(
 def test_boolean_volumes_find_what_engine_and_oracle_both_miss(monkeypatch) -> None:
     def crossing_alone(a, b, offsets):
         pairs = [Pair.at_offset(a, b, tuple(offset)) for offset in offsets.tolist()]
-        meshes = collision.collision_mesh(a), collision.collision_mesh(b)
-        return np.array([collision._crosses(pair, *meshes) for pair in pairs])
+        mesh, other = collision_mesh(a), collision_mesh(b)
+        return np.array([mesh.crosses(other, pair) for pair in pairs])
 
     monkeypatch.setattr(collision, "_on_grid", crossing_alone)
     monkeypatch.setattr(oracle, "contains", lambda *_: False)

@@ -18,7 +18,7 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
-from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.parts import part_numbers

@@ -8,7 +8,7 @@ from itertools import combinations, product
 import numpy as np
 
 from packit_sim.core.caches import cached_property
-from packit_sim.engine.collision import LooseMesh
+from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
 from packit_sim.physics.convex.solids import Solid
