@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
+from packit_sim.geometry.deviation_kernels import divided
 
 APART, CROSSING, UNSURE = 0, 1, 2
 
@@ -62,14 +63,11 @@ def relation(one, other, turn, shift, witness):
                 witness[0], witness[1] = a, b
                 return CROSSING
             unsure = unsure or found == UNSURE
-        elif b >= other_leaves or (a < leaves and _size(boxes, a) >= _size(other_boxes, b)):
-            waiting[top, 0], waiting[top, 1] = 2 * a, b
-            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
-            top += 2
         else:
-            waiting[top, 0], waiting[top, 1] = a, 2 * b
-            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
-            top += 2
+            is_first = b >= other_leaves or (
+                a < leaves and _size(boxes, a) >= _size(other_boxes, b)
+            )
+            top = divided(waiting, top, a, b, is_first)
     return UNSURE if unsure else APART
 
 

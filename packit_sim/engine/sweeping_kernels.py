@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
+from packit_sim.geometry.deviation_kernels import divided
 
 _STACK = 256
 """Pairs of nodes that can wait."""
@@ -73,14 +74,8 @@ def least_rise(item, other, offset, enough):
             least = least_rise_of_pairs(mine, other.triangles[start:stop], offset, least, enough)
             if least <= enough:
                 return least
-        elif b >= other_leaves or (a < leaves and a <= b):
-            waiting[top, 0], waiting[top, 1] = 2 * a, b
-            waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
-            top += 2
         else:
-            waiting[top, 0], waiting[top, 1] = a, 2 * b
-            waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
-            top += 2
+            top = divided(waiting, top, a, b, b >= other_leaves or (a < leaves and a <= b))
     return least
 
 

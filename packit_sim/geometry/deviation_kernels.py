@@ -133,6 +133,21 @@ def _cut(piece, triangle, high, depth, cut):
 
 
 @kernel
+def divided(waiting, top, a, b, is_first):
+    """Append the pairs of one node and each child of the other to (n, 2) pairs that wait.
+
+    is_first: whether the first node is the one that is divided. Returns how many pairs wait then.
+    """
+    if is_first:
+        waiting[top, 0], waiting[top, 1] = 2 * a, b
+        waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b
+    else:
+        waiting[top, 0], waiting[top, 1] = a, 2 * b
+        waiting[top + 1, 0], waiting[top + 1, 1] = a, 2 * b + 1
+    return top + 2
+
+
+@kernel
 def _nearest(points, surface, guess, enough, most):
     """Find the triangle whose largest distance from points (n, 3) is least: distance and number.
 
