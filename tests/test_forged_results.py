@@ -53,6 +53,14 @@ def a_smaller_task(line: dict[str, Any]) -> None:
     line["provenance"]["task_digest"] = "0" * 16
 
 
+def a_larger_box(line: dict[str, Any]) -> None:
+    line.update(cells=[200, 200, 200], density=line["density"] / 8)
+
+
+def another_library(line: dict[str, Any]) -> None:
+    line["library"]["digest"] = "0" * 64
+
+
 FORGED: dict[str, tuple[Change, str]] = {
     "a return above 1": (played(**{"return": 7.5}), "field 'provenance.return' is 7.5"),
     "a return that is too high": (played(**{"return": 0.9}), "return is recorded as 0.9"),
@@ -66,6 +74,8 @@ FORGED: dict[str, tuple[Change, str]] = {
     "a false density": (lambda line: line.update(density=0.99), "density is recorded as 0.99"),
     "an item less": (without_an_item_outside, "in the box and outside, are not those of"),
     "another task": (a_smaller_task, "are not those of task '0000000000000000'"),
+    "a larger box": (a_larger_box, "its box or its library is not that of task"),
+    "another library": (another_library, "its box or its library is not that of task"),
     "another box": (played(rules={"cells": [40, 40, 40]}), "its rules say \\[40, 40, 40\\]"),
 }
 

@@ -90,6 +90,9 @@ def play_problems(
         return
     if task is None:
         return
+    if wanted is None and task_digest(pack.library.digest, pack.cells, task) != played.task_digest:
+        yield f"its box or its library is not that of task {played.task_digest!r}"
+        return
     packed = facts(pack.items)
     if Counter(packed) - Counter(task):
         yield f"its box has items that task {played.task_digest!r} does not have"

@@ -97,8 +97,9 @@ def verify_dataset(
       box of its recorded settings. A pack that was made denser has as many items, of such shares of
       the volume, as its settings say.
     - The volumes that a stored library records are those of its meshes.
-    - Results: the return and the end follow from the items and the task, and with the kinematic
-      rule each item can come straight down from the open top. Agents do not play again.
+    - Results: the box is that of the task or of the rules, the return and the end follow from the
+      items and the task, and with the kinematic rule each item can come straight down from the open
+      top. Agents do not play again.
     - Evolved packs: each item is at its bottom-left-back-fill location, the first feasible one
       given the items placed before it. Cells that prove a conflict rule locations out, and the
       oracle decides about the others.
