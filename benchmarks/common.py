@@ -6,8 +6,9 @@ import argparse
 import json
 import os
 import platform
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ PAIR_CACHES = ("collisions", "no-fit tables", "pairs that met")
 """The caches of results about pairs of items."""
 
 Times = dict[str, list[float]]
+
+_TABLE = re.compile(r"(?<=<!-- results -->\n).*?(?=<!-- end of results -->)", re.DOTALL)
 
 
 def argument_parser(description: str | None, files: str = "the JSON") -> argparse.ArgumentParser:
@@ -100,3 +103,21 @@ def summary_table(
         low, middle, high = (format(row[key], spec) for key in ("p10", "median", "p90"))
         table.add_row(name, middle, f"{low} to {high}", str(row["n"]))
     return table
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)
+
+
+def table_in_page(page: Path) -> str:
+    """Return what a page has between the comments around its results."""
+    found = _TABLE.search(page.read_text())
+    assert found is not None
+    return found[0]
+
+
+def write_into_page(page: Path, table: str) -> None:
+    """Write results between these comments of a page."""
+    replace_text(page, _TABLE.sub(lambda _: table, page.read_text(), count=1))

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import re
 from argparse import ArgumentParser
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks import common
-from packit_sim.core.files import replace_text
 
 ROOT = Path(__file__).parents[1]
 
 RESULTS = Path(__file__).parent / "results"
 
 PAGES = ROOT / "docs" / "trust"
-
-_TABLE = re.compile(r"(?<=<!-- results -->\n).*?(?=<!-- end of results -->)", re.DOTALL)
 
 
 def argument_parser(description: str | None) -> ArgumentParser:
@@ -38,20 +33,11 @@ def read_results(name: str, folder: Path = RESULTS) -> dict[str, Any]:
     return json.loads(file.read_text()) if file.exists() else {}
 
 
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Write a table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)
-
-
 def table_in_page(name: str) -> str:
     """Return what a campaign's page has between the comments around its results."""
-    found = _TABLE.search((PAGES / f"{name}.md").read_text())
-    assert found is not None
-    return found[0]
+    return common.table_in_page(PAGES / f"{name}.md")
 
 
 def write_into_page(name: str, table: str) -> None:
     """Write the results of a campaign between these comments of its page."""
-    page = PAGES / f"{name}.md"
-    replace_text(page, _TABLE.sub(lambda _: table, page.read_text(), count=1))
+    common.write_into_page(PAGES / f"{name}.md", table)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
-from campaigns.common import RESULTS, markdown_table, write_into_page
+from benchmarks.common import markdown_table
+from campaigns.common import RESULTS, write_into_page
 from packit_sim.selftest.totals import KindTotals, Totals
 
 FILE = RESULTS / "exactness.json"

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.common import machine, write_json
-from campaigns.common import argument_parser, markdown_table, read_results, write_into_page
+from benchmarks.common import machine, markdown_table, write_json
+from campaigns.common import argument_parser, read_results, write_into_page
 from campaigns.fault_commands import COMMANDS, Command, make_quick
 from campaigns.fault_kinds import FAULTS, Fault
 from campaigns.fault_trials import Bench

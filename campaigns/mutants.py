@@ -189,7 +189,7 @@ def _version() -> str:
 
 def table(found: Record) -> str:
     """Write the table of the page: a row for each module, and one for all."""
-    from campaigns.common import markdown_table  # imports ours, which children must not inherit
+    from benchmarks.common import markdown_table  # imports ours, which children must not inherit
 
     judged = {_place(record): record for record in json.loads(JUDGED.read_text())}
     records = [record | judged.get(_place(record), {}) for record in found["mutants"]]

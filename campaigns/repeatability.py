@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from benchmarks.common import machine, write_json
-from campaigns.common import argument_parser, markdown_table, read_results, write_into_page
+from benchmarks.common import machine, markdown_table, write_json
+from campaigns.common import argument_parser, read_results, write_into_page
 from packit_sim.core.version import __version__
 
 NAME = "repeatability"

@@ -27,13 +27,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import linregress, t
 
-from benchmarks.common import PICTURES, machine, resident_memory, write_json
-from campaigns.common import (
-    argument_parser,
-    markdown_table,
-    read_results,
-    write_into_page,
-)
+from benchmarks.common import PICTURES, machine, markdown_table, resident_memory, write_json
+from campaigns.common import argument_parser, read_results, write_into_page
 from packit_sim import ShapeLibrary
 from packit_sim.core.silence import quiet
 from packit_sim.core.version import __version__

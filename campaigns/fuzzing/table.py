@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from benchmarks.common import markdown_table
 from campaigns import common
 from campaigns.fuzzing.readers import READERS
 
@@ -29,7 +30,7 @@ def table() -> str:
         summed = [row["inputs"], row["seconds"] / 60, fixed, row["findings"]]
         totals = [total + value for total, value in zip(totals, summed, strict=True)]
         rows.append(_row(reader.what, f"{row['edges']:,}", summed))
-    return common.markdown_table(HEAD, [*rows, _row("**all**", "", totals)])
+    return markdown_table(HEAD, [*rows, _row("**all**", "", totals)])
 
 
 def write_table() -> None:
