@@ -61,7 +61,19 @@ QUICK = (
 )
 """Beginnings of commands that take seconds and need no files: they are run."""
 
-OTHER_TOOLS = ("cd", "docker", "export", "git", "make", "packit", "pip", "python", "ray", "source")
+OTHER_TOOLS = (
+    "cd",
+    "docker",
+    "export",
+    "git",
+    "gunzip",
+    "make",
+    "packit",
+    "pip",
+    "python",
+    "ray",
+    "source",
+)
 """Programs that commands of the documentation may call."""
 
 IN_THE_README = {

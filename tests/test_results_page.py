@@ -42,34 +42,34 @@ def seconds(row: Row) -> str:
     return "< 0.01" if row["seconds"] < 0.01 else f"{row['seconds']:.2f}"
 
 
-def leaderboards() -> tuple[list[list[str]], list[list[str]]]:
-    """The rows of the leaderboard, and of the one for PackIt-Easy."""
-    rows = cells("Leaderboard", 5)
+def all_agents() -> tuple[list[list[str]], list[list[str]]]:
+    """The rows of the table of all agents, and of the one for PackIt-Easy."""
+    rows = cells("All agents", 5)
     easy = len(rows) - len(reproduced("easy"))
     return rows[:easy], rows[easy:]
 
 
-def test_the_leaderboard_has_every_agent_of_the_last_run() -> None:
+def test_the_table_has_every_agent_of_the_last_run() -> None:
     played: dict[str, Row] = {}
     for table in ("table1", "beam", "backtrack", "baselines"):
         played = {**reproduced(table), **played}
-    quoted = {name.strip("`"): rest for name, *rest in leaderboards()[0]}
+    quoted = {name.strip("`"): rest for name, *rest in all_agents()[0]}
     assert set(quoted) == set(played) | {"packnn-placement/aligned/blbf"}
     for agent, row in played.items():
         assert quoted[agent] == [reward(row), *success(row), seconds(row)], agent
 
 
-def test_the_leaderboard_quotes_the_network_that_is_not_in_the_last_run() -> None:
+def test_the_table_quotes_the_network_that_is_not_in_the_last_run() -> None:
     measured = json.loads((ROOT / "benchmarks" / "results" / "learned.json").read_text())["rows"]
     (row,) = (row for row in measured if row["name"] == "packnn-placement, 3")
-    quoted = {name.strip("`"): rest for name, *rest in leaderboards()[0]}
+    quoted = {name.strip("`"): rest for name, *rest in all_agents()[0]}
     ours, at_07, *_ = quoted["packnn-placement/aligned/blbf"]
     assert ours == format_estimate(Estimate(**row["reward"]), ".3f")
     assert at_07 == f"{row['success']['mean']:.1f}"
 
 
-def test_the_leaderboard_of_packit_easy_quotes_the_last_run() -> None:
-    quoted = {name.strip("`"): rest for name, *rest in leaderboards()[1]}
+def test_the_table_of_packit_easy_quotes_the_last_run() -> None:
+    quoted = {name.strip("`"): rest for name, *rest in all_agents()[1]}
     expected = {
         agent: [reward(row), *success(row), seconds(row)]
         for agent, row in reproduced("easy").items()
@@ -77,8 +77,8 @@ def test_the_leaderboard_of_packit_easy_quotes_the_last_run() -> None:
     assert quoted == expected
 
 
-@pytest.mark.parametrize("rows", leaderboards(), ids=["PackIt", "PackIt-Easy"])
-def test_a_leaderboard_begins_with_the_best_agent(rows) -> None:
+@pytest.mark.parametrize("rows", all_agents(), ids=["PackIt", "PackIt-Easy"])
+def test_a_table_of_all_agents_begins_with_the_best(rows) -> None:
     rewards = [float(row[1].split()[0]) for row in rows]
     assert len(rewards) > 2 and rewards == sorted(rewards, reverse=True)
 

@@ -1,0 +1,380 @@
+"""The leaderboards: check results files, keep them, and write their rows into the page.
+
+    .venv/bin/python -m benchmarks.leaderboard results.jsonl   (a minute for 150 tasks)
+    .venv/bin/python -m benchmarks.leaderboard                 (only writes the page)
+    .venv/bin/python -m benchmarks.leaderboard --verify        (checks all kept files again)
+
+Each folder in `benchmarks/results/leaderboard` is a board: `board.json` says which tasks are played
+by which rules, and next to it is a compressed results file, with its manifest, for each agent. All
+numbers of the page are computed from these files. A new run of an agent replaces its file. A new
+board is a new folder with a `board.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import math
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from msgspec import Struct
+
+from benchmarks.common import RESULTS, markdown_table, write_into_page
+from packit_sim import PackItError, Rollout
+from packit_sim.core import typed_json
+from packit_sim.core.confidence import format_estimate
+from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.files import replacing
+from packit_sim.datasets.manifests import find_manifest, manifest_path
+from packit_sim.datasets.pack_files import dataset_library, load_tasks
+from packit_sim.datasets.packs import Task
+from packit_sim.datasets.verification import verify_dataset
+from packit_sim.evaluation.evaluation import Score
+from packit_sim.evaluation.results import ResultsError, check_same, read_results
+from packit_sim.libraries.splits import Split
+from packit_sim.rules import PACKIT, Rules
+
+BOARDS = RESULTS / "leaderboard"
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "leaderboard.md"
+
+SEED = 0
+"""The seed of all entries, so that nobody chooses the best of several."""
+
+LIMITS = (1.0, 10.0, 60.0)
+"""Limits of the mean processor seconds of a task; agents under the same limit are comparable."""
+
+OVERSHOOT = 1.1
+"""Factor on the limits: a search ends after the rollout in which its time is up."""
+
+LEVELS = (0.7, 0.9, 1.0)
+"""The x of Success@x."""
+
+PACKAGE = "packit-sim"
+"""The package of agents for which a board records no other."""
+
+HEAD = (
+    "limit",
+    "agent",
+    "s per task",
+    "Average Reward",
+    *(f"S@{x:g}" for x in LEVELS),
+    "weights",
+    "package",
+    "results",
+)
+
+_SUFFIX = ".gz"
+
+
+class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
+    """The tasks and rules of a leaderboard.
+
+    Attributes
+    ----------
+    title : str
+        The heading of its table.
+    dataset : str
+        The dataset of the tasks: the name of a built-in one, or a path.
+    split : Split, optional
+        The split of the dataset.
+    rules : Rules
+        The rules, of those that `packit evaluate` has options for.
+    packages : Mapping of str to str
+        Where to get agents, by their names, if not from the base install of `packit-sim`: what
+        `pip install` needs, with the version or commit, and the address of weights.
+    """
+
+    title: str
+    dataset: str
+    split: Split | None = None
+    rules: Rules = PACKIT
+    packages: Mapping[str, str] = {}
+
+    @classmethod
+    def read(cls, folder: Path) -> Board:
+        """Read `board.json` in a folder.
+
+        Parameters
+        ----------
+        folder : Path
+            The folder.
+
+        Returns
+        -------
+        Board
+            The board.
+
+        Raises
+        ------
+        ArgumentError
+            If the file is not a board; the message names the file.
+        """
+        file = folder / "board.json"
+        with located(f"{file} is not a leaderboard", ArgumentError):
+            return typed_json.decode(file.read_bytes(), cls, ArgumentError)
+
+    @cached_property
+    def tasks(self) -> tuple[Task, ...]:
+        """The tasks, in the order of their numbers."""
+        return load_tasks(self.dataset, split=self.split)
+
+    def command(self, agent: str) -> str:
+        """Return the command that plays the tasks.
+
+        Parameters
+        ----------
+        agent : str
+            The name of the agent.
+
+        Returns
+        -------
+        str
+            The command; its seed is `SEED`, the default.
+
+        Raises
+        ------
+        ArgumentError
+            If it has no options for these rules.
+        """
+        rules = self.rules
+        if rules.changed(easy=False, kinematic=False, buffer=None, rotations="all") != PACKIT:
+            raise ArgumentError(f"`packit evaluate` has no options for the rules {rules}")
+        words = ["packit", "evaluate", self.dataset]
+        words += ["--split", self.split] if self.split else []
+        words += ["--easy"] if rules.easy else []
+        words += ["--kinematic"] if rules.kinematic else []
+        words += ["--buffer", str(rules.buffer)] if rules.buffer else []
+        words += ["--rotations", rules.rotations] if rules.rotations != "all" else []
+        return shlex.join([*words, "--agent", agent, "--out", "results.jsonl"])
+
+    def check(self, path: Path, rollouts: Sequence[Rollout]) -> None:
+        """Check that results are one run of one agent on all tasks of this board.
+
+        Parameters
+        ----------
+        path : Path
+            The file of the results, for messages.
+        rollouts : Sequence[Rollout]
+            The results, at least one.
+
+        Raises
+        ------
+        ResultsError
+            If they are not.
+        """
+        agents = list(dict.fromkeys(each.agent for each in rollouts))
+        if len(agents) > 1:
+            raise ResultsError(
+                f"{path} contains results of {len(agents)} agents, {', '.join(agents)}: "
+                "write those of each to a separate file"
+            )
+        weights = {agents[0]: (rollouts[0].weights,)}
+        check_same(path, rollouts, weights, dict(enumerate(self.tasks)), SEED, self.rules)
+        if sorted(each.task for each in rollouts) != list(range(len(self.tasks))):
+            raise ResultsError(
+                f"{path} contains {len(rollouts)} results: the board {self.title!r} needs one of "
+                f"each of its {len(self.tasks)} tasks"
+            )
+        if not all(each.seconds > 0 for each in rollouts):
+            raise ResultsError(f"{path} does not record how long each task took")
+
+    def problems(self, path: Path) -> list[str]:
+        """Check results with the oracle, as `packit verify` does.
+
+        Parameters
+        ----------
+        path : Path
+            Their file, with its manifest.
+
+        Returns
+        -------
+        list of str
+            A sentence for each problem.
+        """
+        report = verify_dataset(path, dataset_library(self.dataset, self.split))
+        not_judged = [report.not_judged] if report.unjudged_returns else []
+        return [*map(str, report.problems), *not_judged]
+
+
+@dataclass(frozen=True)
+class Row:
+    """An agent on a board.
+
+    Attributes
+    ----------
+    file : Path
+        Its compressed results file.
+    score : Score
+        Average Reward and Success@x.
+    seconds : float
+        The mean processor seconds of a task.
+    weights : str or None
+        The digest of its weights, for an agent that learned.
+    package : str
+        Where to get it.
+    """
+
+    file: Path
+    score: Score
+    seconds: float
+    weights: str | None
+    package: str
+
+    @property
+    def limit(self) -> float:
+        """The smallest of the limits that it keeps; infinite if it keeps none."""
+        return next((each for each in LIMITS if self.seconds <= each * OVERSHOOT), math.inf)
+
+    def cells(self, page: Path) -> list[str]:
+        """Return its row of the table on a page."""
+        reward = format_estimate(self.score.reward, ".3f")
+        link = Path(os.path.relpath(self.file, page.parent)).as_posix()
+        return [
+            f"over {LIMITS[-1]:g} s" if math.isinf(self.limit) else f"{self.limit:g} s",
+            f"`{self.score.agent}`",
+            f"{self.seconds:.2f}",
+            reward,
+            *(f"{self.score.success[x].mean:.1f}" for x in LEVELS),
+            f"`{self.weights}`" if self.weights else "",
+            f"`{self.package}`",
+            f"[file]({link})",
+        ]
+
+
+def read_boards(folder: Path = BOARDS) -> dict[Path, Board]:
+    """Read all boards, by their folders, in the order of names."""
+    return {file.parent: Board.read(file.parent) for file in sorted(folder.glob("*/board.json"))}
+
+
+def entries(folder: Path) -> list[Path]:
+    """Find the compressed results files of a board."""
+    return sorted(folder.glob(f"*.jsonl{_SUFFIX}"))
+
+
+@contextmanager
+def unpacked(file: Path) -> Iterator[Path]:
+    """Unpack a results file into a temporary folder, with its manifest."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / file.stem
+        path.write_bytes(gzip.decompress(file.read_bytes()))
+        shutil.copy(manifest_path(file.with_suffix("")), manifest_path(path))
+        yield path
+
+
+def add(path: Path, folder: Path = BOARDS) -> Path:
+    """Check a results file completely, and keep it on its board.
+
+    Parameters
+    ----------
+    path : Path
+        The file, as `packit evaluate --out` wrote it, next to its manifest.
+    folder : Path
+        The folder of the boards.
+
+    Returns
+    -------
+    Path
+        The compressed file.
+
+    Raises
+    ------
+    ResultsError
+        If no board has such tasks and rules, or the results are not an entry of it.
+    """
+    rollouts = read_results(path)
+    own, board = _board_of(path, rollouts[0], read_boards(folder))
+    board.check(path, rollouts)
+    if found := board.problems(path):
+        raise ResultsError(f"{found[0]} (problems: {len(found)}; `packit verify` reports all)")
+    data = path.read_bytes()
+    described = find_manifest(path, data)
+    assert described is not None
+    plain = own / (re.sub(r"[^A-Za-z0-9-]+", "-", rollouts[0].agent) + ".jsonl")
+    kept = plain.with_name(plain.name + _SUFFIX)
+    with replacing(kept) as file:
+        file.write(gzip.compress(data, mtime=0))
+    shutil.copy(described, manifest_path(plain))
+    return kept
+
+
+def _board_of(path: Path, first: Rollout, boards: Mapping[Path, Board]) -> tuple[Path, Board]:
+    for folder, board in boards.items():
+        digests = {task.digest for task in board.tasks}
+        if first.rules == board.rules and first.task_digest in digests:
+            return folder, board
+    titles = ", ".join(repr(board.title) for board in boards.values())
+    raise ResultsError(
+        f"{path}: no leaderboard has task {first.task_digest} with the rules {first.rules}; "
+        f"there are {titles or 'none'}"
+    )
+
+
+def rows(folder: Path, board: Board) -> list[Row]:
+    """Compute the rows of a board: those with the lowest limit first, then the best first."""
+    found = []
+    for file in entries(folder):
+        with unpacked(file) as path:
+            rollouts = read_results(path)
+        board.check(file, rollouts)
+        agent, weights = rollouts[0].agent, rollouts[0].weights
+        seconds = float(np.mean([each.seconds for each in rollouts]))
+        package = board.packages.get(agent, PACKAGE)
+        found.append(Row(file, Score.of(agent, rollouts), seconds, weights, package))
+    return sorted(found, key=lambda row: (row.limit, -row.score.reward.mean, row.score.agent))
+
+
+def markdown(folder: Path = BOARDS, page: Path = PAGE) -> str:
+    """Write the tables of all boards, as they are on a page."""
+    parts = []
+    for own, board in read_boards(folder).items():
+        parts.append(
+            f"### {board.title}\n\n{len(board.tasks)} tasks. The command, with the name of the "
+            f"agent in place of AGENT:\n\n`{board.command('AGENT')}`\n\n"
+            + markdown_table(HEAD, [row.cells(page) for row in rows(own, board)])
+        )
+    return "\n".join(parts)
+
+
+def verify(folder: Path = BOARDS) -> list[str]:
+    """Check all kept files with the oracle; return a sentence for each problem."""
+    found = []
+    for own, board in read_boards(folder).items():
+        for file in entries(own):
+            with unpacked(file) as path:
+                found += board.problems(path)
+    return found
+
+
+def main() -> None:
+    """Add results, write the page, and verify what is kept."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("results", nargs="*", type=Path, help="results files of `packit evaluate`")
+    parser.add_argument("--verify", action="store_true", help="check all kept files again")
+    arguments = parser.parse_args()
+    try:
+        for path in arguments.results:
+            print(f"{path} holds: kept as {add(path)}")
+        write_into_page(PAGE, markdown())
+        found = verify() if arguments.verify else []
+    except PackItError as error:
+        raise SystemExit(f"error: {error}") from None
+    if found:
+        raise SystemExit("\n".join(found))
+    print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    main()
