@@ -40,7 +40,8 @@ from packit_sim.datasets.pack_files import dataset_library, load_tasks
 from packit_sim.datasets.packs import Task
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.evaluation import Score
-from packit_sim.evaluation.results import ResultsError, check_same, read_results
+from packit_sim.evaluation.results import ResultsError, read_results
+from packit_sim.evaluation.results_store import check_same
 from packit_sim.libraries.splits import Split
 from packit_sim.rules import PACKIT, Rules
 
