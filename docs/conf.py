@@ -41,8 +41,8 @@ nitpick_ignore_regex = [
     ("py:obj", r"packit_sim\.(\w+_policies|searches|commands|shape_sources)"),
     (
         "py:.*",
-        r"packit_sim\.(box\.BaseBox|engine\..*|geometry\.(parts\.Parts|voxels\.Voxels)"
-        r"|libraries\.sources\.Source)",
+        r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
+        r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source)",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few
