@@ -21,7 +21,7 @@ from packit_sim.datasets.packs import Task
 from packit_sim.datasets.provenance import RETURN_SLACK, Improvement
 from packit_sim.envs.observations import Observation
 from packit_sim.evaluation.results import ResultsError, Rollout
-from packit_sim.evaluation.results_store import check_same, opened
+from packit_sim.evaluation.results_store import check_evaluation, opened
 from packit_sim.game.agents import Agent, OnProgress
 from packit_sim.game.episode import Episode
 from packit_sim.rules import PACKIT, Rules
@@ -218,7 +218,7 @@ def evaluate(
     with opened(file, list(weights)) as store:
         if file is not None:
             known = {agent.name: agent.known_weights for agent in players}
-            check_same(file, store.rollouts, known, numbered, seed, rules)
+            check_evaluation(file, store.rollouts, known, numbered, seed, rules)
         jobs = []
         for number, task in numbered.items():
             missing = [agent for agent in players if (agent.name, number) not in store]

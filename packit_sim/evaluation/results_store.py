@@ -98,7 +98,7 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsSto
         store.write()
 
 
-def check_same(
+def check_evaluation(
     path: Path,
     rollouts: Iterable[Rollout],
     weights: Mapping[str, tuple[str | None, ...]],
