@@ -41,7 +41,7 @@ from packit_sim.datasets.packs import Task
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.evaluation import Score
 from packit_sim.evaluation.results import ResultsError, read_results
-from packit_sim.evaluation.results_store import check_same
+from packit_sim.evaluation.results_store import check_evaluation
 from packit_sim.libraries.splits import Split
 from packit_sim.rules import PACKIT, Rules
 
@@ -181,7 +181,7 @@ class Board(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=
                 "write those of each to a separate file"
             )
         weights = {agents[0]: (rollouts[0].weights,)}
-        check_same(path, rollouts, weights, dict(enumerate(self.tasks)), SEED, self.rules)
+        check_evaluation(path, rollouts, weights, dict(enumerate(self.tasks)), SEED, self.rules)
         if sorted(each.task for each in rollouts) != list(range(len(self.tasks))):
             raise ResultsError(
                 f"{path} contains {len(rollouts)} results: the board {self.title!r} needs one of "
