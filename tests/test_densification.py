@@ -161,7 +161,7 @@ def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_pat
         ({"items": (0, 4)}, "items = (0, 4) is not possible: two numbers from 1"),
         ({"floor": 0.05}, "floor = 0.05 is not possible: above 0, and at most 0.0417 for 24 items"),
         ({"floor": 0.0}, "floor = 0.0 is not possible"),
-        ({"largest": 0.01}, "largest = 0.01 is not possible: 0.03 to 1"),
+        ({"largest": 0.01}, "largest = 0.01 is not possible: 0.025 to 1"),
         ({"pool": 23}, "pool = 23 is not possible: at least 24 for 24 items with at most 1 of a"),
         ({"copies": 0}, "copies = 0 is not possible: at least 1"),
         ({"rounds": -1}, "rounds = -1 is not possible"),

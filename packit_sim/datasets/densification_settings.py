@@ -42,7 +42,7 @@ class DensificationSettings(JsonRecord):
     """
 
     items: tuple[int, int] = (20, 24)
-    floor: float = 0.03
+    floor: float = 0.025
     largest: float = 0.1
     pool: int = 100
     copies: int = 1

@@ -60,6 +60,9 @@ the probability that it is."""
 EARLY = 0.5
 """Share of the rounds in which the smallest item may be below the floor."""
 
+REPAIR = 5
+"""Factor on the first tolerance while an item is below the floor in the second half."""
+
 MORE_ROUNDS = 3
 """Factor on the rounds, after which a pack with an item below the floor is given up."""
 
@@ -102,8 +105,8 @@ class Densification:
     neighbours, and puts back the largest items of random shapes, in any rotation and at any
     location, that fit into the free space; or it moves an item. A move that loses volume is
     accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
-    same. In the second half of the rounds items below the floor are replaced first; if one is left,
-    annealing begins again.
+    same. In the second half of the rounds items below the floor are replaced first, at a greater loss
+    of volume; there are more rounds if one is left.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
@@ -151,9 +154,8 @@ class Densification:
 
     @property
     def is_over(self) -> bool:
-        """Whether annealing has ended, with no item that is too small."""
-        done, rounds = len(self.densities) - 1, self.settings.rounds
-        return done >= rounds and done % max(1, rounds) == 0 and self._holds_floor
+        """Whether all rounds are done, and no item is too small."""
+        return len(self.densities) > self.settings.rounds and self._holds_floor
 
     @property
     def best(self) -> Pack:
@@ -242,8 +244,10 @@ class Densification:
     def _tolerance(self, move: int) -> float:
         """Compute the mean loss of volume that a move of the present round may cause."""
         settings = self.settings
+        if not (self._is_early or self._holds_floor):
+            return REPAIR * settings.tolerance * self._volume
         done = (len(self.densities) - 1) * settings.moves + move
-        left = 1 - done / (settings.rounds * settings.moves) % 1
+        left = max(0.0, 1 - done / (settings.rounds * settings.moves))
         return settings.tolerance * self._volume * left**2
 
     def _pack_loosely(self) -> None:
