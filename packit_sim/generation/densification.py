@@ -105,8 +105,8 @@ class Densification:
     neighbours, and puts back the largest items of random shapes, in any rotation and at any
     location, that fit into the free space; or it moves an item. A move that loses volume is
     accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
-    same. In the second half of the rounds items below the floor are replaced first, at a greater loss
-    of volume; there are more rounds if one is left.
+    same. In the second half of the rounds items below the floor are replaced first, at a greater
+    loss of volume; there are more rounds if one is left.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
