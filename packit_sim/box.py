@@ -80,6 +80,11 @@ class BaseBox(ABC, Generic[ItemT]):
         """The occupied cells as the fields of `BoxArrays`, for kernels."""
         return self._occupancy.arrays
 
+    @property
+    def spans(self) -> npt.NDArray[np.int64]:
+        """First and last brick of each item along x, y and z: (n, 6)."""
+        return self._occupancy.spans
+
     def feasible(self, item: Item) -> Mask:
         """Compute the exact mask of feasible locations: bool over the grid nodes, [x, y, z]."""
         return feasibility.feasible(self._occupancy, item)

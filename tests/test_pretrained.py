@@ -4,6 +4,8 @@ import hashlib
 import json
 import pickle
 import re
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +18,8 @@ from packit_agents.learning import pretrained
 from packit_agents.learning.networks import PackNN
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights
+from packit_agents.placements.champion_training import PlacementTrainingSettings
+from packit_agents.placements.network import PlacementNetwork
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
@@ -45,7 +49,9 @@ def test_the_card_names_each_file_and_no_other() -> None:
     assert "packnn.safetensors" in named
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file", [file for file in FILES if file.stem != "champion"], ids=lambda file: file.stem
+)
 def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
     _, placement_features, provenance = read_weights(file)
     config = ROOT / "benchmarks" / "trainings" / f"{file.stem}.toml"
@@ -55,6 +61,29 @@ def test_a_network_is_of_a_training_that_can_be_done_again(file) -> None:
     assert (placement_features > 0) == (settings.observation == "placement-features")
     assert (settings.packs, settings.split) == ("everyday-v1", "train")
     assert settings.validation == "validation"
+
+
+def test_the_champion_is_of_a_training_that_can_be_done_again() -> None:
+    provenance = PlacementNetwork.read(FOLDER / "champion.safetensors").provenance
+    settings = PlacementTrainingSettings(("benchmarks/trainings/champion", "everyday-v1"))
+    assert json.loads(json.dumps(asdict(settings))) == provenance["settings"]
+    library = ShapeLibrary.open("everyday")
+    for packs, digests in provenance["tasks"].items():
+        tasks = load_tasks(ROOT / packs if "/" in packs else packs, library, "train")
+        assert [task.digest for task in tasks] == digests
+
+
+def test_the_champion_plays_by_its_name_without_torch() -> None:
+    code = """
+import sys, numpy as np
+from packit_sim import Agent, load_tasks, play
+agent = Agent.from_name("champion+ruin-recreate=2")
+print(play(load_tasks("starter")[8], agent, np.random.default_rng(0)).total)
+print(*{"torch", "stable_baselines3"} & set(sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    total, *loaded = done.stdout.split()
+    assert float(total) > 0.8 and not loaded
 
 
 @pytest.mark.parametrize("name", ["packnn", "packnn-easy", "packnn-placement"])

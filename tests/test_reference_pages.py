@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from gymnasium import spaces
+from safetensors import safe_open
 
 from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
 from packit_sim.datasets import packs, provenance
@@ -97,7 +98,8 @@ def test_instances_has_the_figures_of_the_tables(name) -> None:
 
 
 def test_every_table_of_files_is_compared() -> None:
-    assert set(tables(FILES)) == {*STORED, "weights", "NetworkSettings"}
+    others = {"weights", "NetworkSettings", "weights-of-placements"}
+    assert set(tables(FILES)) == {*STORED, *others}
 
 
 def test_the_shipped_packs_have_the_fields_that_files_lists() -> None:
@@ -135,8 +137,6 @@ def test_files_gives_the_version_of_each_format() -> None:
 
 def test_files_lists_the_metadata_of_weights() -> None:
     pytest.importorskip("torch")
-    from safetensors import safe_open
-
     from packit_agents.learning import weights
     from packit_agents.learning.networks import NetworkSettings
 
@@ -149,6 +149,12 @@ def test_files_lists_the_metadata_of_weights() -> None:
     assert metadata["format"] == weights.FORMAT
     assert names(tables(FILES)["NetworkSettings"]) == stored_names(NetworkSettings)
     assert set(json.loads(metadata["network"])) == set(stored_names(NetworkSettings))
+
+
+def test_files_lists_the_metadata_of_weights_of_placements() -> None:
+    with safe_open(assets_folder() / "weights" / "champion.safetensors", "numpy") as file:
+        metadata = file.metadata()
+    assert set(names(tables(FILES)["weights-of-placements"])) == set(metadata)
 
 
 def described(space: spaces.Space[Any]) -> str:

@@ -63,7 +63,7 @@ WRONG = [
     ("evaluate binary.jsonl", "binary.jsonl"),
     ("evaluate starter --tasks 0", "--tasks"),
     ("evaluate starter --agent best/aligned/blbf", "no shape policy 'best'"),
-    ("evaluate starter --agent random", "random"),
+    ("evaluate starter --agent random/random", "random/random"),
     ("evaluate starter --agent random/random/random+beam=0", "beam"),
     ("evaluate starter --agent random/random/random+beam=x", "beam=4"),
     ("evaluate starter --agent random/random/random+backtrack=-1", "backtrack"),

@@ -50,7 +50,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "reproduce",
         "report",
     ),
-    LEARN: ("train",),
+    LEARN: ("train", "train-champion"),
     LOOK: ("view", "render", "film", "export", "figures", "doctor"),
 }
 """The commands in the order of use, by their panels in `--help`; those of others follow."""

@@ -52,6 +52,7 @@ BASE = {
     "PIL": "pillow",
     "platformdirs": "platformdirs",
     "rich": "rich",
+    "safetensors": "safetensors",
     "scipy": "scipy",
     "trimesh": "trimesh",
     "typer": "typer",

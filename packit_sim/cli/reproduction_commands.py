@@ -197,7 +197,8 @@ def _portfolio(dataset: str, split: str | None, run: Run) -> None:
     """Play the portfolio; the pairs that are not the best play the first tasks only."""
     library, tasks, source = _tasks(dataset, split, run)
     seconds = portfolio.QUICK_SECONDS if run.quick else portfolio.SECONDS
-    alone, best = portfolio.rules(), portfolio.agents(portfolio.BEST, seconds)
+    alone = portfolio.rules()
+    best = portfolio.agents((*portfolio.LEARNED, *portfolio.BEST), seconds)
     others = portfolio.agents(portfolio.OTHERS, seconds)
     rollouts = run.play((*alone, *best), tasks, PORTFOLIO)
     rollouts += run.play(others, tasks[: portfolio.FIRST_TASKS], PORTFOLIO)

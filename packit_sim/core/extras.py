@@ -15,7 +15,6 @@ EXTRAS = {
     "minari": "learn",
     "pybullet": "physics",
     "ray": "cluster",
-    "safetensors": "learn",
     "sb3_contrib": "learn",
     "stable_baselines3": "learn",
     "tensorboard": "learn",

@@ -52,14 +52,15 @@ def screen(box, item, spans, size):
             for j in range(max(spans[n, 1] - extent[1], 0), min(spans[n, 4] + 1, size[1])):
                 for k in range(max(spans[n, 2] - extent[2], 0), min(spans[n, 5] + 1, size[2])):
                     near[i, j, k] = True
-    offsets = _offsets(item.bricks, box.nx, box.ny)
+    offsets = brick_offsets(item.bricks, box.nx, box.ny)
     last_blocker = 0
     for k in range(size[2]):
         for i in range(size[0]):
             for j in range(size[1]):
                 if near[i, j, k]:
                     start = (k * box.nx + i) * box.ny + j
-                    states[i, j, k], last_blocker = _state(box, item, offsets, start, last_blocker)
+                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
+                    states[i, j, k] = state
     return states
 
 
@@ -68,8 +69,8 @@ def screen_at(box, item, location):
     """Return the state of one location."""
     box, item = BoxArrays(*box), ItemArrays(*item)
     i, j, k = location
-    offsets = _offsets(item.bricks, box.nx, box.ny)
-    return _state(box, item, offsets, (k * box.nx + i) * box.ny + j, 0)[0]
+    offsets = brick_offsets(item.bricks, box.nx, box.ny)
+    return state_at(box, item, offsets, (k * box.nx + i) * box.ny + j, 0)[0]
 
 
 @kernel
@@ -98,13 +99,13 @@ def next_unblocked(box, item, size, number):
     """
     box, item = BoxArrays(*box), ItemArrays(*item)
     row, layer = size[1], size[0] * size[1]
-    offsets = _offsets(item.bricks, box.nx, box.ny)
+    offsets = brick_offsets(item.bricks, box.nx, box.ny)
     last_blocker = 0
     while number < layer * size[2]:
         k, rest = divmod(number, layer)
         i, j = divmod(rest, row)
         start = (k * box.nx + i) * box.ny + j
-        state, last_blocker = _state(box, item, offsets, start, last_blocker)
+        state, last_blocker = state_at(box, item, offsets, start, last_blocker)
         number += 1
         if state != BLOCKED:
             return i, j, k, number, state
@@ -188,7 +189,7 @@ def merge(states, table, reach, location, sign):
 
 
 @kernel
-def _offsets(bricks, nx, ny):
+def brick_offsets(bricks, nx, ny):
     """Return by how much the number of each of an item's bricks exceeds that of its location."""
     offsets = np.empty(len(bricks), np.int32)
     for n in range(len(bricks)):
@@ -197,11 +198,9 @@ def _offsets(bricks, nx, ny):
 
 
 @kernel
-def _state(box, item, offsets, start, last_blocker):
-    """Return the state of the location with brick number `start`, and the item's blocking brick.
-
-    The brick that blocked the last location is tested first, since it often blocks the next one.
-    """
+def state_at(box, item, offsets, start, last_blocker):
+    """Return the state of the location with brick number `start`, and the item's blocking brick."""
+    # The brick that blocked the last location often blocks the next one.
     bricks, page, box_fine = box.bricks, box.page, box.fine
     outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
     at = start + offsets[last_blocker]

@@ -7,7 +7,7 @@ which is installed with this package, is one of them.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -139,7 +139,8 @@ class Agent:
         Parameters
         ----------
         name : str
-            For example "largest-first/aligned/blbf" or "largest-first/aligned/blbf+beam=4".
+            For example "largest-first/aligned/blbf" or "largest-first/aligned/blbf+beam=4". A
+            single name, such as "champion" or "best-fit", is that of all three policies.
 
         Returns
         -------
@@ -153,6 +154,8 @@ class Agent:
         """
         policies, *search = name.split("+")
         parts = _parts(policies)
+        if not _are_known(parts) and _are_known([policies] * len(Stage)):
+            parts = [policies] * len(Stage)
         if len(parts) != len(Stage) or len(search) > 1:
             raise UnknownPolicyError(
                 f"agent {name!r} is not of the form shape/rotation/location or "
@@ -250,14 +253,22 @@ class Agent:
             search(self, known, rng, count)
             planned = known.box.placed[len(episode.box.placed) :]
             if planned:
-                _play_placement(episode, planned[0])
+                play_placement(episode, planned[0])
             else:  # its policies choose other rotations than those in which something fits
                 self._play_until(episode, rng, Stage.SHAPE)
             on_progress(rollouts, episode.total)
 
 
-def _play_placement(episode: Episode, placed: PlacedItem) -> None:
-    """Play the three choices that place a visible item."""
+def play_placement(episode: Episode, placed: PlacedItem) -> None:
+    """Play the three choices that place a visible item.
+
+    Parameters
+    ----------
+    episode : Episode
+        The episode, at a choice of a shape.
+    placed : PlacedItem
+        The item, which is feasible there.
+    """
     item = placed.item.turned(0)
     visible = np.flatnonzero(episode.visible).tolist()
     chosen = {
@@ -280,11 +291,23 @@ def _parts(policies: str) -> list[str]:
         if not slashes:
             break
         names = policy_names(stage)
-        starts = (n for n in slashes if policies[n + 1 :].partition("@")[0] in names)
+        starts = (n for n in slashes if _kind(policies[n + 1 :]) in names)
         at = next(starts, slashes[0])
         found.insert(0, policies[at + 1 :])
         policies = policies[:at]
     return [policies, *found]
+
+
+def _are_known(parts: Sequence[str]) -> bool:
+    """Return whether these are the names of one installed policy for each sub-task."""
+    return len(parts) == len(Stage) and all(
+        _kind(part) in policy_names(stage) for stage, part in zip(Stage, parts, strict=True)
+    )
+
+
+def _kind(policy: str) -> str:
+    """Return the name of a policy without its value."""
+    return policy.partition("@")[0]
 
 
 @cache

@@ -134,10 +134,7 @@ def _cut(piece, triangle, high, depth, cut):
 
 @kernel
 def divided(waiting, top, a, b, is_first):
-    """Append the pairs of one node and each child of the other to (n, 2) pairs that wait.
-
-    is_first: whether the first node is the one that is divided. Returns how many pairs wait then.
-    """
+    """Append the pairs of one node and each child of the other; return how many pairs wait then."""
     if is_first:
         waiting[top, 0], waiting[top, 1] = 2 * a, b
         waiting[top + 1, 0], waiting[top + 1, 1] = 2 * a + 1, b

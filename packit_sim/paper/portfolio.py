@@ -34,6 +34,9 @@ OTHERS = (
 )
 """Other pairs, which play the first tasks only."""
 
+LEARNED = ("champion+ruin-recreate",)
+"""Learned agents with their searches, which play all tasks, to be compared with the pairs."""
+
 FIRST_TASKS = 50
 """How many tasks the other pairs play."""
 
@@ -86,8 +89,8 @@ class Row:
 
 
 def rules() -> tuple[str, ...]:
-    """Return the agents of the pairs without their searches."""
-    return tuple(dict.fromkeys(pair.partition("+")[0] for pair in (*BEST, *OTHERS)))
+    """Return all agents without their searches."""
+    return tuple(dict.fromkeys(pair.partition("+")[0] for pair in (*LEARNED, *BEST, *OTHERS)))
 
 
 def agents(pairs: Sequence[str], seconds: float) -> tuple[str, ...]:
@@ -113,7 +116,7 @@ def rows(played: Played, seconds: float) -> tuple[Row, ...]:
     times = [each for each in TIMES if each < seconds] + [seconds]
     single = [
         _row(name, [_returns_after(played[name], each) for each in times], times)
-        for name in (*rules(), *agents((*BEST, *OTHERS), seconds))
+        for name in (*rules(), *agents((*LEARNED, *BEST, *OTHERS), seconds))
     ]
     together = [
         _row(label, [divided([played[name] for name in names], each) for each in times], times)
@@ -185,7 +188,7 @@ def markdown(found: Sequence[Row], seconds: float) -> str:
     ]
     for row in found:
         rewards = (format_estimate(each, ".3f") for each in row.rewards.values())
-        label = f"`{row.label}`" if "/" in row.label else row.label
+        label = row.label if " " in row.label else f"`{row.label}`"
         success = format_estimate(row.success, ".1f")
         lines.append(f"| {label} | {row.tasks} | {' | '.join(rewards)} | {success} |")
     return "\n".join(lines) + "\n"
@@ -201,7 +204,7 @@ def draw(played: Played, seconds: float, path: Path) -> None:
     times = np.geomspace(_FIRST_POINT, seconds, _POINTS).tolist()
     curves = {
         name: [_returns_after(played[name], time) for time in times]
-        for name in agents((*BEST, *OTHERS), seconds)
+        for name in agents((*LEARNED, *BEST, *OTHERS), seconds)
     }
     label, names = next(iter(_together(seconds).items()))
     curves[label] = [divided([played[name] for name in names], time) for time in times]

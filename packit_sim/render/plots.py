@@ -18,7 +18,7 @@ from packit_sim.render.image_files import save_png
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F")
 """By Okabe and Ito; colour-blind readers can distinguish them, the first three best."""
 
 DPI = 150

@@ -82,9 +82,14 @@ class Clock:
     started: float
     rollouts: int = 0
 
+    @property
+    def share_left(self) -> float:
+        """The share of the budget that is left, from 1 to 0."""
+        if self.budget.rollouts is not None:
+            return max(0.0, 1 - self.rollouts / self.budget.rollouts)
+        assert self.budget.seconds is not None
+        return max(0.0, 1 - (time.thread_time() - self.started) / self.budget.seconds)
+
     def is_over(self) -> bool:
         """Check whether the budget is spent."""
-        if self.budget.rollouts is not None:
-            return self.rollouts >= self.budget.rollouts
-        assert self.budget.seconds is not None
-        return time.thread_time() - self.started >= self.budget.seconds
+        return self.share_left == 0

@@ -1,0 +1,153 @@
+"""Kernels that keep track of where the rotations of an item still fit (see `free_space`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.compilation import kernel
+from packit_sim.engine.occupancy_kernels import BoxArrays
+from packit_sim.engine.screening_kernels import BLOCKED, brick_offsets, state_at
+from packit_sim.geometry.bits import Words
+from packit_sim.geometry.voxel_kernels import ItemArrays
+from packit_sim.geometry.word_kernels import count_bits, lowest_bit
+
+_1 = np.uint64(1)
+
+
+class TurnedArrays(NamedTuple):
+    """The voxels of an item in several rotations, concatenated.
+
+    Attributes
+    ----------
+    sizes : int64 (rotations, 3)
+        Locations along x, y and z at which the item is inside the box, in each rotation.
+    extents : int64 (rotations, 3)
+        Its bricks along x, y and z.
+    cells : int64 (rotations, 3)
+        Its cells along x, y and z.
+    starts : int64 (rotations + 1,)
+        Where the bricks of each rotation begin.
+    bricks, outer, inner, first, fine
+        See `voxels.Voxels`; `first` counts from the beginning of all fine cells.
+    """
+
+    sizes: npt.NDArray[np.int64]
+    extents: npt.NDArray[np.int64]
+    cells: npt.NDArray[np.int64]
+    starts: npt.NDArray[np.int64]
+    bricks: npt.NDArray[np.int16]
+    outer: Words
+    inner: Words
+    first: npt.NDArray[np.int32]
+    fine: Words
+
+
+@kernel
+def remove_blocked(box, turned, rows, spans):
+    """Remove the locations that are blocked.
+
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box.
+    turned : TurnedArrays
+        The item.
+    rows : Words
+        uint64 [rotation, z, x], changed in place: bit y is a location that is not blocked.
+    spans : ndarray
+        (n, 6) int64, first and last brick along x, y and z of each item that was added to the box.
+        Other locations are not looked at.
+    """
+    box, turned = BoxArrays(*box), TurnedArrays(*turned)
+    near = np.empty(rows.shape[1:], np.uint64)
+    for r in range(len(turned.sizes)):
+        sizes, extents = turned.sizes[r], turned.extents[r]
+        near[:] = 0
+        for n in range(len(spans)):
+            low, high = max(spans[n, 1] - extents[1] + 1, 0), min(spans[n, 4] + 1, sizes[1])
+            if high <= low:
+                continue
+            bits = ((_1 << np.uint64(high - low)) - _1) << np.uint64(low)
+            for k in range(max(spans[n, 2] - extents[2] + 1, 0), min(spans[n, 5] + 1, sizes[2])):
+                for i in range(
+                    max(spans[n, 0] - extents[0] + 1, 0), min(spans[n, 3] + 1, sizes[0])
+                ):
+                    near[k, i] |= bits
+        begin, end = turned.starts[r], turned.starts[r + 1]
+        item = ItemArrays(
+            turned.bricks[begin:end],
+            turned.outer[begin:end],
+            turned.inner[begin:end],
+            turned.first[begin:end],
+            turned.fine,
+        )
+        offsets = brick_offsets(item.bricks, box.nx, box.ny)
+        last_blocker = 0
+        for k in range(sizes[2]):
+            for i in range(sizes[0]):
+                left = rows[r, k, i] & near[k, i]
+                while left:
+                    j = lowest_bit(left)
+                    left &= left - _1
+                    start = (k * box.nx + i) * box.ny + j
+                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
+                    if state == BLOCKED:
+                        rows[r, k, i] &= ~(_1 << np.uint64(j))
+
+
+@kernel
+def count_free(rows):
+    """Count the locations of each rotation: int64 (rotations,)."""
+    counts = np.zeros(len(rows), np.int64)
+    for r in range(len(rows)):
+        total = 0
+        for row in rows[r].flat:
+            total += count_bits(row)
+        counts[r] = total
+    return counts
+
+
+@kernel
+def corners(rows, sizes):
+    """List the locations from which the item can't move down, nor along x, nor along y.
+
+    Along x and y each, one of the two ways must be closed: by a wall, or by a location that is not
+    in the rows.
+
+    Parameters
+    ----------
+    rows : Words
+        uint64 [rotation, z, x], bit y is a location.
+    sizes : ndarray
+        (rotations, 3) int64, see `TurnedArrays`.
+
+    Returns
+    -------
+    ndarray
+        int32 (n, 4): rotation, x, y, z, in the order of (rotation, z, x, y).
+    """
+    found = np.empty((64, 4), np.int32)
+    count = 0
+    for r in range(len(rows)):
+        for k in range(sizes[r, 2]):
+            for i in range(sizes[r, 0]):
+                row = rows[r, k, i]
+                left = row & (~(row << _1) | ~(row >> _1))
+                if k > 0:
+                    left &= ~rows[r, k - 1, i]
+                if 0 < i < sizes[r, 0] - 1:
+                    left &= ~(rows[r, k, i - 1] & rows[r, k, i + 1])
+                while left:
+                    j = lowest_bit(left)
+                    left &= left - _1
+                    if count == len(found):
+                        grown = np.empty((2 * count, 4), np.int32)
+                        grown[:count] = found
+                        found = grown
+                    found[count, 0], found[count, 1] = r, i
+                    found[count, 2], found[count, 3] = j, k
+                    count += 1
+    return found[:count]

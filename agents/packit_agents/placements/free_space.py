@@ -1,0 +1,228 @@
+"""Where the items outside a box still fit: all of them, in all rotations, at all locations.
+
+Free space only shrinks while items are added, so only locations at which an item can meet the one
+that was added last are looked at again. Locations that are left may still be infeasible: cells do
+not block them, but the meshes decide (`Box.is_feasible`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_agents.placements.free_kernels import TurnedArrays, remove_blocked
+from packit_sim.box import BaseBox
+from packit_sim.core.caches import bounded_cache
+from packit_sim.core.errors import ArgumentError
+from packit_sim.engine.screening import locations
+from packit_sim.geometry import rotations
+from packit_sim.geometry.bits import Words
+from packit_sim.geometry.lattice import Triple, grid_nodes
+from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import Voxels
+
+MOST_NODES = 63
+"""Grid nodes along y that a row has bits for."""
+
+ALL_ROTATIONS = tuple(range(rotations.COUNT))
+
+TURNED_BUDGET = 512 * 2**20
+"""Maximum size of all cached items in their rotations, in bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedItem:
+    """An item in those of some rotations in which its cells differ.
+
+    Attributes
+    ----------
+    items : tuple of Item
+        The item in each of these rotations.
+    arrays : tuple
+        Fields of the `TurnedArrays`.
+    """
+
+    items: tuple[Item, ...]
+    arrays: tuple[Any, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the arrays in bytes."""
+        return sum(array.nbytes for array in self.arrays)
+
+
+@bounded_cache(
+    "items in all rotations",
+    TURNED_BUDGET,
+    "bytes",
+    size=lambda turned: turned.nbytes,
+    key=lambda item, allowed, cells: (item.turned(0).key, allowed, cells),
+)
+def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedItem:
+    """Look up an item in those of the allowed rotations that differ and fit into a box.
+
+    Parameters
+    ----------
+    item : Item
+        The item.
+    allowed : tuple of int
+        The rotations. Of those with the same cells the first is kept.
+    cells : Triple
+        The cells of the box along x, y and z.
+
+    Returns
+    -------
+    TurnedItem
+        The item; without rotations if it fits in none.
+    """
+    kept: dict[Any, tuple[Item, Voxels]] = {}
+    for rotation in allowed:
+        turned = item.turned(rotation)
+        if all(own <= space for own, space in zip(turned.cells, cells, strict=True)):
+            voxels = turned.voxels
+            kept.setdefault(_cells_key(voxels), (turned, voxels))
+    items, voxels_of = zip(*kept.values(), strict=True) if kept else ((), ())
+    bricks = np.cumsum([0, *(len(voxels.bricks) for voxels in voxels_of)])
+    fine = np.cumsum([0, *(len(voxels.fine) for voxels in voxels_of)])
+    empty = Voxels.of(np.empty((0, 3, 3)), (0, 0, 0)) if not kept else voxels_of[0]
+    arrays = TurnedArrays(
+        sizes=np.array([locations(cells, turned) for turned in items]).reshape(-1, 3),
+        extents=np.array([voxels.number.shape for voxels in voxels_of]).reshape(-1, 3),
+        cells=np.array([turned.cells for turned in items]).reshape(-1, 3),
+        starts=bricks,
+        bricks=_joined([voxels.bricks for voxels in voxels_of], empty.bricks),
+        outer=_joined([voxels.outer for voxels in voxels_of], empty.outer),
+        inner=_joined([voxels.inner for voxels in voxels_of], empty.inner),
+        first=_joined(
+            [voxels.first[:-1] + np.int32(n) for voxels, n in zip(voxels_of, fine, strict=False)],
+            empty.first,
+        ),
+        fine=_joined([voxels.fine for voxels in voxels_of], empty.fine),
+    )
+    return TurnedItem(items, tuple(arrays))
+
+
+class FreeSpace:
+    """The locations of items in a box that no cells block, computed when they are first needed.
+
+    Parameters
+    ----------
+    items : sequence of TurnedItem
+        The items.
+    rows : sequence of Words
+        For each item uint64 [rotation, z, x]: bit y is a location that may be feasible.
+    known : sequence of int
+        For each item, how many of the items in the box its rows account for.
+    """
+
+    def __init__(
+        self, items: Sequence[TurnedItem], rows: Sequence[Words], known: Sequence[int]
+    ) -> None:
+        self.items = items
+        self._rows = list(rows)
+        self._known = list(known)
+
+    @classmethod
+    def empty(
+        cls, items: Sequence[Item], cells: Triple, allowed: tuple[int, ...] = ALL_ROTATIONS
+    ) -> FreeSpace:
+        """Create the free space of an empty box.
+
+        Parameters
+        ----------
+        items : sequence of Item
+            The items.
+        cells : Triple
+            The cells of the box along x, y and z.
+        allowed : tuple of int
+            The rotations that the items may have; by default all 24.
+
+        Returns
+        -------
+        FreeSpace
+            The space.
+
+        Raises
+        ------
+        ArgumentError
+            If the box has more than 63 grid nodes along y.
+        """
+        nx, ny, nz = grid_nodes(cells)
+        if ny > MOST_NODES:
+            raise ArgumentError(
+                f"a box with {ny} grid nodes along y is too long for this agent: at most "
+                f"{MOST_NODES}"
+            )
+        turned = [turned_item(item, allowed, cells) for item in items]
+        rows = []
+        for each in turned:
+            own: Words = np.zeros((len(each.items), nz, nx), dtype=np.uint64)
+            for n, (x, y, z) in enumerate(each.arrays[0].tolist()):
+                own[n, :z, :x] = (1 << y) - 1
+            rows.append(own)
+        return cls(turned, rows, [0] * len(rows))
+
+    def copy(self) -> FreeSpace:
+        """Return a space of the same items, which does not change with this one."""
+        return FreeSpace(self.items, self._rows, self._known)
+
+    def rows(self, item: int, box: BaseBox[Any]) -> Words:
+        """Compute the rows of an item.
+
+        Parameters
+        ----------
+        item : int
+            The item.
+        box : BaseBox
+            The box. The items that were in it at an earlier call must be in it, in this order.
+
+        Returns
+        -------
+        Words
+            uint64 [rotation, z, x]: bit y is a location that no cells block, and that was not
+            removed.
+        """
+        count = len(box.placed)
+        if self._known[item] < count:
+            own = self._rows[item].copy()
+            spans = box.spans[self._known[item] :]
+            remove_blocked(box.arrays, self.items[item].arrays, own, spans)
+            self._rows[item], self._known[item] = own, count
+        return self._rows[item]
+
+    def remove(self, item: int, rotation: int, location: Triple) -> None:
+        """Remove a location that the meshes exclude.
+
+        Parameters
+        ----------
+        item : int
+            The item.
+        rotation : int
+            Which of its rotations, as an index of `TurnedItem.items`.
+        location : Triple
+            The location.
+        """
+        i, j, k = location
+        rows = self._rows[item].copy()
+        rows[rotation, k, i] &= ~(np.uint64(1) << np.uint64(j))
+        self._rows[item] = rows
+
+
+def _cells_key(voxels: Voxels) -> tuple[Any, ...]:
+    """Return what is equal for equal cells, whatever the order of the bricks."""
+    filled = voxels.number >= 0
+    order = voxels.number[filled]
+    return (
+        voxels.cells,
+        filled.tobytes(),
+        voxels.outer[order].tobytes(),
+        voxels.inner[order].tobytes(),
+    )
+
+
+def _joined(arrays: list[npt.NDArray[Any]], like: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.concatenate([like[:0], *arrays])

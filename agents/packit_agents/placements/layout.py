@@ -1,0 +1,121 @@
+"""A layout: items of a task in a box, and where the others fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_agents.placements.free_space import FreeSpace
+from packit_agents.placements.placement_features import Placements, placements
+from packit_sim.box import BaseBox
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.shapes import Item
+from packit_sim.placement import BoxState, PlacedItem
+
+Scorer = Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]
+"""Scores placements by their features: the network, or a rule."""
+
+
+class Layout:
+    """Items in a box, placed one after the other where a scorer wants them.
+
+    Parameters
+    ----------
+    items : sequence of Item
+        The items of the task.
+    box : BaseBox
+        The box, which belongs to the layout from now on. What is in it stays.
+    allowed : tuple of int
+        The rotations that the items may have.
+
+    Attributes
+    ----------
+    placed : list
+        (number, placed item) of each item in the box, in the order of placing.
+    """
+
+    def __init__(self, items: Sequence[Item], box: BaseBox[Any], allowed: tuple[int, ...]) -> None:
+        self._items = items
+        self._box = box
+        self._fixed = tuple(box.placed)
+        self._empty = FreeSpace.empty(items, box.cells, allowed)
+        self._space = self._empty.copy()
+        self.placed: list[tuple[int, PlacedItem]] = []
+
+    @property
+    def outside(self) -> npt.NDArray[np.bool_]:
+        """Bool (n items,), the items that are not in the box."""
+        outside = np.ones(len(self._items), dtype=bool)
+        outside[[number for number, _ in self.placed]] = False
+        return outside
+
+    @property
+    def volume(self) -> float:
+        """The volume of the items in the box."""
+        return plain_sum(self._items[number].volume for number, _ in self.placed)
+
+    def restart(self, placed: Sequence[tuple[int, PlacedItem]]) -> Self:
+        """Take out all items, and put back some that were in it together, in their order."""
+        self.placed = list(placed)
+        inside = *self._fixed, *(item for _, item in placed)
+        self._box.restore(BoxState(self._box.cells, inside))
+        self._space = self._empty.copy()
+        return self
+
+    def placements(self) -> Placements:
+        """List the placements in corners of the items outside; some may be infeasible."""
+        return placements(self._box, self._space, self.outside)
+
+    def place(self, found: Placements, number: int) -> bool:
+        """Place an item, unless the meshes exclude it there; return whether it was placed."""
+        item, location = found.item(number), found.location(number)
+        which = int(found.items[number])
+        if not self._box.is_feasible(item, location):
+            self._space.remove(which, int(found.corners[number, 0]), location)
+            return False
+        self.add(which, PlacedItem(item, location))
+        return True
+
+    def add(self, number: int, placed: PlacedItem) -> None:
+        """Add an item at a location that is feasible."""
+        self._box.put(placed.item, placed.location)
+        self.placed.append((number, placed))
+
+    def fill(
+        self,
+        scorer: Scorer,
+        rng: np.random.Generator,
+        temperature: float = 0.0,
+        least: float = 0.0,
+    ) -> Self:
+        """Place items until none fits, each time the one with the highest score.
+
+        Parameters
+        ----------
+        scorer : callable
+            Scores the placements.
+        rng : numpy.random.Generator
+            Source of randomness.
+        temperature : float
+            Factor on the noise that is added to the scores: at 1, placements are drawn with the
+            probabilities that the scores mean.
+        least : float
+            A volume: once it can't be reached any more, no further item is placed.
+
+        Returns
+        -------
+        Layout
+            This layout.
+        """
+        while len(found := self.placements()) and self.volume + found.attainable >= least:
+            scores = scorer(found.features)
+            if temperature:
+                noise = rng.gumbel(size=len(scores)).astype(np.float32)
+                scores = scores + np.float32(temperature) * noise
+            for number in np.argsort(-scores, kind="stable").tolist():
+                if self.place(found, number):
+                    break
+        return self

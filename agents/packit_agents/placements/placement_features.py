@@ -1,0 +1,172 @@
+"""What is known about a placement: a row of numbers for each, for a network to compare them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_agents.placements.free_kernels import corners, count_free
+from packit_agents.placements.free_space import FreeSpace
+from packit_agents.placements.measure_kernels import MEASURES, measure, neighbours, sum_filled
+from packit_sim.box import BaseBox
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.shapes import Item
+
+MOST_ITEMS = 6
+"""Items whose placements are compared: the largest that fit."""
+
+PLACEMENT_FEATURES = (
+    *(f"contact {way}{axis}" for axis in "xyz" for way in "-+"),
+    "contact",
+    *(f"extent {axis}" for axis in "xyz"),
+    *(f"location {axis}" for axis in "xyz"),
+    "top",
+    "filled within",
+    "filled around",
+    *(f"free {way}{axis}" for axis in "xyz" for way in "-+"),
+    "distance x",
+    "distance y",
+)
+
+ITEM_FEATURES = (
+    "log volume",
+    "volume to largest",
+    "volume to all outside",
+    "log free locations",
+    "share of free locations in this rotation",
+    "share of rotations with free locations",
+    "compactness",
+)
+
+STATE_FEATURES = (
+    "density",
+    "volume outside",
+    "items outside",
+    "volume outside that fits",
+    "height",
+)
+
+FEATURES = PLACEMENT_FEATURES + ITEM_FEATURES + STATE_FEATURES
+assert len(PLACEMENT_FEATURES) == MEASURES
+
+
+@dataclass(frozen=True, eq=False)
+class Placements:
+    """Placements of items outside a box, and what is known about each.
+
+    Attributes
+    ----------
+    items : ndarray
+        int64 (n,), the item.
+    corners : ndarray
+        int32 (n, 4), its rotation (an index of `TurnedItem.items`) and its location.
+    features : ndarray
+        float32 (n, features), see `FEATURES`.
+    attainable : float
+        Volume of the items outside, without those that are known to fit nowhere.
+    """
+
+    items: npt.NDArray[np.int64]
+    corners: npt.NDArray[np.int32]
+    features: npt.NDArray[np.float32]
+    attainable: float
+    space: FreeSpace
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def item(self, number: int) -> Item:
+        """Return the item of a placement, in its rotation."""
+        return self.space.items[self.items[number]].items[self.corners[number, 0]]
+
+    def location(self, number: int) -> Triple:
+        _, i, j, k = self.corners[number].tolist()
+        return i, j, k
+
+
+def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool_]) -> Placements:
+    """List the placements in corners of the largest items outside that fit, with their features.
+
+    An item is in a corner where it can't move down by one grid step, nor along x, nor along y, at
+    least one way each.
+
+    Parameters
+    ----------
+    box : BaseBox
+        The box.
+    space : FreeSpace
+        Its free space.
+    outside : ndarray
+        Bool (n items,), the items to place. Of equal items the first counts, and of those that
+        fit the `MOST_ITEMS` largest.
+
+    Returns
+    -------
+    Placements
+        The placements.
+    """
+    nz, volume = box.nodes[2], float(box.size.prod())
+    arrays = box.arrays
+    near, sums = neighbours(arrays, nz), sum_filled(arrays, nz)
+    fitting = [n for n in np.flatnonzero(outside).tolist() if space.items[n].items]
+    volumes = {n: space.items[n].items[0].volume for n in fitting}
+    total, largest = plain_sum(volumes.values()), max(volumes.values(), default=0.0)
+    known: set[int] = set()
+    items: list[npt.NDArray[np.int64]] = []
+    found, rows = [], []
+    misfit = 0.0
+    for n in sorted(fitting, key=lambda n: -volumes[n]):
+        turned = space.items[n]
+        if id(turned) in known:
+            continue
+        if len(items) == MOST_ITEMS:
+            break
+        known.add(id(turned))
+        own_rows = space.rows(n, box)
+        counts = count_free(own_rows)
+        free = int(counts.sum())
+        if free == 0:
+            misfit += volumes[n]
+            continue
+        own = corners(own_rows, turned.arrays[0])
+        measured = measure(arrays, sums, near, turned.arrays, own)
+        more = np.empty((len(own), len(ITEM_FEATURES)), dtype=np.float32)
+        v = volumes[n]
+        more[:, 0] = np.log(v / volume) / 4
+        more[:, 1] = v / largest
+        more[:, 2] = v / total
+        more[:, 3] = np.log1p(free) / 10
+        more[:, 4] = counts[own[:, 0]] / free
+        more[:, 5] = np.count_nonzero(counts) / len(counts)
+        more[:, 6] = v / volume / measured[:, 7:10].prod(axis=1)
+        items.append(np.full(len(own), n))
+        found.append(own)
+        rows.append(np.concatenate([measured, more], axis=1))
+    if not items:
+        return Placements(
+            np.empty(0, np.int64),
+            np.empty((0, 4), np.int32),
+            np.empty((0, len(FEATURES)), np.float32),
+            0.0,
+            space,
+        )
+    features = np.concatenate(rows)
+    filled = np.flatnonzero(np.diff(sums[-1, -1]))
+    state = np.array(
+        [
+            box.density,
+            total / volume,
+            len(fitting) / 20,
+            1 - misfit / total,
+            (filled[-1] + 1) / nz if len(filled) else 0,
+        ],
+        dtype=np.float32,
+    )
+    features = np.concatenate(
+        [features, np.broadcast_to(state, (len(features), len(state)))], axis=1
+    )
+    return Placements(np.concatenate(items), np.concatenate(found), features, total - misfit, space)

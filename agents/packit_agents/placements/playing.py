@@ -1,0 +1,131 @@
+"""Plays of a task with placements drawn at random, to learn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_agents.placements.layout import Layout, Scorer
+from packit_sim.core.caches import limit
+from packit_sim.datasets.packs import Task
+from packit_sim.rules import PACKIT
+
+TRAINING_BUDGET = 3 * 2**30
+"""Maximum size of all cached items in their rotations while tasks are played again, in bytes."""
+
+MOST_PLACEMENTS = 64
+"""Placements of a state from which one is drawn: those with the highest scores."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """A state, and the placement that was chosen.
+
+    Attributes
+    ----------
+    features : ndarray
+        float32 (n, features), of the placements with the highest scores.
+    chosen : int
+        Which was chosen.
+    """
+
+    features: npt.NDArray[np.float32]
+    chosen: int
+
+
+@dataclass(frozen=True)
+class Play:
+    """What came of drawing placements until none was left.
+
+    Attributes
+    ----------
+    total : float
+        The return.
+    decisions : list of Decision
+        The decisions of this play, without those that it has in common with others.
+    """
+
+    total: float
+    decisions: list[Decision]
+
+
+def new_layout(task: Task) -> Layout:
+    """Create the empty layout of a task, by the rules of PackIt."""
+    box = PACKIT.new_box(task.cells)
+    return Layout(task.items, box, tuple(PACKIT.allowed_rotations))
+
+
+def play(layout: Layout, scorer: Scorer, rng: np.random.Generator) -> list[Decision]:
+    """Draw placements with the probabilities that a scorer gives them, until nothing fits.
+
+    Parameters
+    ----------
+    layout : Layout
+        The layout, at its beginning; it is full afterwards.
+    scorer : callable
+        Scores the best placements, of which one is drawn.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    list of Decision
+        The decisions, one for each item that was placed.
+    """
+    decisions = []
+    while len(found := layout.placements()):
+        scores = scorer(found.features)
+        best = np.argsort(-scores, kind="stable")[:MOST_PLACEMENTS]
+        drawn = best[np.argsort(-(scores[best] + rng.gumbel(size=len(best))), kind="stable")]
+        for number in drawn.tolist():
+            if layout.place(found, number):
+                chosen = int(np.flatnonzero(best == number)[0])
+                decisions.append(Decision(found.features[best], chosen))
+                break
+    return decisions
+
+
+def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list[Play]:
+    """Play a task several times from the same state on, with placements drawn at random.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    scorer : callable
+        Its scores mean the probabilities of placements.
+    count : int
+        The number of plays.
+    seed : tuple of int
+        Seed of the random numbers.
+
+    Returns
+    -------
+    list of Play
+        The plays. They begin with the items that the first one had placed at a random time.
+    """
+    _keep_items_of_many_tasks()
+    rng = np.random.default_rng(seed)
+    layout = new_layout(task)
+    decisions = play(layout, scorer, rng)
+    common = int(rng.integers(len(decisions)))
+    placed = layout.placed[:common]
+    found = [Play(layout.volume / task.volume, decisions[common:])]
+    while len(found) < count:
+        decisions = play(layout.restart(placed), scorer, rng)
+        found.append(Play(layout.volume / task.volume, decisions))
+    return found
+
+
+def best_return(task: Task, scorer: Scorer) -> float:
+    """Play a task by the placements with the highest scores; return its return."""
+    return new_layout(task).fill(scorer, np.random.default_rng(0)).volume / task.volume
+
+
+@cache
+def _keep_items_of_many_tasks() -> None:
+    """Let this process keep the items of a training in all their rotations."""
+    limit("items in all rotations", TRAINING_BUDGET)

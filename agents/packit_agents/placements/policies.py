@@ -1,0 +1,221 @@
+"""Policies that choose placements: the shape, its rotation and its location together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, ClassVar, Self
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from packit_agents.placements.free_space import FreeSpace
+from packit_agents.placements.layout import Scorer
+from packit_agents.placements.network import PlacementNetwork
+from packit_agents.placements.placement_features import placements
+from packit_sim.game.episode import Episode, Stage
+from packit_sim.libraries.library import assets_folder
+from packit_sim.placement import ItemInBox, PlacedItem
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An item to place, and where.
+
+    Attributes
+    ----------
+    shape : int
+        Index of the item in the task.
+    placed : PlacedItem
+        The item at its location, which is feasible.
+    """
+
+    shape: int
+    placed: PlacedItem
+
+
+class Planner:
+    """Finds the placement with the highest score in the present state of episodes.
+
+    Parameters
+    ----------
+    scorer : callable
+        Scores the placements.
+    """
+
+    def __init__(self, scorer: Scorer) -> None:
+        self.scorer = scorer
+        self._known: WeakKeyDictionary[Episode, _Known] = WeakKeyDictionary()
+
+    def best(self, episode: Episode) -> Choice | None:
+        """Find the best placement that agrees with what is already chosen.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode, at any stage.
+
+        Returns
+        -------
+        Choice or None
+            The placement; None if nothing fits.
+        """
+        known = self._known.setdefault(episode, _Known())
+        placed = tuple(episode.box.placed)
+        if placed != known.placed:
+            known.advance(episode, placed)
+        chosen = known.choice
+        if chosen is None or not _agrees(chosen, episode):
+            known.choice = self._find(episode, known.space)
+        return known.choice
+
+    def _find(self, episode: Episode, space: FreeSpace) -> Choice | None:
+        wanted = episode.visible
+        if episode.shape is not None and episode.stage is not Stage.SHAPE:
+            wanted = np.arange(len(wanted)) == episode.shape
+        while len(found := placements(episode.box, space, wanted)):
+            removed = False
+            for n in np.argsort(-self.scorer(found.features), kind="stable").tolist():
+                choice = Choice(int(found.items[n]), PlacedItem(found.item(n), found.location(n)))
+                if not _agrees(choice, episode):
+                    continue
+                if episode.box.is_feasible(choice.placed.item, choice.placed.location):
+                    return choice
+                space.remove(choice.shape, int(found.corners[n, 0]), choice.placed.location)
+                removed = True
+            if not removed:
+                break
+        return None
+
+
+class _Known:
+    """What is known about an episode: the space after what was placed, and the last choice."""
+
+    def __init__(self) -> None:
+        self.placed: tuple[ItemInBox, ...] | None = None
+        self.choice: Choice | None = None
+        self._spaces: list[tuple[tuple[ItemInBox, ...], FreeSpace]] = []
+
+    @property
+    def space(self) -> FreeSpace:
+        return self._spaces[-1][1]
+
+    def advance(self, episode: Episode, placed: tuple[ItemInBox, ...]) -> None:
+        """Compute the space of the present state from that of an earlier one."""
+        while self._spaces and placed[: len(self._spaces[-1][0])] != self._spaces[-1][0]:
+            self._spaces.pop()
+        if not self._spaces:
+            allowed = tuple(episode.rules.allowed_rotations)
+            self._spaces.append(
+                ((), FreeSpace.empty(episode.task.items, episode.box.cells, allowed))
+            )
+        before, space = self._spaces[-1]
+        if len(before) < len(placed):
+            self._spaces.append((placed, space.copy()))
+        self.placed, self.choice = placed, None
+
+
+def _agrees(choice: Choice, episode: Episode) -> bool:
+    """Return whether a choice has the shape, the rotation and the location chosen already."""
+    if episode.stage is Stage.SHAPE:
+        return True
+    return (
+        choice.shape == episode.shape
+        and episode.rotation in (None, choice.placed.item.rotation)
+        and episode.location in (None, choice.placed.location)
+    )
+
+
+class PlacementPolicy:
+    """One of the three choices of the placement that a network scores highest.
+
+    Parameters
+    ----------
+    file : Path or str
+        The network's weights.
+    """
+
+    stage: ClassVar[Stage]
+
+    def __init__(self, file: Path | str) -> None:
+        self._file = Path(file)
+        self._planner = _planner(self._file.resolve())
+        network = self._planner.scorer
+        assert isinstance(network, PlacementNetwork)
+        self.weights_digest = network.digest
+
+    @classmethod
+    def parse(cls, value: str) -> Self:
+        """Load the weights of a file.
+
+        Parameters
+        ----------
+        value : str
+            Path of the file.
+
+        Returns
+        -------
+        Self
+            The policy.
+
+        Raises
+        ------
+        PlacementWeightsError
+            If the file can't be loaded.
+        """
+        return cls(value)
+
+    @property
+    def scorer(self) -> Scorer:
+        """The network."""
+        return self._planner.scorer
+
+    def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
+        choice = self._planner.best(episode)
+        if choice is None:
+            return int(np.flatnonzero(episode.action_mask())[0])
+        if self.stage is Stage.SHAPE:
+            return choice.shape
+        if self.stage is Stage.ROTATION:
+            return choice.placed.item.rotation
+        return int(np.ravel_multi_index(choice.placed.location, episode.box.nodes))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._file,)
+
+
+class PlacedShape(PlacementPolicy):
+    """The shape of the placement that a network scores highest, of all shapes outside."""
+
+    stage = Stage.SHAPE
+
+
+class PlacedRotation(PlacementPolicy):
+    """The rotation of the shape's placement that a network scores highest."""
+
+    stage = Stage.ROTATION
+
+
+class PlacedLocation(PlacementPolicy):
+    """The location of the shape's placement that a network scores highest."""
+
+    stage = Stage.LOCATION
+
+
+@cache
+def _planner(file: Path) -> Planner:
+    """Share a planner between the three policies of an agent."""
+    return Planner(PlacementNetwork.read(file))
+
+
+_CHAMPION = assets_folder() / "weights" / "champion.safetensors"
+
+CHAMPION_SHAPE = partial(PlacedShape, _CHAMPION)
+"""The shape that the champion places next, of all outside."""
+
+CHAMPION_ROTATION = partial(PlacedRotation, _CHAMPION)
+"""The rotation in which the champion places a shape."""
+
+CHAMPION_LOCATION = partial(PlacedLocation, _CHAMPION)
+"""The location at which the champion places a shape."""

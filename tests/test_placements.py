@@ -1,0 +1,363 @@
+"""Choosing among placements: free space, features, layouts, the policies and their search."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from packit_agents.placements import placement_features as described
+from packit_agents.placements.free_kernels import corners
+from packit_agents.placements.free_space import FreeSpace
+from packit_agents.placements.layout import Layout
+from packit_agents.placements.network import PlacementNetwork, PlacementWeightsError
+from packit_agents.placements.placement_features import FEATURES, PLACEMENT_FEATURES, placements
+from packit_agents.placements.policies import PlacedLocation, PlacedRotation, PlacedShape
+from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
+from packit_agents.planning.budgets import Budget
+from packit_sim.box import Box
+from packit_sim.core.errors import ArgumentError
+from packit_sim.evaluation.evaluation import play
+from packit_sim.game.agents import Agent, UnknownPolicyError
+from packit_sim.game.episode import Episode, Stage
+from packit_sim.geometry.shapes import Item
+from packit_sim.physics.settings import PhysicsSettings
+from packit_sim.placement import BoxState
+from packit_sim.rules import PACKIT, End, Rules
+from tests.examples import examples
+from tests.test_episode import task_of
+from tests.zoo import RING, TILTED, ZOO, cube_of, fill, random_item
+
+CELLS = (40, 36, 28)
+
+
+def largest(features):
+    """Prefers large items, then contact: a scorer that tests need not train."""
+    named = dict(zip(FEATURES, features.T, strict=True))
+    return 8 * named["log volume"] + 4 * named["contact"] - named["top"]
+
+
+def network(width: int = 4, seed: int = 0) -> PlacementNetwork:
+    rng = np.random.default_rng(seed)
+    tensors = {
+        name: rng.normal(size=shape).astype(np.float32)
+        for name, shape in PlacementNetwork.shapes(width).items()
+    }
+    tensors["scale"] = np.ones_like(tensors["scale"])
+    return PlacementNetwork(tensors, {})
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory):
+    """Weights that prefer large items and contact, with a hidden layer that adds nothing."""
+    tensors = {name: np.zeros(shape, np.float32) for name, shape in network().shapes(4).items()}
+    tensors["scale"][:] = 1
+    for name, weight in {"log volume": 8, "contact": 4, "top": -1}.items():
+        tensors["linear.weight"][0, FEATURES.index(name)] = weight
+    file = tmp_path_factory.mktemp("weights") / "rule.safetensors"
+    PlacementNetwork(tensors, {"rule": True}).write(file)
+    return file
+
+
+def agent_of(weights, search=None) -> Agent:
+    policies = PlacedShape(weights), PlacedRotation(weights), PlacedLocation(weights)
+    return Agent("placements", *policies, search)
+
+
+def drawn(seed: int, count: int = 5):
+    rng = np.random.default_rng(seed)
+    return [random_item(ZOO, 0.2, rng) for _ in range(count)], rng
+
+
+def mask_of(space: FreeSpace, item: int, rotation: int, box: Box) -> np.ndarray:
+    """The rows of an item in a rotation as a mask [x, y, z]."""
+    rows = space.rows(item, box)[rotation]
+    bits = rows[:, :, None] >> np.arange(box.nodes[1], dtype=np.uint64) & np.uint64(1)
+    return bits.astype(bool).transpose(1, 2, 0)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(30)
+def test_free_space_is_what_no_cells_block_whatever_was_placed_when(seed) -> None:
+    items, rng = drawn(seed)
+    box = Box(CELLS)
+    space = FreeSpace.empty(items, CELLS)
+    for item in items:
+        fill(box, [item], rng)
+        space = space.copy()
+        for n in rng.permutation(len(items))[:3].tolist():
+            for r, turned in enumerate(space.items[n].items):
+                assert (mask_of(space, n, r, box) == box.candidates(turned)).all()
+    count = len(box.placed)
+    box.restore(BoxState(CELLS, box.placed[: count // 2]))
+    space = FreeSpace.empty(items, CELLS)
+    for r, turned in enumerate(space.items[0].items):
+        assert (mask_of(space, 0, r, box) == box.candidates(turned)).all()
+
+
+def test_rotations_with_the_same_cells_count_once_and_those_that_do_not_fit_never() -> None:
+    space = FreeSpace.empty([cube_of(8), cube_of(44), Item(TILTED, 0.02)], CELLS)
+    assert [len(turned.items) for turned in space.items][:2] == [1, 0]
+    assert len(space.items[2].items) > 1
+    assert space.rows(1, Box(CELLS)).size == 0
+
+
+def test_a_row_has_bits_for_63_nodes() -> None:
+    long = Box((8, 252, 8))
+    assert FreeSpace.empty([cube_of(8)], long.cells).rows(0, long)[0, 0, 0] == 2**62 - 1
+    with pytest.raises(ArgumentError, match="64 grid nodes along y"):
+        FreeSpace.empty([cube_of(8)], (8, 256, 8))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(20)
+def test_corners_are_where_an_item_cannot_move_down_nor_along_x_and_y(seed) -> None:
+    items, rng = drawn(seed)
+    box = Box(CELLS)
+    fill(box, items[:-1], rng)
+    space = FreeSpace.empty(items, CELLS)
+    expected = []
+    for r, turned in enumerate(space.items[-1].items):
+        free = np.pad(box.candidates(turned), 1)
+        for i, j, k in np.argwhere(free).tolist():
+            closed_x = not (free[i - 1, j, k] and free[i + 1, j, k])
+            closed_y = not (free[i, j - 1, k] and free[i, j + 1, k])
+            if closed_x and closed_y and not free[i, j, k - 1]:
+                expected.append((r, k - 1, i - 1, j - 1))
+    found = [
+        (r, k, i, j)
+        for r, i, j, k in corners(space.rows(4, box), space.items[4].arrays[0]).tolist()
+    ]
+    assert found == sorted(expected)
+
+
+def surroundings(box: Box, item, location) -> dict[str, float]:
+    """The features of a placement, by plain loops over cells."""
+    x, y, z = box.cells
+    nx, ny, nz = box.nodes
+    filled = np.zeros((4 * nx + 2, 4 * ny + 2, 4 * nz + 2), dtype=bool)
+    filled[[0, -1]] = filled[:, [0, -1]] = filled[:, :, 0] = True
+    filled[1 : x + 1, 1 : y + 1, 1 : z + 1] = box.outer
+    start = 4 * np.array(location)
+    found = {}
+    total = faces = 0
+    for axis, way in itertools.product(range(3), (-1, 1)):
+        pairs = 0
+        for cell in np.argwhere(item.outer & ~item.inner) + start + 1:
+            cell[axis] += way
+            pairs += bool(filled[tuple(cell)])
+        face = np.prod(item.cells) / item.cells[axis]
+        total, faces = total + pairs, faces + face
+        found[f"contact {'-+'[way > 0]}{'xyz'[axis]}"] = pairs / face
+    found["contact"] = total / faces
+    low = np.array(location)
+    high = low + [-(-c // 4) for c in item.cells]
+    bricks = filled[1:-1, 1:-1, 1:-1].reshape(nx, 4, ny, 4, nz, 4).sum(axis=(1, 3, 5)) / 64
+
+    def free(a, b):
+        part = bricks[tuple(slice(p, q) for p, q in zip(a, b, strict=True))]
+        return part.size - part.sum(), part.size
+
+    within, size = free(low, high)
+    found["filled within"] = 1 - within / size
+    within, size = free(np.maximum(low - 1, 0), np.minimum(high + 1, box.nodes))
+    found["filled around"] = 1 - within / size
+    for axis in range(3):
+        below, above = (low.copy(), high.copy()), (low.copy(), high.copy())
+        below[0][axis], below[1][axis] = 0, low[axis]
+        above[0][axis], above[1][axis] = high[axis], box.nodes[axis]
+        found[f"free -{'xyz'[axis]}"] = free(*below)[0] / bricks.size
+        found[f"free +{'xyz'[axis]}"] = free(*above)[0] / bricks.size
+        found[f"extent {'xyz'[axis]}"] = item.cells[axis] / (4 * box.nodes[axis])
+        found[f"location {'xyz'[axis]}"] = low[axis] / box.nodes[axis]
+    found["top"] = found["location z"] + found["extent z"]
+    for axis in range(2):
+        walls = min(low[axis], box.nodes[axis] - high[axis])
+        found[f"distance {'xy'[axis]}"] = walls / box.nodes[axis]
+    return found
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(12)
+def test_features_are_those_of_plain_loops(seed) -> None:
+    items, rng = drawn(seed)
+    box = Box(CELLS)
+    fill(box, items[:3], rng)
+    outside = np.array([False, False, False, True, True])
+    found = placements(box, FreeSpace.empty(items, CELLS), outside)
+    for n in rng.choice(len(found), min(6, len(found)), replace=False).tolist():
+        expected = surroundings(box, found.item(n), found.location(n))
+        named = dict(zip(FEATURES, found.features[n].tolist(), strict=True))
+        assert set(expected) == set(PLACEMENT_FEATURES)
+        assert {k: named[k] for k in expected} == pytest.approx(expected, abs=1e-5)
+        assert named["density"] == pytest.approx(box.density, abs=1e-6)
+        assert np.exp(4 * named["log volume"]) * box.size.prod() == pytest.approx(
+            found.item(n).volume, rel=1e-4
+        )
+
+
+def test_equal_items_are_listed_once() -> None:
+    box = Box(CELLS)
+    items = [cube_of(8), cube_of(8), Item(RING, 0.001)]
+    found = placements(box, FreeSpace.empty(items, CELLS), np.ones(3, dtype=bool))
+    assert set(found.items.tolist()) == {0, 2}
+    assert described.placements(box, found.space, np.zeros(3, dtype=bool)).features.shape[0] == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(12)
+def test_a_full_layout_is_valid_and_nothing_else_fits(seed) -> None:
+    items, rng = drawn(seed, 8)
+    box = Box(CELLS)
+    layout = Layout(items, box, tuple(range(24))).fill(largest, rng)
+    again = Box(CELLS)
+    for _, placed in layout.placed:
+        again.place(placed.item, placed.location)  # raises if it is infeasible
+    for n in np.flatnonzero(layout.outside).tolist():
+        assert not any(again.feasible(items[n].turned(r)).any() for r in range(24))
+    assert layout.volume == pytest.approx(sum(p.item.volume for _, p in layout.placed))
+    kept = layout.placed[1::2]
+    layout.restart(kept)
+    assert layout.placed == kept and [p for _, p in kept] == list(box.placed)
+
+
+@pytest.mark.parametrize(
+    "rules",
+    [
+        PACKIT,
+        Rules(easy=True),
+        Rules(kinematic=True),
+        Rules(buffer=2, kinematic=True),
+        Rules(buffer=2, rotations="yaw"),
+        Rules(physics=PhysicsSettings()),
+    ],
+    ids=str,
+)
+def test_an_agent_plays_by_all_rules(weights, rules) -> None:
+    task = task_of(*(cube_of(side) for side in (20, 16, 12, 12, 8)), cells=CELLS)
+    episode = play(task, agent_of(weights), np.random.default_rng(0), rules=rules)
+    assert episode.end is not None and episode.end is not End.INVALID_ACTION
+    assert episode.total > 0.5
+
+
+def test_the_three_choices_are_the_placement_with_the_highest_score(weights) -> None:
+    agent, rng = agent_of(weights), np.random.default_rng(0)
+    episode = Episode(task_of(cube_of(20), cube_of(12), Item(RING, 0.002), cells=CELLS))
+    box, layout = episode.box, Layout(episode.task.items, Box(CELLS), tuple(range(24)))
+    layout.fill(largest, rng)
+    while episode.end is None:
+        for _ in Stage:
+            episode.step(agent.act(episode, rng))
+    assert episode.end is End.COMPLETE
+    assert list(box.placed) == [placed for _, placed in layout.placed]
+
+
+def test_what_others_chose_is_kept(weights) -> None:
+    agent, rng = agent_of(weights), np.random.default_rng(0)
+    episode = Episode(task_of(cube_of(20), cube_of(12), Item(RING, 0.002), cells=CELLS))
+    ring = next(n for n, item in enumerate(episode.task.items) if item.shape.id == RING.id)
+    start = episode.state()
+    episode.step(ring)
+    free = agent.act(episode, rng)
+    for rotation in {free, (free + 1) % 24, 23}:
+        episode.restore(start)
+        episode.step(ring)
+        episode.step(rotation)
+        episode.step(agent.act(episode, rng))
+        assert episode.box.placed[0].item.rotation == rotation
+        assert episode.outside.sum() == 2
+
+
+def test_an_agent_returns_to_earlier_states(weights) -> None:
+    agent, rng = agent_of(weights), np.random.default_rng(0)
+    episode = Episode(task_of(*(cube_of(side) for side in (20, 16, 12, 8)), cells=CELLS))
+    start = episode.state()
+    runs = []
+    for _ in range(2):
+        episode.restore(start)
+        while episode.end is None:
+            episode.step(agent.act(episode, rng))
+        runs.append(episode.box.placed)
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_the_search_ends_at_its_best_layout_which_never_gets_worse(weights, count) -> None:
+    items, _ = drawn(5, 9)
+    task = task_of(*(item.turned(0) for item in items), cells=CELLS)
+    seen: list[tuple[int, float]] = []
+    episode = Episode(task)
+    agent = agent_of(weights, RuinAndRecreate(Budget(rollouts=count)))
+    agent.play(episode, np.random.default_rng(0), lambda *progress: seen.append(progress))
+    assert [number for number, _ in seen] == list(range(1, len(seen) + 1))
+    assert len(seen) == count or episode.end is End.COMPLETE
+    assert [best for _, best in seen] == sorted(best for _, best in seen)
+    assert episode.total == pytest.approx(seen[-1][1]) and episode.end is not None
+    greedy = play(task, agent_of(weights), np.random.default_rng(0)).total
+    assert seen[0][1] == pytest.approx(greedy) and episode.total >= greedy
+
+
+def test_the_search_keeps_what_is_in_the_box_and_stops_when_all_is_placed(weights) -> None:
+    episode = Episode(task_of(*(cube_of(side) for side in (20, 16, 12)), cells=CELLS))
+    agent = agent_of(weights, RuinAndRecreate(Budget(rollouts=50)))
+    for action in (int(np.argmax([i.volume for i in episode.task.items])), 0, 0):
+        episode.step(action)
+    first = episode.box.placed[0]
+    agent.play(episode, np.random.default_rng(0))
+    assert episode.end is End.COMPLETE and episode.box.placed[0] == first
+
+
+def test_the_search_needs_placements_and_a_grid(weights) -> None:
+    task = task_of(cube_of(20), cells=CELLS)
+    rule = Agent.from_name("largest-first/aligned/blbf")
+    with pytest.raises(UnknownPolicyError, match="can't ruin and recreate"):
+        play(task, replace(rule, search=RuinAndRecreate.parse("5")), np.random.default_rng(0))
+    agent = agent_of(weights, RuinAndRecreate(Budget(rollouts=5)))
+    with pytest.raises(ArgumentError, match="no physics"):
+        play(task, agent, np.random.default_rng(0), rules=Rules(physics=PhysicsSettings()))
+
+
+def test_the_network_is_that_of_a_plain_formula() -> None:
+    net = network(7)
+    t = net.tensors
+    features = np.random.default_rng(1).normal(size=(9, len(FEATURES))).astype(np.float32)
+    hidden = scaled = (features - t["mean"]) / t["scale"]
+    for layer in ("first", "second"):
+        hidden = np.maximum(hidden @ t[f"{layer}.weight"].T + t[f"{layer}.bias"], 0)
+    expected = hidden @ t["score.weight"][0] + scaled @ t["linear.weight"][0]
+    assert net(features) == pytest.approx(expected, rel=1e-4)
+
+
+def test_weights_are_read_as_they_were_written(tmp_path) -> None:
+    file = tmp_path / "net.safetensors"
+    net = PlacementNetwork(network().tensors, {"rounds": 3})
+    net.write(file)
+    read = PlacementNetwork.read(file)
+    assert read.provenance == {"rounds": 3} and read.digest == net.digest
+    assert read.digest != network(seed=1).digest
+    assert PlacedShape(file).weights_digest == net.digest
+
+
+def test_weights_that_do_not_fit_are_refused(tmp_path, monkeypatch) -> None:
+    file = tmp_path / "net.safetensors"
+    with pytest.raises(PlacementWeightsError, match="there are no weights at"):
+        PlacementNetwork.read(file)
+    file.write_bytes(b"what")
+    with pytest.raises(PlacementWeightsError, match="damaged"):
+        PlacementNetwork.read(file)
+    broken = network().tensors
+    broken["mean"][0] = np.nan
+    PlacementNetwork(broken, {}).write(file)
+    with pytest.raises(PlacementWeightsError, match="finite"):
+        PlacementNetwork.read(file)
+    tensors = network().tensors
+    tensors["first.bias"] = np.zeros(5, np.float32)
+    PlacementNetwork(tensors, {}).write(file)
+    with pytest.raises(PlacementWeightsError, match="other tensors"):
+        PlacementNetwork.read(file)
+    network().write(file)
+    monkeypatch.setattr("packit_agents.placements.network.FEATURES", ("other",))
+    with pytest.raises(PlacementWeightsError, match="other features"):
+        PlacementNetwork.read(file)
