@@ -131,7 +131,7 @@ def draw(runs: Runs, file: Path) -> None:
         times = np.geomspace(0.5, max(run["seconds"] for run in own), POINTS)
         reached = [[_reached(run["curve"], time) / least for run in own] for time in times]
         means = np.mean(reached, axis=1)
-        style = "--" if rotations == "fixed" else "-"
+        style = {"fixed": "--", "free": "-."}.get(rotations, "-")
         axes.plot(times, means, style, color=colors[name], label=f"{name}, {rotations}")
     axes.axhline(1, color="black", linestyle=":", label="sparrow-3d, 60 s")
     axes.set(xscale="log", xlabel="seconds", ylabel="mean height / sparrow-3d's after 60 s")
