@@ -128,7 +128,9 @@ def find_parts(
                 problems.append(Problem(str(row.file), reason))
     if not parts:
         if not problems:
-            raise ArgumentError("no parts: name mesh files, a folder or a manifest")
+            raise ArgumentError(
+                "no parts: name mesh files, a folder or a manifest, with counts of at least 1"
+            )
         first = problems[0]
         more = f" (and {len(problems) - 1} other files)" if len(problems) > 1 else ""
         raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
@@ -152,6 +154,11 @@ def _rows(source: Path | str) -> Iterator[Row]:
         path, count = Path(match["path"]), int(match["count"])
         if count == 0:
             return
+    before, _, behind = str(source).rpartition("=")
+    if before and not match and not path.exists() and Path(before).exists():
+        raise ArgumentError(
+            f"{source}: {behind!r} is not a count: choose a number, as in {before}=4"
+        )
     if path.is_dir():
         for file in _folder_files(path):
             yield Row(file, {"count": count})
