@@ -262,11 +262,11 @@ def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: floa
     cells = np.array([(each.extents.max() + 2 * clearance) / DISTANCE_CELLS for each in types])
     margin = clearance + MARGIN * float(cells.max())
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
-        triangles = vertices[each.faces]
-        found = signed_distances(triangles, cells[n], clearance + MARGIN * cells[n])
+        own_margin = clearance + MARGIN * cells[n]
+        found = signed_distances(vertices[each.faces], cells[n], own_margin)
         dims[n] = found.shape
         values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
-        points.append(spread_points(triangles, POINTS))
+        points.append(spread_points(vertices, each.faces, POINTS))
     flat = [each.ravel() for each in values]
     return Distances(
         np.concatenate(flat),
