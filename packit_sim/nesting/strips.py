@@ -108,6 +108,8 @@ class StripSearch(Search):
 
     def _add_items(self, problem: Problem) -> None:
         """Put more items in where they fit, or at random poses; the strip grows by their share."""
+        if self._has_room:
+            self._offer_all(problem)
         old = self._items
         height = self._height if self._has_room else self._target
         super()._add_items(problem)
@@ -124,6 +126,15 @@ class StripSearch(Search):
         poses = filled(problem, self._task, start, boxes, self._items, self._rng)
         left = self._items[poses.inside[self._items] == 0].tolist()
         self._current = with_random_poses(problem, self._task, poses, left, boxes, self._choices)
+
+    def _offer_all(self, problem: Problem) -> None:
+        """Place the other items around those that are arranged: a better packing in between."""
+        assert self._current is not None
+        boxes = self._boxes(self._task.size[2])
+        poses = filled(problem, self._task, self._current, boxes, self._task.order, self._rng)
+        found = self._solution(problem, poses)
+        if self.best is None or found.score < self.best.score:
+            self.adopt(problem, found)
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
         height = self._height_of(problem, poses)
