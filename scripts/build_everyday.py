@@ -29,7 +29,7 @@ from lxml import etree
 
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import mesh_files
-from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, SizeCm
@@ -271,7 +271,7 @@ def download_objects(folder: Path) -> Path:
 def build(furniture: Path, objects: Path, out: Path) -> int:
     """Write the library, its page of licences and their text; return the number refused."""
 
-    def show(outcome: Outcome) -> None:
+    def show(outcome: ImportOutcome) -> None:
         if outcome.problem is not None:
             print(f"refused: {outcome.name}: {outcome.problem}", file=sys.stderr)
 

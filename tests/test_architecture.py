@@ -26,3 +26,14 @@ def test_file_names_do_not_repeat_across_folders() -> None:
         if not file.name.startswith("__")
     ]
     assert {name for name in names if names.count(name) > 1} == set()
+
+
+def test_class_names_do_not_repeat() -> None:
+    names = [
+        node.name
+        for package in PACKAGES
+        for file in package.parent.glob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert {name for name in names if names.count(name) > 1} == set()

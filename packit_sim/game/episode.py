@@ -136,7 +136,7 @@ class ChosenItem:
 
 
 @dataclass(frozen=True)
-class State:
+class EpisodeState:
     """The whole state of an episode, to return to with `Episode.restore`.
 
     Attributes
@@ -348,11 +348,11 @@ class Episode:
         self._placements[shape] = len(placed), found
         return found
 
-    def state(self) -> State:
+    def state(self) -> EpisodeState:
         """Save the state of the episode, for `restore`; costs next to nothing."""
         choices = self.shape, self.rotation, self.location
         outside = tuple(self.outside.tolist())
-        return State(
+        return EpisodeState(
             self._task_digest,
             self.rules,
             self.box.snapshot(),
@@ -363,12 +363,12 @@ class Episode:
             self.end,
         )
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: EpisodeState) -> None:
         """Return to a state of an episode of the same task and rules.
 
         Parameters
         ----------
-        state : State
+        state : EpisodeState
             As `state` returned it.
 
         Raises

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.check_reports import Problem, Report, named
+from packit_sim.core.check_reports import FileProblem, Report, named
 from packit_sim.core.errors import MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
@@ -110,7 +110,7 @@ def verify_packing(file: Path | str) -> Report:
     if container.is_strip and not containers:
         space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
     volume = plain_sum(body.volume for body in bodies)
-    sentences = tuple(Problem(file, None, sentence) for sentence in found)
+    sentences = tuple(FileProblem(file, None, sentence) for sentence in found)
     return Report(sentences, 1, 1, len(packing.items), volume, space)
 
 

@@ -14,8 +14,8 @@ from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.problem import Problem, with_own_room
-from packit_sim.nesting.search import Search
-from packit_sim.nesting.tasks import CLOCKS, Budget, Clock, Solution
+from packit_sim.nesting.search import NestSearch
+from packit_sim.nesting.tasks import CLOCKS, Clock, SearchBudget, Solution
 
 SECONDS = 1.0, 20.0
 """Shortest and longest time of a round."""
@@ -114,7 +114,7 @@ class _Stopwatch:
 
 def rounds(
     problems: Problems,
-    searches: Sequence[Search],
+    searches: Sequence[NestSearch],
     limits: Limits,
     workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
@@ -125,7 +125,7 @@ def rounds(
     ----------
     problems : Problems
         The problem.
-    searches : sequence of Search
+    searches : sequence of NestSearch
         The searches, one for each worker.
     limits : Limits
         When to end.
@@ -191,18 +191,18 @@ def _score(solution: Solution) -> tuple[float, ...]:
 
 def _advance(
     problems: Problems,
-    search: Search,
+    search: NestSearch,
     seconds: float,
     passes: int | None,
     shares: tuple[float, float],
     stop: threading.Event | None,
     clock: Clock,
-) -> tuple[Search, float]:
+) -> tuple[NestSearch, float]:
     start = CLOCKS[clock]()
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, Budget(seconds, passes, shares, stop, clock))
+    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock))
     return search, CLOCKS[clock]() - start
 
 

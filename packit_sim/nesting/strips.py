@@ -9,9 +9,9 @@ import numpy as np
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.filling import constructed, filled, least_heights, with_random_poses
 from packit_sim.nesting.problem import Problem, boxes_of
-from packit_sim.nesting.search import Search
+from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Poses, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchTask, Solution
 
 _GROWTH, _DECAY = 1.1, 0.7
 """Factors of the shrinkage after a success and after a failure."""
@@ -26,18 +26,18 @@ _MORE_ROOM = 0.02
 """Share by which the strip grows if added items find no place; twice as much the next time."""
 
 
-class StripSearch(Search):
+class StripSearch(NestSearch):
     """A search for the lowest strip: shrink it, move the items apart, and again.
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     seed : int
         The seed.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed, np.argsort(-task.volumes, kind="stable"))
         self._current: Poses | None = None
         self._height = self._target = math.inf

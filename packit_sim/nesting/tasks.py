@@ -55,7 +55,7 @@ class SearchSettings:
     least_shrink: float = 0.0002
 
 
-class Budget:
+class SearchBudget:
     """Time or passes that a search may take.
 
     Parameters
@@ -166,7 +166,7 @@ class Solution:
 
 
 @dataclass(eq=False)
-class Task:
+class SearchTask:
     """What is searched for.
 
     Attributes

@@ -31,9 +31,9 @@ from packit_sim.parts.task import Goal, PackSettings
 from packit_sim.parts.units import check_unit, lengths
 from packit_sim.reports.models import Models
 from packit_sim.workbench.http_server import (
+    HttpRoute,
     HttpServer,
     RequestError,
-    Route,
     WebAnswer,
     WebRequest,
 )
@@ -149,7 +149,7 @@ class Workbench:
     def __exit__(self, *raised: object) -> None:
         self.close()
 
-    def _routes(self) -> dict[tuple[str, str], Route]:
+    def _routes(self) -> dict[tuple[str, str], HttpRoute]:
         here = Path(__file__).parent
         reports, three = here.parent / "reports", assets_folder() / "three"
         script, style = "text/javascript; charset=utf-8", "text/css; charset=utf-8"
@@ -161,14 +161,14 @@ class Workbench:
             "/box_scene.js": (reports / "box_scene.js", script),
             "/three.js": (three / "three.min.js", script),
         }
-        found = {("GET", path): Route(_file(*file)) for path, file in fixed.items()}
+        found = {("GET", path): HttpRoute(_file(*file)) for path, file in fixed.items()}
         return found | {
-            ("GET", "/state"): Route(self._state),
-            ("GET", "/files/"): Route(self._download),
-            ("POST", "/parts"): Route(self._upload, MOST_BYTES),
-            ("POST", "/remove"): Route(self._remove, _MOST_JSON),
-            ("POST", "/pack"): Route(self._pack, _MOST_JSON),
-            ("POST", "/stop"): Route(self._end),
+            ("GET", "/state"): HttpRoute(self._state),
+            ("GET", "/files/"): HttpRoute(self._download),
+            ("POST", "/parts"): HttpRoute(self._upload, MOST_BYTES),
+            ("POST", "/remove"): HttpRoute(self._remove, _MOST_JSON),
+            ("POST", "/pack"): HttpRoute(self._pack, _MOST_JSON),
+            ("POST", "/stop"): HttpRoute(self._end),
         }
 
     def _upload(self, request: WebRequest) -> WebAnswer:
