@@ -28,12 +28,21 @@ def test_file_names_do_not_repeat_across_folders() -> None:
     assert {name for name in names if names.count(name) > 1} == set()
 
 
-def test_class_names_do_not_repeat() -> None:
-    names = [
-        node.name
+def test_class_names_do_not_repeat_nor_stand_for_other_types() -> None:
+    trees = [
+        ast.parse(file.read_text(encoding="utf-8"))
         for package in PACKAGES
         for file in package.parent.glob("*.py")
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef)
     ]
-    assert {name for name in names if names.count(name) > 1} == set()
+    classes = [
+        node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+    ]
+    aliases = [
+        target.id
+        for tree in trees
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    ]
+    assert {name for name in classes if [*classes, *aliases].count(name) > 1} == set()

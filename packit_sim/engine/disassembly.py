@@ -19,14 +19,14 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.occupancy import Occupancy
-from packit_sim.engine.sweeping import Axis, free_distance
+from packit_sim.engine.sweeping import AxisNumber, free_distance
 from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
 MOVES = 3
 """Largest number of straight moves in a route: two along the axes, and one up."""
 
-_AXES: tuple[Axis, ...] = (2, 0, 1)
+_AXES: tuple[AxisNumber, ...] = (2, 0, 1)
 _STEP = STEP * CELL
 
 GridRoute = tuple[Triple, ...]
@@ -196,7 +196,9 @@ def _straight(others: Sequence[PlacedItem], candidate: PlacedItem, free: Mask) -
             there[axis] += 1 if forward else -1
 
 
-def _reach(others: Sequence[PlacedItem], candidate: PlacedItem, axis: Axis, forward: bool) -> float:
+def _reach(
+    others: Sequence[PlacedItem], candidate: PlacedItem, axis: AxisNumber, forward: bool
+) -> float:
     """Compute how far an item can move before it meets another, in box units."""
     return min(
         (
@@ -210,7 +212,7 @@ def _reach(others: Sequence[PlacedItem], candidate: PlacedItem, axis: Axis, forw
     )
 
 
-def _may_block(other: PlacedItem, candidate: PlacedItem, axis: Axis) -> bool:
+def _may_block(other: PlacedItem, candidate: PlacedItem, axis: AxisNumber) -> bool:
     """Decide whether the cell boxes of two items overlap, seen along an axis."""
     across: npt.NDArray[np.bool_] = np.array(other.start) < candidate.stop
     across &= np.array(candidate.start) < other.stop

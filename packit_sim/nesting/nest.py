@@ -29,7 +29,7 @@ from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.strips import StripSearch
-from packit_sim.nesting.tasks import CLOCKS, Clock, Poses, SearchSettings, SearchTask, Solution
+from packit_sim.nesting.tasks import CLOCKS, ClockName, Poses, SearchSettings, SearchTask, Solution
 
 _log = plain_logger("packit_sim.nesting")
 
@@ -81,7 +81,7 @@ class NestSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     start: Packing | None = None
     stop: threading.Event | None = None
-    clock: Clock = "wall"
+    clock: ClockName = "wall"
 
 
 def nest(

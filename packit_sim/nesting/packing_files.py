@@ -22,13 +22,9 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.lengths import MAX_LENGTH, MIN_LENGTH
+from packit_sim.nesting.lengths import MAX_LENGTH, Extent, PoseRows
 from packit_sim.nesting.mesh_paths import is_inside
 from packit_sim.nesting.placements import Placement, pose_fault
-
-Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
-Extent = Annotated[float, Meta(gt=MIN_LENGTH, lt=MAX_LENGTH)]
-Row = tuple[Length, Length, Length, Length]
 
 
 def verify_packing(file: Path | str) -> Report:
@@ -211,7 +207,7 @@ def obj_text(vertices: Floats, faces: Ints) -> str:
 
 class _Obstacle(Struct):
     mesh: str
-    pose: tuple[Row, Row, Row, Row]
+    pose: PoseRows
 
 
 class _PackingItem(_Obstacle):

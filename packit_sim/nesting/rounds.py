@@ -15,7 +15,7 @@ from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.problem import Problem, with_own_room
 from packit_sim.nesting.search import NestSearch
-from packit_sim.nesting.tasks import CLOCKS, Clock, SearchBudget, Solution
+from packit_sim.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 
 SECONDS = 1.0, 20.0
 """Shortest and longest time of a round."""
@@ -91,13 +91,13 @@ class Limits:
     seconds: float
     passes: int | None
     stop: threading.Event
-    clock: Clock
+    clock: ClockName
 
 
 class _Stopwatch:
     """Seconds since the start: of the wall, or of this thread and of the slowest worker."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: ClockName) -> None:
         self._now = CLOCKS[clock]
         self._counts_workers = clock == "processor"
         self._start = self._now()
@@ -196,7 +196,7 @@ def _advance(
     passes: int | None,
     shares: tuple[float, float],
     stop: threading.Event | None,
-    clock: Clock,
+    clock: ClockName,
 ) -> tuple[NestSearch, float]:
     start = CLOCKS[clock]()
     problem = problems.get()

@@ -62,7 +62,7 @@ _POINTS = 30
 _FIRST_POINT = 0.1
 """Seconds of its first point."""
 
-Played = Mapping[str, Sequence[Rollout]]
+RolloutsByAgent = Mapping[str, Sequence[Rollout]]
 """The rollouts of each agent."""
 
 
@@ -98,7 +98,7 @@ def agents(pairs: Sequence[str], seconds: float) -> tuple[str, ...]:
     return tuple(f"{pair}={seconds:g}s" for pair in pairs)
 
 
-def rows(played: Played, seconds: float) -> tuple[PortfolioRow, ...]:
+def rows(played: RolloutsByAgent, seconds: float) -> tuple[PortfolioRow, ...]:
     """Compute the table.
 
     Parameters
@@ -199,7 +199,7 @@ def to_json(found: Sequence[PortfolioRow], seconds: float) -> dict[str, Any]:
     return {"title": TITLE, "seconds": seconds, "rows": [asdict(row) for row in found]}
 
 
-def draw(played: Played, seconds: float, path: Path) -> None:
+def draw(played: RolloutsByAgent, seconds: float, path: Path) -> None:
     """Plot Average Reward against processor seconds, with 95% intervals."""
     times = np.geomspace(_FIRST_POINT, seconds, _POINTS).tolist()
     curves = {

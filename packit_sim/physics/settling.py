@@ -16,7 +16,7 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
-from packit_sim.physics.convex.fitting import Part, fitted
+from packit_sim.physics.convex.fitting import MeasuredPiece, fitted
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS_AND_FLOOR, World
@@ -249,7 +249,7 @@ def fitted_pieces(
     return pieces, 1 - after / before if items else 0.0
 
 
-def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
+def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[MeasuredPiece]:
     size = float(np.cbrt(placed.item.scale))
     return [
         (piece.moved(placed.matrix[:3, :3], placed.matrix[:3, 3]), out * size)
