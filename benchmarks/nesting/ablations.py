@@ -2,7 +2,7 @@
 
     .venv/bin/python -m benchmarks.nesting.ablations
 
-Each variant runs in a process of its own, which compiles its own kernels. The results are written
+Each variant runs in its own process, which compiles its own kernels. The results are written
 to `benchmarks/results/nesting_ablations.json` one by one: what has a result is not searched again.
 `python -m benchmarks.nesting --table` puts them on the page.
 """

@@ -306,7 +306,7 @@ def import_command(
     if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
         console.print(
             f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
-            "shape; to pack them separately, write each part to a file of its own.",
+            "shape; to pack them separately, write each part to a separate file.",
             style="yellow",
             markup=False,
             soft_wrap=True,

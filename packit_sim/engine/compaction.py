@@ -46,14 +46,14 @@ class Compacted:
         The shift of each item, in box units.
     rounds : int
         Number of rounds; in each, all items are pushed down, left and back.
-    settled : bool
+    converged : bool
         Whether no item moved farther than `SMALLEST_MOVE` in the last round.
     """
 
     placed: tuple[PlacedItem, ...]
     shifts: Floats
     rounds: int
-    settled: bool
+    converged: bool
 
     @property
     def centers(self) -> Floats:

@@ -13,7 +13,7 @@ from packit_sim.core.parallel import Threads, Workers
 from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.problem import Problem, with_own_room
+from packit_sim.nesting.problem import Problem, with_own_arrays
 from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 
@@ -54,7 +54,7 @@ class Problems:
     def get(self) -> Problem:
         """Return the problem, for this thread."""
         if getattr(_own, "problems", None) != self:
-            _own.problem = with_own_room(_built(self))
+            _own.problem = with_own_arrays(_built(self))
             _own.problems = self
         problem: Problem = _own.problem
         return problem

@@ -22,7 +22,7 @@ class NestSearch(ABC):
     """A search by attempts, which can go on in another process: all that it needs is in it.
 
     The most important items are arranged first. Whenever that finds nothing better, the number of
-    items doubles: few items are arranged quickly, and large ones find no room later.
+    items doubles: few items are arranged quickly, and large ones find no space later.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ class HttpRoute:
 
 
 class HttpServer:
-    """A server in a thread of its own. Close it; it ends with the process.
+    """A server in its own thread. Close it; it ends with the process.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The mesh files that a page has sent, in a folder of their own."""
+"""The mesh files that a page has sent, in their own folder."""
 
 from __future__ import annotations
 

@@ -260,7 +260,7 @@ class Workbench:
         settings: PackSettings,
         locked: tuple[_Locked, ...],
     ) -> None:
-        """Search, in a thread of its own."""
+        """Search, in a separate thread."""
         out = self._folder / "packing"
         total = sum(part.count for part in parts)
 
