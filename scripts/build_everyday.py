@@ -27,6 +27,7 @@ import numpy as np
 import trimesh
 from lxml import etree
 
+from packit_sim.core.length_units import UNITS_CM
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
@@ -177,7 +178,7 @@ class ScannedObject:
                 part.apply_translation(np.array(geom.get("pos", "0 0 0").split(), dtype=float))
                 parts.append(part)
         whole = trimesh.Scene(parts).to_mesh()
-        return RawMesh(whole, unit_cm=mesh_files.UNITS_CM["m"])
+        return RawMesh(whole, unit_cm=UNITS_CM["m"])
 
     def _elements(self, file: str, tag: str) -> Iterator[etree._Element]:
         return etree.parse(str(self.folder / f"{file}.xml")).getroot().iter(tag)

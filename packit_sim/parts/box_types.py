@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from packit_sim.core.checks import Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.core.length_units import Unit
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.parts.units import lengths
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, MeshError
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.core.length_units import Unit
 from packit_sim.nesting.rotation_sets import FIXED
 from packit_sim.parts.answers import Answer
 from packit_sim.parts.box_types import BoxType, box_types

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
-from packit_sim.libraries.mesh_files import SUFFIXES, UNITS_CM, RawPart, Unit, read, read_parts
+from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
 from packit_sim.parts.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.part import Part, rotation_set
 from packit_sim.parts.units import check_unit
