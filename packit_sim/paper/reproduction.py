@@ -12,8 +12,8 @@ import numpy as np
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.results import Rollout
-from packit_sim.game.agents import policy_names
 from packit_sim.game.episode import Stage
+from packit_sim.game.policy_registry import policy_names
 from packit_sim.render import plots
 from packit_sim.rules import PACKIT, Rules
 

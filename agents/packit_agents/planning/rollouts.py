@@ -6,8 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from packit_sim.game.agents import Agent, OnProgress, Scored, UnknownPolicyError
+from packit_sim.game.agents import Agent, OnProgress, Scored
 from packit_sim.game.episode import Episode, EpisodeState, Stage
+from packit_sim.game.policy_registry import UnknownPolicyError
 from packit_sim.rules import End
 
 
