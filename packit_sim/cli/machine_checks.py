@@ -21,11 +21,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-import packit_sim
 from packit_sim.core import compilation
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.extras import EXTRAS
 from packit_sim.core.version import __version__
-from packit_sim.libraries.library import assets_folder
 from packit_sim.physics.convex.disk_cache import CACHE_VARIABLE, cache_folder
 from packit_sim.render.bullet import egl_problem
 
@@ -260,7 +259,7 @@ def _caches() -> list[MachineCheck]:
             "set NUMBA_CACHE_DIR to a folder that is writable",
         )
     else:
-        package = Path(packit_sim.__file__).parent
+        package = Path(__file__).parents[1]
         root = package if kernels.is_relative_to(package) else kernels.parent
         first = MachineCheck("compiled engine", "ok", _content(root, "*.nb[ci]"))
     folder = cache_folder()

@@ -16,11 +16,11 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.data_files import read_bytes
-from packit_sim.libraries.library import assets_folder
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.lengths import Extent, PoseRows

@@ -19,7 +19,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.web_origins import LOOPBACK
-from packit_sim.libraries.library import assets_folder
+from packit_sim.media.page_models import Models, page_files
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
 from packit_sim.parts.packing_page import add_box
@@ -29,7 +29,6 @@ from packit_sim.parts.part_files import ReadSettings, find_parts
 from packit_sim.parts.part_sizes import shown as shown_lengths
 from packit_sim.parts.task import Goal, PackSettings
 from packit_sim.parts.units import check_unit, lengths
-from packit_sim.reports.models import Models
 from packit_sim.workbench.http_server import (
     HttpRoute,
     HttpServer,
@@ -151,15 +150,15 @@ class Workbench:
 
     def _routes(self) -> dict[tuple[str, str], HttpRoute]:
         here = Path(__file__).parent
-        reports, three = here.parent / "reports", assets_folder() / "three"
+        shared = page_files()
         script, style = "text/javascript; charset=utf-8", "text/css; charset=utf-8"
         fixed = {
             "/": (here / "page.html", "text/html; charset=utf-8"),
             "/page.js": (here / "page.js", script),
             "/page.css": (here / "page.css", style),
-            "/report.css": (reports / "page.css", style),
-            "/box_scene.js": (reports / "box_scene.js", script),
-            "/three.js": (three / "three.min.js", script),
+            "/pages.css": (shared["style"], style),
+            "/box_scene.js": (shared["scene"], script),
+            "/three.js": (shared["three"], script),
         }
         found = {("GET", path): HttpRoute(_file(*file)) for path, file in fixed.items()}
         return found | {
