@@ -67,7 +67,7 @@ def test_a_required_package_that_is_broken_ends_with_1(monkeypatch) -> None:
     assert done.returncode == 1 and json.loads(done.stdout)["works"] is False
 
 
-def test_packages_that_crash_hang_or_raise_are_told_apart(
+def test_packages_that_crash_hang_or_raise_are_distinguished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "packit_crash.py").write_text("import os; os.abort()")
