@@ -131,7 +131,8 @@ def find_parts(
         if not problems:
             raise ArgumentError("no parts: name mesh files, a folder or a manifest")
         first = problems[0]
-        more = f" (and {len(problems) - 1} other files)" if len(problems) > 1 else ""
+        others = len(problems) - 1
+        more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
         raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
     assumed = {each.file for each in parts if each.file and not _defines_unit(each.file)}
     if assumed:
