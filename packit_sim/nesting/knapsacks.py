@@ -30,7 +30,7 @@ _CHOICES = 100
 """Exchanges among which one that gains as much is looked for."""
 
 _WORSE = 0.02
-"""Share of the value by which a box may be worse than the best to go on from it."""
+"""Share of the value by which a box may be worse than the best to continue from it."""
 
 _REFILLED = 0.05
 """Share of the value by which it may be worse for a look at what else fits in."""

@@ -19,7 +19,7 @@ FIRST_LEVELS = 0.4
 
 
 class NestSearch(ABC):
-    """A search by attempts, which can go on in another process: all that it needs is in it.
+    """A search by attempts, which can resume in another process: it holds all that it needs.
 
     The most important items are arranged first. Whenever that finds nothing better, the number of
     items doubles: few items are arranged quickly, and large ones find no space later.
