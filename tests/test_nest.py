@@ -40,7 +40,7 @@ from packit_sim.nesting.nest import NestingError
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.rotation_sets import matrices
-from packit_sim.nesting.tasks import Budget, Poses, Task
+from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask
 from packit_sim.nesting.validity import tolerance
 
 OPEN = math.inf
@@ -148,7 +148,7 @@ def text(packing: Packing) -> bytes:
 def test_something_better_comes_before_all_items_are_arranged(monkeypatch) -> None:
     """The search begins with the largest items, the others are then placed around them."""
 
-    def stacked(problem: Problem, task: Task, *_: Any) -> Poses:
+    def stacked(problem: Problem, task: SearchTask, *_: Any) -> Poses:
         poses = task.nowhere
         poses.inside[:] = 1
         poses.places[:, :2] = 1.5
@@ -509,7 +509,7 @@ def test_a_short_time_gives_a_constructed_packing_without_other_processes(monkey
 
 
 def test_the_processor_clock_counts_what_the_workers_compute_and_nothing_else() -> None:
-    budget = Budget(0.05, clock="processor")
+    budget = SearchBudget(0.05, clock="processor")
     time.sleep(0.1)
     assert not budget.is_spent
     while not budget.is_spent:

@@ -14,6 +14,7 @@ from gymnasium import spaces
 from safetensors import safe_open
 
 from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
+from packit_sim.core.assets import assets_folder
 from packit_sim.datasets import packs, provenance
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.manifests import Manifest, manifest_path
@@ -21,7 +22,7 @@ from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
-from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.nesting import instances, packing_files
 from packit_sim.physics.quality import QualityScores

@@ -4,8 +4,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
-from packit_sim.cli.app import main
+from packit_sim.cli.app import app, main
 
 SMALL = "--pool 4 --generations 0"
 
@@ -41,6 +42,20 @@ WRONG = [
     ("nest x.json --out folder", "folder is a folder"),
     ("nest x.json --out file/x.json", "file"),
     ("nest x.json --packing x.stl", "x.stl"),
+    # pack, workbench
+    ("pack", "Missing argument"),
+    ("pack absent.stl --box 10x10x10 --out x", "absent.stl"),
+    ("pack meshes --box 10x10x10 --out x", "bad.stl"),
+    ("pack broken.json --box 10x10x10 --out x", "broken.json"),
+    ("pack meshes --box 10x10 --out x", "10x10"),
+    ("pack meshes --box 0x10x10 --out x", "0x10x10"),
+    ("pack meshes --box 10x10x10 --out file", "file"),
+    ("pack meshes --box 10x10x10 --clearance -1 --out x", "clearance"),
+    ("pack meshes --box 10x10x10 --unit mile --out x", "'mile'"),
+    ("pack meshes --box 10x10x10 --objective best --out x", "'best'"),
+    ("pack meshes absent.stl --box 10x10x10 --out x", "(and 1 other file)"),
+    ("workbench --port 0", "--port"),
+    ("workbench --host 999.0.0.1 --no-browser", "999.0.0.1"),
     # generate
     ("generate", "Missing option '--out'"),
     ("generate --out x --packs 0", "--packs"),
@@ -55,6 +70,9 @@ WRONG = [
     ("generate --out x --library folder:absent", "absent"),
     ("generate --out x --backend ssh", "--backend"),
     ("generate --out x --address here:1", "backend ray"),
+    ("generate --out x --puzzle jigsaw", "'jigsaw': choose from"),
+    ("generate --out x --puzzle guillotine --pieces 0", "pieces 0"),
+    ("generate --out x --dense --items 0 3", "items = (0, 3)"),
     (f"generate --out file {SMALL}", "file"),
     (f"generate --out file/x {SMALL}", "file"),
     # evaluate and compare
@@ -72,6 +90,9 @@ WRONG = [
     ("evaluate starter --agent learned@absent.safetensors/aligned/blbf", "absent.safetensors"),
     ("evaluate starter --agent learned@binary.jsonl/aligned/blbf", "binary.jsonl"),
     ("evaluate starter --pieces gold", "--pieces"),
+    ("evaluate starter --buffer 0", "--buffer"),
+    ("evaluate starter --rotations some", "'some'"),
+    ("evaluate starter --kinematic --physics", "not both"),
     ("evaluate starter --workers -1", "--workers"),
     ("evaluate starter --tasks 1 --out file/x.jsonl", "file"),
     ("evaluate starter --tasks 1 --out folder", "folder"),
@@ -168,6 +189,9 @@ WRONG = [
     ("shapes import shapenet:folder --out x", "folder"),
     # datasets
     ("datasets stats nowhere", "nowhere"),
+    ("datasets list extra", "extra"),
+    ("datasets sequences --out file/x.jsonl", "file"),
+    ("datasets sequences --out x --seed -1", "--seed"),
     ("datasets stats broken.jsonl", "broken.jsonl"),
     ("datasets stats starter --split train", "train"),
     ("datasets stats starter --json file/x.json", "file"),
@@ -187,6 +211,17 @@ WRONG = [
     ("train --out x --device abacus", "abacus"),
     ("train --out x --ray-workers -1", "--ray-workers"),
     ("train --out file", "file"),
+    ("train-champion", "Missing option '--out'"),
+    ("train-champion --out x --train-on nowhere", "nowhere"),
+    ("train-champion --out x --rounds 0", "--rounds"),
+    ("train-champion --out file", "file"),
+    # selftest, agents, doctor
+    ("selftest --minutes 0", "--minutes"),
+    ("selftest --replay absent.json", "absent.json: No such file"),
+    ("selftest --replay broken.jsonl", "broken.jsonl: not JSON"),
+    ("agents bogus", "No such command 'bogus'"),
+    ("agents list extra", "extra"),
+    ("doctor --bogus", "No such option: --bogus"),
 ]
 
 
@@ -209,6 +244,18 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch) -> int:
         main()
     assert isinstance(ended.value.code, int | None)
     return ended.value.code or 0
+
+
+def test_every_command_has_a_wrong_command_line() -> None:
+    named = {" ".join(command.split()[:2]) for command, _ in WRONG}
+    leaves = []
+    for command in get_command(app).commands.values():
+        own = getattr(command, "commands", None)
+        leaves += [f"{command.name} {name}" for name in own] if own else [str(command.name)]
+    assert len(leaves) > 20
+    assert [
+        leaf for leaf in leaves if not any(f"{one} ".startswith(f"{leaf} ") for one in named)
+    ] == []
 
 
 @pytest.mark.parametrize(("command", "message"), WRONG, ids=[command for command, _ in WRONG])

@@ -51,7 +51,7 @@ POINTS = 128
 """Points of an item's surface whose depth in others counts."""
 
 FARTHEST = 8
-"""Vertices farthest from the centre, which tell most rotations apart."""
+"""Vertices farthest from the centre, which distinguish most rotations."""
 
 DRAWN_IN = 0.95, 0.6
 """Shares of the tolerance by which the surfaces of the first and other item of a pair are drawn in.
@@ -193,7 +193,7 @@ def _distinct(
 
 
 def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
-    """Return the side of the voxels: small, but so that all fields have room."""
+    """Return the side of the voxels: small, but so that there is space for all fields."""
     longest = np.array([each.extents.max() for each in types])
     voxel = float(np.median(longest)) / count
     extents = np.array([each.extents for each in types])
