@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.common import Times, argument_parser, machine, summaries, summary_table, write_json
-from packit_agents.placements.layout import Scorer
 from packit_agents.placements.playing import new_layout
 from packit_agents.placements.policies import PlacementPolicy
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
+from packit_agents.placements.scored_layout import Scorer
 from packit_agents.planning.budgets import Budget
 from packit_sim import Agent, Episode, Task, load_tasks
 from packit_sim.game.episode import Stage

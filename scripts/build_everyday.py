@@ -27,9 +27,10 @@ import numpy as np
 import trimesh
 from lxml import etree
 
+from packit_sim.core.length_units import UNITS_CM
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import mesh_files
-from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, SizeCm
@@ -177,7 +178,7 @@ class ScannedObject:
                 part.apply_translation(np.array(geom.get("pos", "0 0 0").split(), dtype=float))
                 parts.append(part)
         whole = trimesh.Scene(parts).to_mesh()
-        return RawMesh(whole, unit_cm=mesh_files.UNITS_CM["m"])
+        return RawMesh(whole, unit_cm=UNITS_CM["m"])
 
     def _elements(self, file: str, tag: str) -> Iterator[etree._Element]:
         return etree.parse(str(self.folder / f"{file}.xml")).getroot().iter(tag)
@@ -271,7 +272,7 @@ def download_objects(folder: Path) -> Path:
 def build(furniture: Path, objects: Path, out: Path) -> int:
     """Write the library, its page of licences and their text; return the number refused."""
 
-    def show(outcome: Outcome) -> None:
+    def show(outcome: ImportOutcome) -> None:
         if outcome.problem is not None:
             print(f"refused: {outcome.name}: {outcome.problem}", file=sys.stderr)
 

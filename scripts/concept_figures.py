@@ -1,6 +1,6 @@
 """Draw the pictures of the concept pages: python scripts/concept_figures.py [FOLDER].
 
-The folder is docs/images by default. The pictures have a white background of their own, so that
+The folder is docs/images by default. The pictures have their own white background, so that
 they can be read on light and on dark pages.
 """
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from packit_sim import PackSettings, Part, ShapeLibrary, pack
-from packit_sim.parts import Requirements, drop_violations, removable, settled_down
+from packit_sim.parts import Requirements, drop_violations, lowered, removable
 from packit_sim.parts.box_pictures import draw
 from packit_sim.parts.packing_film import film_packing
 
@@ -55,7 +55,7 @@ def main(folder: Path) -> None:
     packed = pack(parts, BOX, time=SECONDS, settings=PackSettings(removable=True))
     print(packed.table())
     assert packed.verify() == []
-    resting = settled_down(packed.boxes[0].packing)
+    resting = lowered(packed.boxes[0].packing)
     resting = drop_violations(resting, Requirements(removable=True)).packing
     print(f"{len(resting.placements)} parts after they came to rest")
     assert resting.problems() == [] and removable(resting).stuck == ()

@@ -1,6 +1,8 @@
 """Each package has a docstring. `lint-imports` checks which package may import which."""
 
 import ast
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -26,3 +28,45 @@ def test_file_names_do_not_repeat_across_folders() -> None:
         if not file.name.startswith("__")
     ]
     assert {name for name in names if names.count(name) > 1} == set()
+
+
+def test_class_names_do_not_repeat_nor_stand_for_other_types() -> None:
+    trees = [
+        ast.parse(file.read_text(encoding="utf-8"))
+        for package in PACKAGES
+        for file in package.parent.glob("*.py")
+    ]
+    classes = [
+        node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+    ]
+    aliases = [
+        target.id
+        for tree in trees
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    ]
+    assert {name for name in classes if [*classes, *aliases].count(name) > 1} == set()
+
+
+def test_every_file_that_the_page_names_exists() -> None:
+    page = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w/]+\.py)`", page))
+    folders = [*(package.parent for package in PACKAGES), ROOT / "tests"]
+    paths = [f"/{file}" for folder in folders for file in folder.glob("*.py")]
+    assert len(named) > 30
+    assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths)] == []
+
+
+def test_the_page_lists_the_layers_of_the_contract_in_its_order() -> None:
+    page = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", page, flags=re.MULTILINE)
+    listed = [set(re.findall(r"`(\w+)(?:/|\.py)`", row)) for row in rows]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contract = settings["tool"]["importlinter"]["contracts"][0]["layers"]
+    layers = [set(layer.split(" | ")) for layer in contract]
+    assert set().union(*listed) == set().union(*layers)
+    depth = {name: n for n, layer in enumerate(layers) for name in layer}
+    depths = [depth[name] for row in listed for name in sorted(row, key=depth.__getitem__)]
+    assert depths == sorted(depths)

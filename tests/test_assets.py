@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.check_reports import Report
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_files import (
@@ -25,7 +26,6 @@ from packit_sim.datasets.pack_files import (
 from packit_sim.datasets.provenance import Puzzle
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.generation.jobs import work_folder
-from packit_sim.libraries.library import assets_folder
 
 SAMPLE = 2
 """Packs of each file: the first, the last, and with more, what lies evenly between."""

@@ -21,7 +21,7 @@ SMALL = ("--pool", "6", "--generations", "1")
 
 
 def shell(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run `packit` in a process of its own."""
+    """Run `packit` in its own process."""
     return subprocess.run(
         [sys.executable, "-m", "packit_sim", *map(str, arguments)],
         capture_output=True,

@@ -209,7 +209,7 @@ def test_errors_arrive_and_say_where_they_are_from(cluster, monkeypatch) -> None
             workers.map(fail, [(None,)])
 
 
-def test_a_search_goes_on_with_what_came_back_from_the_cluster(cluster) -> None:
+def test_a_search_resumes_with_what_came_back_from_the_cluster(cluster) -> None:
     """Its jobs change arrays that they got, round after round."""
     cluster.add_node(num_cpus=2)
     box = creation.box((1, 0.8, 0.6))

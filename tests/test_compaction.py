@@ -50,7 +50,7 @@ def test_a_stack_of_cubes_comes_down_to_the_corner() -> None:
     low = found.centers - 0.05
     assert low[:, 2] == pytest.approx([0, 0.1, 0.2], abs=3 * NEAR)
     assert low[:, :2] == pytest.approx(0, abs=NEAR)
-    assert found.settled
+    assert found.converged
     assert found.filled[1] == pytest.approx(1, abs=0.01) and found.filled[0] < 0.4
     assert found.height == pytest.approx((0.38, 0.3), abs=3 * NEAR)
     assert crossing(found) == []
@@ -77,9 +77,9 @@ def test_what_is_together_stays() -> None:
     box.place(cube_of(20), (5, 0, 0))
     found = compact(box)
     assert np.abs(found.shifts).max() < NEAR
-    assert (found.rounds, found.settled) == (1, True)
+    assert (found.rounds, found.converged) == (1, True)
     empty = compact(Box())
-    assert (empty.filled, empty.rounds, empty.settled) == ((0.0, 0.0), 0, True)
+    assert (empty.filled, empty.rounds, empty.converged) == ((0.0, 0.0), 0, True)
 
 
 @examples(5)

@@ -120,17 +120,17 @@ def test_a_hull_of_many_corners_keeps_those_farthest_out() -> None:
     assert 0.95 < piece.volume / (3 * ball.volume) < 1
 
 
-def test_bulk_of_a_block_and_of_its_halves() -> None:
+def test_mass_properties_of_a_block_and_of_its_halves() -> None:
     """Hand-solved: a block of a x b x c has the moment (b^2 + c^2) / 12 about its axis along a."""
     low, high = (1, 2, 3), (2, 4, 6)
     halves = [block(low, (2, 4, 5)), block((1, 2, 5), high)]
     for pieces in ([block(low, high)], halves):
-        bulk = MassProperties.of(pieces)
-        assert bulk.volume == pytest.approx(6)
-        assert np.allclose(bulk.center, (1.5, 3, 4.5))
-        assert np.allclose(bulk.moments, np.array((1 + 4, 1 + 9, 4 + 9)) / 12)
-        assert np.allclose(np.abs(bulk.axes), np.eye(3)[::-1])
-        assert np.linalg.det(bulk.axes) == pytest.approx(1)
+        found = MassProperties.of(pieces)
+        assert found.volume == pytest.approx(6)
+        assert np.allclose(found.center, (1.5, 3, 4.5))
+        assert np.allclose(found.moments, np.array((1 + 4, 1 + 9, 4 + 9)) / 12)
+        assert np.allclose(np.abs(found.axes), np.eye(3)[::-1])
+        assert np.linalg.det(found.axes) == pytest.approx(1)
 
 
 def test_what_of_a_surface_is_in_a_block() -> None:

@@ -14,7 +14,7 @@ from trimesh import creation
 from packit_sim.box import Box
 from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.engine.disassembly import disassemble, find_route
-from packit_sim.engine.sweeping import Axis, cyclic, free_distance, least_rise_oracle, surface
+from packit_sim.engine.sweeping import AxisNumber, cyclic, free_distance, least_rise_oracle, surface
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import PlacedItem
@@ -62,7 +62,7 @@ DUMBBELL = of_blocks(
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_space_between_cubes(axis: Axis) -> None:
+def test_the_space_between_cubes(axis: AxisNumber) -> None:
     """Hand-solved: 10 cells wide each, their centres 25 apart; drawn in, they have a bit more."""
     cube = cube_of(10)
     offset = np.zeros(3)
@@ -91,7 +91,7 @@ def test_the_tree_says_what_all_pairs_say(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = (Item(ZOO[n], 0.1, int(rng.integers(24))) for n in rng.integers(len(ZOO), size=2))
     offset = rng.uniform(-0.4, 0.4, 3)
-    axis: Axis = rng.choice((0, 1, 2)).item()
+    axis: AxisNumber = rng.choice((0, 1, 2)).item()
     plain = least_rise_oracle(surface(one, axis), surface(other, axis), offset[cyclic(axis)])
     assert free_distance(one, other, offset, axis, forward=True) == pytest.approx(plain, abs=1e-12)
 
@@ -102,7 +102,7 @@ def test_the_space_is_free_and_maximal(seed: int) -> None:
     """FCL's witness: no crossing on the way, and one just behind its end."""
     rng = np.random.default_rng(seed)
     one, other = (Item(ZOO[n], 0.1, int(rng.integers(24))) for n in rng.integers(len(ZOO), size=2))
-    axis: Axis = rng.choice((0, 1, 2)).item()
+    axis: AxisNumber = rng.choice((0, 1, 2)).item()
     offset = rng.uniform(-0.2, 0.2, 3)
     offset[axis] = 0.9
     found = free_distance(one, other, offset, axis, forward=True)

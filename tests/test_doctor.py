@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from packit_sim.cli import machine_checks
-from packit_sim.cli.machine_checks import BASE, PURPOSES, Check, all_checks
+from packit_sim.cli.machine_checks import BASE, PURPOSES, MachineCheck, all_checks
 from packit_sim.core.extras import EXTRAS
 from tests.runs import run_packit
 
@@ -44,12 +44,12 @@ def test_a_working_machine_ends_with_0() -> None:
     assert all((check["status"] == "ok") == (not check["remedy"]) for check in found["checks"])
 
 
-def _check_nothing_but(*checks: Check):
-    return lambda: [Check("packit-sim", "ok", "1", required=True), *checks]
+def _check_nothing_but(*checks: MachineCheck):
+    return lambda: [MachineCheck("packit-sim", "ok", "1", required=True), *checks]
 
 
 def test_what_is_missing_has_a_remedy_in_the_table(monkeypatch) -> None:
-    ray = Check("ray", "missing", "for --backend ray", "pip install 'packit-sim[cluster]'")
+    ray = MachineCheck("ray", "missing", "for --backend ray", "pip install 'packit-sim[cluster]'")
     monkeypatch.setattr("packit_sim.cli.doctor_command.all_checks", _check_nothing_but(ray))
     done = run_packit("doctor")
     assert done.returncode == 0
@@ -58,14 +58,16 @@ def test_what_is_missing_has_a_remedy_in_the_table(monkeypatch) -> None:
 
 
 def test_a_required_package_that_is_broken_ends_with_1(monkeypatch) -> None:
-    numba = Check("numba", "problem", "can't be imported", "pip install numba", required=True)
+    numba = MachineCheck(
+        "numba", "problem", "can't be imported", "pip install numba", required=True
+    )
     monkeypatch.setattr("packit_sim.cli.doctor_command.all_checks", _check_nothing_but(numba))
     assert run_packit("doctor").returncode == 1
     done = run_packit("doctor", "--json")
     assert done.returncode == 1 and json.loads(done.stdout)["works"] is False
 
 
-def test_packages_that_crash_hang_or_raise_are_told_apart(
+def test_packages_that_crash_hang_or_raise_are_distinguished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "packit_crash.py").write_text("import os; os.abort()")

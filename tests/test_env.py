@@ -190,7 +190,7 @@ def test_mesh_comparisons_are_those_of_the_environment_itself(tasks) -> None:
     """Two environments that play in turn count as much as each of them alone would."""
 
     def play(envs: list[PackItEnv], steps: int) -> list[int]:
-        """Each environment with caches of its own, so that both have to call FCL."""
+        """Each environment with its own caches, so that both have to call FCL."""
         for env in envs:
             caches.clear()
             env.reset(options={"task": 1})

@@ -25,7 +25,7 @@ from packit_sim.geometry.repair import Repairs
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import importer
-from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate
@@ -71,7 +71,7 @@ def test_an_import_is_a_library_with_a_report(tmp_path: Path) -> None:
         block.vertices, np.concatenate([block.faces[:2, ::-1], block.faces[2:]]), process=False
     )
     sheet = trimesh.Trimesh(block.vertices, block.faces[:1], process=False)
-    seen: list[Outcome] = []
+    seen: list[ImportOutcome] = []
     outcomes = import_library(
         [
             candidate("ball/large", BALL),
@@ -116,7 +116,7 @@ def test_a_limit_of_the_shell_is_not_raised() -> None:
 
 @pytest.mark.usefixtures("in_this_process")
 def test_no_library_is_stored_before_its_report(tmp_path: Path) -> None:
-    def stop(outcomes: list[Outcome]) -> None:
+    def stop(outcomes: list[ImportOutcome]) -> None:
         raise KeyboardInterrupt(outcomes[0].info)
 
     with pytest.raises(KeyboardInterrupt, match="ball"):

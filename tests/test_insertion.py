@@ -154,7 +154,7 @@ def test_the_answer_is_a_matter_of_the_two_items_alone() -> None:
 
 
 def test_points_above_one_another_are_found() -> None:
-    """A witness of its own: points all over the one, triangles of the other seen from above."""
+    """A separate witness: points all over the one, triangles of the other seen from above."""
     rng = np.random.default_rng(1)
     ball, ring = Item(BALL, 0.05), Item(RING, 0.05)
     points = trimesh.sample.sample_surface(ring.mesh, 1000, seed=0)[0]

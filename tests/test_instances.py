@@ -11,10 +11,10 @@ import pytest
 import trimesh
 from trimesh import creation
 
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import MeshError, PackFormatError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
-from packit_sim.libraries.library import assets_folder
 from packit_sim.libraries.mesh_files import read
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.instances import (

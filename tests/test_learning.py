@@ -46,8 +46,9 @@ from packit_sim.envs.observations import PLACEMENT_FEATURES
 from packit_sim.evaluation.evaluation import evaluate
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.game.agents import Agent, UnknownPolicyError, load_policy
+from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.policy_registry import UnknownPolicyError, load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array

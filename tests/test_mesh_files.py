@@ -203,11 +203,11 @@ def test_files_that_are_too_large_are_refused(
 ) -> None:
     file = tmp_path / "block.stl"
     BLOCK.export(file)
-    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_BYTES", 600)
+    monkeypatch.setattr("packit_sim.libraries.mesh_limits.MAX_BYTES", 600)
     with pytest.raises(MeshError, match=r"block\.stl: 684 bytes are too many: at most 600"):
         read(file)
-    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_BYTES", 10_000)
-    monkeypatch.setattr("packit_sim.libraries.mesh_files.MAX_TRIANGLES", 11)
+    monkeypatch.setattr("packit_sim.libraries.mesh_limits.MAX_BYTES", 10_000)
+    monkeypatch.setattr("packit_sim.libraries.mesh_limits.MAX_TRIANGLES", 11)
     with pytest.raises(MeshError, match="12 triangles are too many: at most 11"):
         read(file)
     with pytest.raises(MeshError, match=r"block\.fbx: not a mesh file: its name must end in \.3mf"):

@@ -35,10 +35,12 @@ from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
 from packit_sim.nesting import nest as nest_module
+from packit_sim.nesting import strips
 from packit_sim.nesting.nest import NestingError
 from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.rotation_sets import matrices
-from packit_sim.nesting.tasks import Budget
+from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask
 from packit_sim.nesting.validity import tolerance
 
 OPEN = math.inf
@@ -141,6 +143,27 @@ def text(packing: Packing) -> bytes:
     return b"".join(
         bytes(f"{p.type} {p.box} ", "ascii") + p.pose.tobytes() for p in packing.placements
     )
+
+
+def test_something_better_comes_before_all_items_are_arranged(monkeypatch) -> None:
+    """The search begins with the largest items, the others are then placed around them."""
+
+    def stacked(problem: Problem, task: SearchTask, *_: Any) -> Poses:
+        poses = task.nowhere
+        poses.inside[:] = 1
+        poses.places[:, :2] = 1.5
+        poses.places[:, 2] = 3.0 * np.arange(task.count) + 1.5
+        return poses
+
+    monkeypatch.setattr(strips, "constructed", stacked)
+    heights: list[float] = []
+    items = [of(angle(), demand=16), of(ball(), "ball", demand=16)]
+    settings = quick(12)
+    packing = nest(
+        items, (4, 4, OPEN), callback=lambda p, _: heights.append(p.height), settings=settings
+    )
+    check(packing)
+    assert len(heights) > 1 and heights[-1] < heights[0] / 2
 
 
 @pytest.mark.parametrize(
@@ -486,7 +509,7 @@ def test_a_short_time_gives_a_constructed_packing_without_other_processes(monkey
 
 
 def test_the_processor_clock_counts_what_the_workers_compute_and_nothing_else() -> None:
-    budget = Budget(0.05, clock="processor")
+    budget = SearchBudget(0.05, clock="processor")
     time.sleep(0.1)
     assert not budget.is_spent
     while not budget.is_spent:

@@ -295,7 +295,7 @@ def test_agents_choose_what_is_valid_until_nothing_visible_fits(agent, easy) -> 
     assert not list(play_problems(rollout.pack, rollout.played))
 
 
-def test_the_episode_goes_on_while_anything_visible_fits() -> None:
+def test_the_episode_continues_while_anything_visible_fits() -> None:
     """The oldest item does not fit any more, but others do."""
     episode = Episode(sequence(side=16), replace(ONLINE, buffer=10))
     Agent.from_name("oldest-first/lowest/blbf").play(episode, np.random.default_rng(0))

@@ -371,9 +371,10 @@ def test_an_earlier_packing_that_is_not_valid_is_not_used(tmp_path) -> None:
     for broken in ({"items": 3}, {"box names": 3}, {"searches": None}):
         (tmp_path / "packing.json").write_text(json.dumps({**record, **broken}))
         assert read_earlier(tmp_path, again.task) is None
-    (tmp_path / "packing.json").write_text("[]")
-    with pytest.raises(ArgumentError, match="choose another folder"):
-        pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
+    for foreign in ("[]", '{"task": 3}'):
+        (tmp_path / "packing.json").write_text(foreign)
+        with pytest.raises(ArgumentError, match="choose another folder"):
+            pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
 
 
 def test_a_box_is_shown_on_a_page() -> None:
@@ -671,7 +672,7 @@ def test_fixed_parts_that_are_not_possible_are_errors(tmp_path) -> None:
             pack([cube(5)], box, settings=settings)
 
 
-def test_a_search_goes_on_from_the_packing_in_the_folder(tmp_path, monkeypatch) -> None:
+def test_a_search_resumes_from_the_packing_in_the_folder(tmp_path, monkeypatch) -> None:
     starts: list[Packing | None] = []
 
     def spied(*arguments: Any) -> Packing:

@@ -101,13 +101,18 @@ def test_hidden_layers_add_nothing_at_first(tasks) -> None:
     assert scores - scores[0] == pytest.approx(expected - expected[0], abs=1e-3)
 
 
-def test_a_training_resumes_with_the_same_weights_whatever_the_workers(packs, tmp_path) -> None:
+def test_a_training_resumes_with_the_same_weights_whatever_the_workers(
+    packs, tmp_path, caplog
+) -> None:
+    caplog.set_level("INFO", "packit_agents")
     whole = PlacementTraining(settings_of(packs), tmp_path / "whole")
     seen = []
     with Workers(2) as two:
         whole.run(two, seen.append)
     assert [result.rounds for result in seen] == [1, 2]
     assert [point.steps for point in whole.curve] == [0, 2]
+    assert "0 of 2 rounds are done" in caplog.text and "finished in" in caplog.text
+    assert f"round 2: validation reward {whole.curve[-1].validation.mean:.3f}" in caplog.text
 
     class Killed(Exception):
         pass
@@ -120,6 +125,7 @@ def test_a_training_resumes_with_the_same_weights_whatever_the_workers(packs, tm
             PlacementTraining(settings_of(packs), tmp_path / "parts").run(one, kill)
         parts = PlacementTraining(settings_of(packs), tmp_path / "parts")
         parts.run(one)
+    assert "1 of 2 rounds are done" in caplog.text
     assert parts.curve == whole.curve and parts.best == whole.best
     for name in ("last.safetensors", "best.safetensors"):
         network, other = (PlacementNetwork.read(tmp_path / n / name) for n in ("whole", "parts"))

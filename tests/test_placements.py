@@ -11,17 +11,18 @@ from hypothesis import strategies as st
 from packit_agents.placements import placement_features as described
 from packit_agents.placements.free_kernels import corners
 from packit_agents.placements.free_space import FreeSpace
-from packit_agents.placements.layout import Layout
 from packit_agents.placements.network import PlacementNetwork, PlacementWeightsError
 from packit_agents.placements.placement_features import FEATURES, PLACEMENT_FEATURES, placements
 from packit_agents.placements.policies import PlacedLocation, PlacedRotation, PlacedShape
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
+from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
 from packit_sim.evaluation.evaluation import play
-from packit_sim.game.agents import Agent, UnknownPolicyError
+from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.policy_registry import UnknownPolicyError
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.placement import BoxState
@@ -211,7 +212,7 @@ def test_equal_items_are_listed_once() -> None:
 def test_a_full_layout_is_valid_and_nothing_else_fits(seed) -> None:
     items, rng = drawn(seed, 8)
     box = Box(CELLS)
-    layout = Layout(items, box, tuple(range(24))).fill(largest, rng)
+    layout = ScoredLayout(items, box, tuple(range(24))).fill(largest, rng)
     again = Box(CELLS)
     for _, placed in layout.placed:
         again.place(placed.item, placed.location)  # raises if it is infeasible
@@ -245,7 +246,7 @@ def test_an_agent_plays_by_all_rules(weights, rules) -> None:
 def test_the_three_choices_are_the_placement_with_the_highest_score(weights) -> None:
     agent, rng = agent_of(weights), np.random.default_rng(0)
     episode = Episode(task_of(cube_of(20), cube_of(12), Item(RING, 0.002), cells=CELLS))
-    box, layout = episode.box, Layout(episode.task.items, Box(CELLS), tuple(range(24)))
+    box, layout = episode.box, ScoredLayout(episode.task.items, Box(CELLS), tuple(range(24)))
     layout.fill(largest, rng)
     while episode.end is None:
         for _ in Stage:

@@ -23,7 +23,7 @@ from packit_sim.datasets.provenance import Puzzle, PuzzleName
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.generation import cuboid_cuts, curved_cuts, polycube_cuts
 from packit_sim.generation.jobs import GenerationError
-from packit_sim.generation.puzzle_pieces import NODES, Piece
+from packit_sim.generation.puzzle_pieces import NODES, PuzzlePiece
 from packit_sim.generation.puzzles import (
     CUTTERS,
     PuzzleJob,
@@ -53,7 +53,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def drawn(kind: PuzzleName, pieces: int, seed: int) -> list[Piece]:
+def drawn(kind: PuzzleName, pieces: int, seed: int) -> list[PuzzlePiece]:
     rng = np.random.default_rng(seed)
     while (found := CUTTERS[kind].cut(pieces, rng)) is None:
         pass
@@ -203,7 +203,7 @@ def test_a_twisted_polycube_has_a_closed_surface_drawn_in_by_the_clearance() -> 
 @pytest.mark.parametrize("name", curved_cuts.PROFILES)
 def test_two_curved_pieces_leave_only_the_gap(name: str) -> None:
     block = (0, 0, 0), (10, 12, 8)
-    surface = curved_cuts.Surface(0, 1, curved_cuts.PROFILES[name], 3, 7)
+    surface = curved_cuts.CutSurface(0, 1, curved_cuts.PROFILES[name], 3, 7)
     pieces = [piece.item() for piece in surface.cut(block)]
     volume = sum(one.item.volume for one in pieces)
     sizes = np.array([0.4, 0.48, 0.32])

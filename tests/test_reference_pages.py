@@ -24,6 +24,7 @@ from packit_sim import (
     dataset_file,
     pack,
 )
+from packit_sim.core.assets import assets_folder
 from packit_sim.datasets import packs, provenance
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.manifests import Manifest, manifest_path
@@ -32,7 +33,7 @@ from packit_sim.evaluation.judging import SCORES
 from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
-from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.nesting import instances, packing_files
 from packit_sim.parts import manifest

@@ -18,9 +18,10 @@ from packit_sim.core.errors import PackItError
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.learning_curves import CurveError, TrainingRecord
 from packit_sim.evaluation.results import write_results
-from packit_sim.reports import charts, models, tables
+from packit_sim.media import page_models
+from packit_sim.media.page_models import Models
+from packit_sim.reports import charts, tables
 from packit_sim.reports.examples import SOLUTION, Example, extremes, gallery
-from packit_sim.reports.models import Models
 from packit_sim.reports.page import page
 from packit_sim.reports.runs import ReportError, Runs
 from packit_sim.rules import Rules
@@ -203,12 +204,15 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
 
 def test_models_are_stored_as_documented_and_as_the_page_reads_them() -> None:
     """The documentation, what is written and `box_scene.js` agree on the types of arrays."""
-    script = (Path(models.__file__).parent / "box_scene.js").read_text(encoding="utf-8")
+    script = (Path(page_models.__file__).parent / "box_scene.js").read_text(encoding="utf-8")
     read = dict(re.findall(r"new (\w+)Array\(bytes\(shape\.(\w+)\)\)", script))
     types = {name: array.lower() for array, name in read.items()}
     assert types == {"vertices": "uint16", "faces": "uint32"}
     documented = " ".join(str(Models.to_json.__doc__).split())
-    for name, written in {"vertices": models.VERTEX_TYPE, "faces": models.FACE_TYPE}.items():
+    for name, written in {
+        "vertices": page_models.VERTEX_TYPE,
+        "faces": page_models.FACE_TYPE,
+    }.items():
         assert written == np.dtype(types[name]).newbyteorder("<")
         described = re.search(rf"{name}, base64 of \(\w, 3\) (\w+)", documented)
         assert described and described[1] == types[name]

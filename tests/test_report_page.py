@@ -197,7 +197,7 @@ def test_tables_are_sorted_by_their_headings(shown) -> None:
     assert rewards == sorted(rewards)
 
 
-def test_one_agent_at_a_time_is_held_against(shown) -> None:
+def test_one_agent_at_a_time_is_compared_with(shown) -> None:
     visible = shown.locator(".against:visible")
     assert visible.count() == 1 and column(visible) == ["bad/random/blbf"]
     shown.locator("#against").select_option(label="bad/random/blbf")

@@ -12,8 +12,9 @@ from packit_agents.planning.budgets import Budget
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
 from packit_sim.evaluation.evaluation import evaluate, play
-from packit_sim.game.agents import Agent, UnknownPolicyError, load_search
+from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode
+from packit_sim.game.policy_registry import UnknownPolicyError, load_search
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules

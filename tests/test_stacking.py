@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.part_sweeps import PartSweeps
-from packit_sim.parts.supports import settled_down, stacking
+from packit_sim.parts.supports import lowered, stacking
 from tests.examples import examples
 from tests.packed_parts import bowl, cuboid, joined, moved, packed, table
 
@@ -55,10 +55,10 @@ def test_all_parts_of_a_floating_tower_come_down_together() -> None:
     found = stacking(packing)
     assert found.drops == pytest.approx((30, 35, 40), abs=0.05)
     assert found.supports == ((), (0,), (1,))
-    settled = settled_down(packing)
-    assert settled.problems() == []
-    assert settled.height == pytest.approx(45, abs=0.05)
-    assert stacking(settled).drops == pytest.approx((0, 0, 0), abs=0.03)
+    resting = lowered(packing)
+    assert resting.problems() == []
+    assert resting.height == pytest.approx(45, abs=0.05)
+    assert stacking(resting).drops == pytest.approx((0, 0, 0), abs=0.03)
 
 
 def test_of_two_links_of_a_chain_one_hangs_on_the_other() -> None:
@@ -109,9 +109,9 @@ def test_a_contact_distance_must_be_positive(contact: float) -> None:
         stacking(packed(bowl()), contact)
 
 
-def test_a_packing_with_a_clearance_does_not_settle() -> None:
-    with pytest.raises(ArgumentError, match="clearance of 1 can't settle"):
-        settled_down(packed(bowl(), clearance=1.0))
+def test_a_packing_with_a_clearance_is_not_lowered() -> None:
+    with pytest.raises(ArgumentError, match="clearance of 1 can't be lowered"):
+        lowered(packed(bowl(), clearance=1.0))
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -129,9 +129,9 @@ def test_settling_keeps_the_order_and_the_whole_weight_reaches_the_floor(seed: i
     shares = [1 / (len(below) + 1) if floor else 0 for below, floor in _rows(found)]
     reached = sum((loads[n] + masses[n]) * share for n, share in enumerate(shares))
     assert reached == pytest.approx(sum(masses))
-    settled = settled_down(packing)
-    assert settled.problems() == []
-    sweeps = PartSweeps(settled)
+    resting = lowered(packing)
+    assert resting.problems() == []
+    sweeps = PartSweeps(resting)
     for n, below in enumerate(found.supports):
         gaps = [sweeps.distance(m, n, "up") for m in below]
         assert all(gap <= 2.2e-3 for gap in gaps)

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from packit_sim.core.assets import assets_folder
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.pack_files import load_tasks, read_packs
 from packit_sim.datasets.packs import Pack
@@ -18,7 +19,7 @@ from packit_sim.evaluation.judging import is_judged
 from packit_sim.evaluation.results import Rollout, read_results
 from packit_sim.game.agents import Agent
 from packit_sim.generation.evolution import Evolution
-from packit_sim.libraries.library import ShapeLibrary, assets_folder
+from packit_sim.libraries.library import ShapeLibrary
 
 RECORDS = Path(__file__).parent / "references" / "format-1"
 

@@ -4,8 +4,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
-from packit_sim.cli.app import main
+from packit_sim.cli.app import app, main
 
 SMALL = "--pool 4 --generations 0"
 
@@ -38,7 +39,10 @@ WRONG = [
     ("pack good.off --out x", "Missing option '--box'"),
     ("pack good.off --box 9x9 --out x", "'9x9' is not 3 lengths"),
     ("pack good.off --box 9x9x9parsec --out x", "'parsec' is not known: choose from"),
-    ("pack good.off --box 9x9x0 --out x", "side 0.0 along z"),
+    ("pack good.off --box 9x9x0 --out x", "9x9x0"),
+    ("pack good.off --box 9x9x9 --unit mile --out x", "'mile'"),
+    ("pack good.off --box 9x9x9 --objective best --out x", "'best'"),
+    ("pack meshes absent.stl --box 9x9x9 --out x", "(and 1 other file)"),
     ("pack absent.stl --box 9x9x9 --out x", "absent.stl: there is no such file"),
     ("pack good.off=0 --box 9x9x9 --out x", "with counts of at least 1"),
     ("pack good.off=four --box 9x9x9 --out x", "'four' is not a count"),
@@ -125,6 +129,9 @@ WRONG = [
     ("evaluate starter --agent learned@absent.safetensors/aligned/blbf", "absent.safetensors"),
     ("evaluate starter --agent learned@binary.jsonl/aligned/blbf", "binary.jsonl"),
     ("evaluate starter --pieces gold", "--pieces"),
+    ("evaluate starter --buffer 0", "--buffer"),
+    ("evaluate starter --rotations some", "'some'"),
+    ("evaluate starter --kinematic --physics", "not both"),
     ("evaluate starter --workers -1", "--workers"),
     ("evaluate starter --tasks 1 --out file/x.jsonl", "file"),
     ("evaluate starter --tasks 1 --out folder", "folder"),
@@ -221,6 +228,9 @@ WRONG = [
     ("shapes import shapenet:folder --out x", "folder"),
     # datasets
     ("datasets stats nowhere", "nowhere"),
+    ("datasets list extra", "extra"),
+    ("datasets sequences --out file/x.jsonl", "file"),
+    ("datasets sequences --out x --seed -1", "--seed"),
     ("datasets stats broken.jsonl", "broken.jsonl"),
     ("datasets stats starter --split train", "train"),
     ("datasets stats starter --json file/x.json", "file"),
@@ -254,6 +264,9 @@ WRONG = [
     ("train-champion --out x --train-on broken.jsonl", "has no splits"),
     ("train-champion --out x --tasks 1", "--tasks"),
     ("train-champion --out x --rounds 0", "--rounds"),
+    # agents
+    ("agents bogus", "No such command 'bogus'"),
+    ("agents list extra", "extra"),
 ]
 
 TETRAHEDRON = """OFF
@@ -298,6 +311,18 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch) -> int:
         main()
     assert isinstance(ended.value.code, int | None)
     return ended.value.code or 0
+
+
+def test_every_command_has_a_wrong_command_line() -> None:
+    named = {" ".join(command.split()[:2]) for command, _ in WRONG}
+    leaves = []
+    for command in get_command(app).commands.values():
+        own = getattr(command, "commands", None)
+        leaves += [f"{command.name} {name}" for name in own] if own else [str(command.name)]
+    assert len(leaves) > 20
+    assert [
+        leaf for leaf in leaves if not any(f"{one} ".startswith(f"{leaf} ") for one in named)
+    ] == []
 
 
 @pytest.mark.parametrize(("command", "message"), WRONG, ids=[command for command, _ in WRONG])

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m benchmarks.nesting.ablations
 
-Each variant runs in a process of its own, which compiles its own kernels. The results are written
+Each variant runs in its own process, which compiles its own kernels. The results are written
 to `benchmarks/results/nesting_ablations.json` one by one: what has a result is not searched again.
 `python -m benchmarks.nesting --table` puts them on the page.
 """
@@ -28,7 +28,7 @@ from packit_sim import NestSettings, nest
 from packit_sim.nesting import search, separation_kernels, strips
 from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.rounds import Problems
-from packit_sim.nesting.tasks import Poses, Task
+from packit_sim.nesting.tasks import Poses, SearchTask
 
 FILE = "nesting_ablations.json"
 
@@ -67,7 +67,7 @@ def no_sizes() -> None:
 def no_construction() -> None:
     """Begin with the items on top of each other, as they are."""
 
-    def stacked(problem: Problem, task: Task, *_: Any) -> Poses:
+    def stacked(problem: Problem, task: SearchTask, *_: Any) -> Poses:
         poses = task.nowhere
         poses.inside[:] = 1
         poses.turned[:] = problem.allowed[task.numbers, 0]

@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 
 from packit_sim import Box, BoxContainer, Item, ItemType, ShapeLibrary, load_tasks
+from packit_sim.core.assets import assets_folder
 from packit_sim.geometry import rotations as grid_rotations
-from packit_sim.libraries.library import assets_folder
 from packit_sim.nesting.instances import builtin_instances, read_instance
 from packit_sim.placement import PlacedItem
 

@@ -16,7 +16,7 @@ pack = read_packs(dataset_file("everyday-v1", "test"))[2]
 box = pack.replay(library)
 
 # %%
-# Each item has a colour of its own, the same in every picture.
+# Each item has its own colour, the same in every picture.
 
 scene = Scene(box)
 scene.snapshot(480, 480).save("whole.png")

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from packit_sim.cli.console import console
-from packit_sim.cli.machine_checks import Check, all_checks
+from packit_sim.cli.machine_checks import MachineCheck, all_checks
 from packit_sim.cli.output import simple_table
 
 _OWN = 3
@@ -41,7 +41,7 @@ def doctor_command(
         raise typer.Exit(1)
 
 
-def _print(checks: list[Check]) -> None:
+def _print(checks: list[MachineCheck]) -> None:
     """Print a table; required packages that work share a row."""
     works = [check for check in checks if check.required and check.status == "ok"]
     rows = [check for check in checks if check not in works]

@@ -133,7 +133,7 @@ def generate_command(
 
     Packs evolve as in the paper. With --dense, they are of large items, all of different shapes,
     which are replaced by larger ones again and again (simulated annealing): so dense that searches
-    rarely find room for all items.
+    rarely find space for all items.
 
     Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
     (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted

@@ -21,11 +21,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-import packit_sim
 from packit_sim.core import compilation
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.extras import EXTRAS
 from packit_sim.core.version import __version__
-from packit_sim.libraries.library import assets_folder
 from packit_sim.physics.convex.disk_cache import CACHE_VARIABLE, cache_folder
 from packit_sim.render.bullet import egl_problem
 
@@ -100,7 +99,7 @@ LEAST_MEMORY = 2 * 2**30
 
 
 @dataclass(frozen=True)
-class Check:
+class MachineCheck:
     """What was found out about one thing.
 
     Attributes
@@ -124,15 +123,15 @@ class Check:
     required: bool = False
 
 
-def all_checks() -> list[Check]:
+def all_checks() -> list[MachineCheck]:
     """Check everything, several things at a time.
 
     Returns
     -------
-    list of Check
+    list of MachineCheck
         What was found, in the order of importance.
     """
-    tasks: list[Callable[[], list[Check]]] = [
+    tasks: list[Callable[[], list[MachineCheck]]] = [
         _installation,
         _base,
         _machine,
@@ -145,22 +144,24 @@ def all_checks() -> list[Check]:
         return [check for found in pool.map(lambda task: task(), tasks) for check in found]
 
 
-def _installation() -> list[Check]:
+def _installation() -> list[MachineCheck]:
     """Look up versions, and check that the package's own files are there."""
     system = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     shapes = assets_folder() / "everyday"
     found = [
-        Check("packit-sim", "ok", __version__, required=True),
-        Check("Python", "ok", system, required=True),
+        MachineCheck("packit-sim", "ok", __version__, required=True),
+        MachineCheck("Python", "ok", system, required=True),
     ]
     if shapes.is_dir():
-        return [*found, Check("built-in shapes", "ok", "there", required=True)]
+        return [*found, MachineCheck("built-in shapes", "ok", "there", required=True)]
     remedy = "pip install --force-reinstall packit-sim"
-    missing = Check("built-in shapes", "problem", f"{shapes} is missing", remedy, required=True)
+    missing = MachineCheck(
+        "built-in shapes", "problem", f"{shapes} is missing", remedy, required=True
+    )
     return [*found, missing]
 
 
-def _base() -> list[Check]:
+def _base() -> list[MachineCheck]:
     """Import what everything needs in another process, except what this one has imported."""
     problems = _import_problems([name for name in BASE if name not in sys.modules])
     found = []
@@ -168,23 +169,27 @@ def _base() -> list[Check]:
         problem = problems.get(name)
         if problem is None:
             version = _version(distribution) or "of unknown version"
-            found.append(Check(distribution, "ok", version, required=True))
+            found.append(MachineCheck(distribution, "ok", version, required=True))
         else:
             remedy = f"pip install --force-reinstall {distribution}"
-            found.append(Check(distribution, "problem", problem, remedy, required=True))
+            found.append(MachineCheck(distribution, "problem", problem, remedy, required=True))
     return found
 
 
-def _optional(name: str) -> list[Check]:
+def _optional(name: str) -> list[MachineCheck]:
     """Look for an optional package, and import it in another process if it may crash."""
     purpose = PURPOSES[name]
     install = f"pip install 'packit-sim[{EXTRAS[name]}]'"
     if importlib.util.find_spec(name) is None:
-        return [Check(name, "missing", f"for {purpose}", install)]
+        return [MachineCheck(name, "missing", f"for {purpose}", install)]
     problem = _import_problems((name,)).get(name) if name in COMPILED else None
     if problem is not None:
-        return [Check(name, "problem", f"{problem}; for {purpose}", f"{install} --force-reinstall")]
-    return [Check(name, "ok", _version(name) or "of unknown version")]
+        return [
+            MachineCheck(
+                name, "problem", f"{problem}; for {purpose}", f"{install} --force-reinstall"
+            )
+        ]
+    return [MachineCheck(name, "ok", _version(name) or "of unknown version")]
 
 
 def _import_problems(names: Sequence[str]) -> dict[str, str]:
@@ -228,42 +233,42 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _machine() -> list[Check]:
+def _machine() -> list[MachineCheck]:
     """Look at the cores and the memory; only Linux says all of it."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    cores = Check("cores", "ok", f"{usable} usable of {os.cpu_count()}")
+    cores = MachineCheck("cores", "ok", f"{usable} usable of {os.cpu_count()}")
     if not MEMORY.is_file():
-        return [cores, Check("memory", "ok", "unknown: this system has no /proc/meminfo")]
+        return [cores, MachineCheck("memory", "ok", "unknown: this system has no /proc/meminfo")]
     fields = dict(re.findall(r"(\w+):\s+(\d+) kB", MEMORY.read_text()))
     total, free = (1024 * int(fields[name]) for name in ("MemTotal", "MemAvailable"))
     text = f"{_size(free)} free of {_size(total)}"
     if free >= LEAST_MEMORY:
-        return [cores, Check("memory", "ok", text)]
+        return [cores, MachineCheck("memory", "ok", text)]
     remedy = "end other programs, or choose --workers 1"
-    return [cores, Check("memory", "problem", text, remedy)]
+    return [cores, MachineCheck("memory", "problem", text, remedy)]
 
 
-def _caches() -> list[Check]:
+def _caches() -> list[MachineCheck]:
     """Look at the folders of compiled code and of results that take long."""
     kernels = compilation.kernel_folder()
     if kernels is None:
-        first = Check(
+        first = MachineCheck(
             "compiled engine",
             "problem",
             "no folder is writable: every process compiles again",
             "set NUMBA_CACHE_DIR to a folder that is writable",
         )
     else:
-        package = Path(packit_sim.__file__).parent
+        package = Path(__file__).parents[1]
         root = package if kernels.is_relative_to(package) else kernels.parent
-        first = Check("compiled engine", "ok", _content(root, "*.nb[ci]"))
+        first = MachineCheck("compiled engine", "ok", _content(root, "*.nb[ci]"))
     folder = cache_folder()
     there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     if not os.access(there, os.W_OK):
         remedy = f"make it writable, or set {CACHE_VARIABLE} to another folder"
-        return [first, Check("cache", "problem", f"{folder} is not writable", remedy)]
+        return [first, MachineCheck("cache", "problem", f"{folder} is not writable", remedy)]
     free = f"{_size(shutil.disk_usage(there).free)} free on its disk"
-    return [first, Check("cache", "ok", f"{_content(folder, '*.npz')}; {free}")]
+    return [first, MachineCheck("cache", "ok", f"{_content(folder, '*.npz')}; {free}")]
 
 
 def _content(folder: Path, pattern: str) -> str:
@@ -272,26 +277,28 @@ def _content(folder: Path, pattern: str) -> str:
     return f"{folder}: {len(sizes)} files, {_size(sum(sizes))}"
 
 
-def _egl() -> Check:
+def _egl() -> MachineCheck:
     problem = egl_problem()
     if problem is None:
-        return Check("EGL", "ok", "draws pictures")
+        return MachineCheck("EGL", "ok", "draws pictures")
     if importlib.util.find_spec("pybullet") is None:
         remedy = "pip install 'packit-sim[physics]'"
     else:
         remedy = "apt install libegl1 libgl1-mesa-dri"
-    return Check("EGL", "missing", f"{problem}; pictures are drawn in software", remedy)
+    return MachineCheck("EGL", "missing", f"{problem}; pictures are drawn in software", remedy)
 
 
-def _browser() -> Check:
+def _browser() -> MachineCheck:
     for name in BROWSERS:
         if path := shutil.which(name):
             ended, output = _run([path, "--version"])
             version = output.strip()
             if version:
-                return Check("Chromium", "ok", version)
-            return Check("Chromium", "problem", f"{path} --version {ended}", "install it again")
-    return Check(
+                return MachineCheck("Chromium", "ok", version)
+            return MachineCheck(
+                "Chromium", "problem", f"{path} --version {ended}", "install it again"
+            )
+    return MachineCheck(
         "Chromium", "missing", "for tests of pages, and to print them", "apt install chromium"
     )
 

@@ -18,7 +18,7 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.core.errors import ArgumentError
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.core.length_units import Unit
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
 from packit_sim.parts.packing_record import FILM, INSTRUCTIONS

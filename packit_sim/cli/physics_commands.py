@@ -34,7 +34,7 @@ from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
-Row = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
+ScoredPack = tuple[Pack, Mapping[str, float], Mapping[str, Any]]
 OutOption = Annotated[Path | None, typer.Option("--out", "-o", help="JSON file for all numbers.")]
 
 
@@ -53,7 +53,7 @@ def compact_command(
     Example: packit compact starter --limit 3 --out compacted.json
     """
 
-    def row(pack: Pack, box: BoxState[PlacedItem]) -> Row:
+    def row(pack: Pack, box: BoxState[PlacedItem]) -> ScoredPack:
         found = compact(box)
         (filled, pushed), (height, lower) = found.filled, found.height
         numbers = {
@@ -97,7 +97,7 @@ def score_command(
     check_range("distance", distance, POSITIVE)
     require(settings.decomposition)
 
-    def row(pack: Pack, box: BoxState[PlacedItem]) -> Row:
+    def row(pack: Pack, box: BoxState[PlacedItem]) -> ScoredPack:
         found = pack_quality(box, settings, distance=distance, moves=moves)
         played = pack.provenance
         numbers = {"reward": played.total} if isinstance(played, Played) else {}
@@ -125,8 +125,8 @@ def _boxes(
 
 def _rows(
     boxes: Sequence[tuple[Pack, BoxState[PlacedItem]]],
-    row: Callable[[Pack, BoxState[PlacedItem]], Row],
-) -> list[Row]:
+    row: Callable[[Pack, BoxState[PlacedItem]], ScoredPack],
+) -> list[ScoredPack]:
     """Measure each pack, with a progress bar."""
     rows = []
     with progress_bars() as progress:
@@ -137,7 +137,7 @@ def _rows(
     return rows
 
 
-def _show(rows: Sequence[Row]) -> None:
+def _show(rows: Sequence[ScoredPack]) -> None:
     """Print the means for each agent, or search, that packed."""
     own: dict[str, list[Mapping[str, float]]] = {}
     for pack, numbers, _ in rows:
@@ -161,7 +161,7 @@ def _maker(pack: Pack) -> str:
     return pack.provenance.producer
 
 
-def _write(out: Path | None, dataset: str, rows: Sequence[Row]) -> None:
+def _write(out: Path | None, dataset: str, rows: Sequence[ScoredPack]) -> None:
     if out is None:
         return
     each = [

@@ -31,12 +31,12 @@ from packit_sim.cli.output import (
 )
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
 from packit_sim.core.files import claimed, lock_path
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import stored
-from packit_sim.libraries.importer import ImportSettings, Outcome, import_library
+from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.libraries.sources import ShapeInfo, listed
 from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.media.contact_sheets import contact_sheet
@@ -268,11 +268,11 @@ def import_command(
         splits = None
     ids = opened.ids if splits is None else sorted(set().union(*splits.values()))
     missing = [
-        Outcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
+        ImportOutcome(id, id, id.rpartition("/")[0], str(opened.path), problem)
         for id, problem in opened.missing.items()
     ]
 
-    def write_report(outcomes: list[Outcome]) -> None:
+    def write_report(outcomes: list[ImportOutcome]) -> None:
         shapes = [asdict(outcome) for outcome in outcomes + missing]
         write_json(report, {"source": source, "shapes": shapes})
 
@@ -286,7 +286,7 @@ def import_command(
             raise PackItError(f"{out} exists already: choose another folder, or give --overwrite")
         bar = progress.add_task("importing", total=len(ids), note="")
 
-        def advance(outcome: Outcome) -> None:
+        def advance(outcome: ImportOutcome) -> None:
             progress.update(bar, advance=1, note=outcome.id)
 
         outcomes = import_library(
@@ -306,7 +306,7 @@ def import_command(
     if joined := [outcome.name for outcome in outcomes if outcome.parts > 1]:
         console.print(
             f"Files with several parts: {listed(joined)}. The parts of a file become one rigid "
-            "shape; to pack them separately, write each part to a file of its own.",
+            "shape; to pack them separately, write each part to a separate file.",
             style="yellow",
             markup=False,
             soft_wrap=True,
@@ -392,7 +392,7 @@ def _counts(library: ShapeLibrary, ids: Sequence[str], split_of: Mapping[str, st
     return cells
 
 
-def _report_table(outcomes: Sequence[Outcome]) -> Table:
+def _report_table(outcomes: Sequence[ImportOutcome]) -> Table:
     """Create a table of outcomes: refused meshes first, then those that were changed most."""
     columns = ("mesh", "triangles", "error", "watertight", "outcome")
     table = simple_table(*columns)

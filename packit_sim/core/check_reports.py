@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class Problem:
-    """A problem of a dataset.
+class FileProblem:
+    """A problem of a checked file.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Report:
 
     Attributes
     ----------
-    problems : tuple of Problem
+    problems : tuple of FileProblem
         All problems.
     files : int
         The number of files.
@@ -56,7 +56,7 @@ class Report:
         computed. Former versions did not record the items that an agent left outside.
     """
 
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
     files: int
     packs: int
     items: int

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.check_reports import Problem, Report, named
+from packit_sim.core.check_reports import FileProblem, Report, named
 from packit_sim.core.errors import (
     LibraryError,
     MeshError,
@@ -112,7 +112,7 @@ def verify_dataset(
     path = Path(path)
     files = folder_files(path) if path.is_dir() else [path]
     check = _DatasetCheck(library)
-    parts = [_PackFile(file, check) for file in files]
+    parts = [_DatasetFile(file, check) for file in files]
     if path.is_dir():
         _check_folder(path, parts, check)
     total = sum(len(part.packs) for part in parts)
@@ -146,7 +146,7 @@ class _DatasetCheck:
 
     def __init__(self, library: ShapeLibrary) -> None:
         self.library = library
-        self.problems: list[Problem] = []
+        self.problems: list[FileProblem] = []
         self.volume = self.space = 0.0
         self.unjudged_returns = 0
         self._volume = cache(lambda shape: Shape(shape.mesh, shape.id, shape.category).volume)
@@ -155,7 +155,7 @@ class _DatasetCheck:
         self._split = cache(library.split)
 
     def add(self, file: Path, pack: int | None, sentence: str) -> None:
-        self.problems.append(Problem(file, pack, sentence))
+        self.problems.append(FileProblem(file, pack, sentence))
 
     def pack_problems(self, pack: Pack, recorded: Iterable[str | None]) -> Iterator[str]:
         """Yield the problems of one pack, given its split as the file's name and manifest say."""
@@ -245,7 +245,7 @@ class _DatasetCheck:
                 )
 
 
-class _PackFile:
+class _DatasetFile:
     """A file: its readable packs with their numbers, and the number of all packs."""
 
     def __init__(self, file: Path, check: _DatasetCheck) -> None:
@@ -271,7 +271,7 @@ class _PackFile:
             check.add(file, None, "its last line has no end")
 
 
-def _check_folder(folder: Path, parts: Sequence[_PackFile], check: _DatasetCheck) -> None:
+def _check_folder(folder: Path, parts: Sequence[_DatasetFile], check: _DatasetCheck) -> None:
     """Check the names of a folder's files and manifests; results may have any name."""
     files = [part.file for part in parts]
     names = SPLITS if any(file.stem in SPLITS for file in files) else (WHOLE,)
@@ -285,7 +285,7 @@ def _check_folder(folder: Path, parts: Sequence[_PackFile], check: _DatasetCheck
             check.add(manifest, None, "there is no file that this manifest describes")
 
 
-def _check_manifest(part: _PackFile, check: _DatasetCheck) -> Manifest | None:
+def _check_manifest(part: _DatasetFile, check: _DatasetCheck) -> Manifest | None:
     """Compare a manifest with its file; None if there is no manifest."""
     path = find_manifest(part.file, part.data)
     if path is None:

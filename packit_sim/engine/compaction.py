@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.sweeping import Axis, free_distance
+from packit_sim.engine.sweeping import AxisNumber, free_distance
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
@@ -28,9 +28,9 @@ SMALLEST_MOVE = 1e-4
 ROUNDS = 50
 """Largest number of rounds."""
 
-DOWN: Axis = 2
+DOWN: AxisNumber = 2
 
-_ORDER: tuple[Axis, ...] = (2, 0, 1)
+_ORDER: tuple[AxisNumber, ...] = (2, 0, 1)
 """Down, left, back: the order of bottom-left-back fill."""
 
 
@@ -46,14 +46,14 @@ class Compacted:
         The shift of each item, in box units.
     rounds : int
         Number of rounds; in each, all items are pushed down, left and back.
-    settled : bool
+    converged : bool
         Whether no item moved farther than `SMALLEST_MOVE` in the last round.
     """
 
     placed: tuple[PlacedItem, ...]
     shifts: Floats
     rounds: int
-    settled: bool
+    converged: bool
 
     @property
     def centers(self) -> Floats:
@@ -115,7 +115,9 @@ def drops(box: Contents[PlacedItem]) -> Floats:
     return np.array([_free_distance(box.placed, centers, n, DOWN) for n in range(len(box.placed))])
 
 
-def _free_distance(placed: Sequence[PlacedItem], centers: Floats, n: int, axis: Axis) -> float:
+def _free_distance(
+    placed: Sequence[PlacedItem], centers: Floats, n: int, axis: AxisNumber
+) -> float:
     """Compute how far item n can move towards 0 along an axis before it meets a wall or an item."""
     item = placed[n].item
     apart = centers - centers[n]
@@ -131,7 +133,7 @@ def _free_distance(placed: Sequence[PlacedItem], centers: Floats, n: int, axis: 
     return distance
 
 
-def _may_block(own: Floats, its: Floats, apart: Floats, axis: Axis) -> bool:
+def _may_block(own: Floats, its: Floats, apart: Floats, axis: AxisNumber) -> bool:
     """Decide whether bounding boxes overlap seen along an axis, and the other is not all above."""
     near = np.abs(apart) < (own + its) / 2
     near[axis] = apart[axis] - its[axis] / 2 < own[axis] / 2

@@ -19,17 +19,17 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
 from packit_sim.engine.feasibility import Mask
 from packit_sim.engine.occupancy import Occupancy
-from packit_sim.engine.sweeping import Axis, free_distance
+from packit_sim.engine.sweeping import AxisNumber, free_distance
 from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
 MOVES = 3
 """Largest number of straight moves in a route: two along the axes, and one up."""
 
-_AXES: tuple[Axis, ...] = (2, 0, 1)
+_AXES: tuple[AxisNumber, ...] = (2, 0, 1)
 _STEP = STEP * CELL
 
-Route = tuple[Triple, ...]
+GridRoute = tuple[Triple, ...]
 """The locations where straight moves begin, from the item's location on; the last move goes up."""
 
 
@@ -41,18 +41,18 @@ class Disassembly:
     ----------
     volumes : tuple of float
         Volume of each item, in the order of placing.
-    into : tuple of (Route or None)
+    into : tuple of (GridRoute or None)
         The route of each item into the box, past those placed before it, in reverse: from its
         location outwards. None if no route with so few moves was found.
-    out : tuple of (Route or None)
+    out : tuple of (GridRoute or None)
         The route of each item out of the finished pack.
     interlocked : tuple of int
         Numbers of the items that remain when all items with a route out are removed, repeatedly.
     """
 
     volumes: tuple[float, ...]
-    into: tuple[Route | None, ...]
-    out: tuple[Route | None, ...]
+    into: tuple[GridRoute | None, ...]
+    out: tuple[GridRoute | None, ...]
     interlocked: tuple[int, ...]
 
     @property
@@ -102,7 +102,7 @@ def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
     return Disassembly(volumes, into, tuple(out), _interlocked(box, out, moves))
 
 
-def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Route | None, ...]:
+def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[GridRoute | None, ...]:
     """Search for a route of each item past those placed before it.
 
     Parameters
@@ -114,7 +114,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Rou
 
     Returns
     -------
-    tuple of (Route or None)
+    tuple of (GridRoute or None)
         As in `Disassembly.into`.
 
     Raises
@@ -127,7 +127,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Rou
     return tuple(find_route(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
 
 
-def share(volumes: Sequence[float], routes: Sequence[Route | None]) -> float:
+def share(volumes: Sequence[float], routes: Sequence[GridRoute | None]) -> float:
     """Compute the share of the items' volume that has a route; 1 without items."""
     found = [volume for volume, route in zip(volumes, routes, strict=True) if route]
     return plain_sum(found) / plain_sum(volumes) if volumes else 1.0
@@ -135,7 +135,7 @@ def share(volumes: Sequence[float], routes: Sequence[Route | None]) -> float:
 
 def find_route(
     others: Sequence[PlacedItem], candidate: PlacedItem, cells: Triple, moves: int = MOVES
-) -> Route | None:
+) -> GridRoute | None:
     """Search for a route with the fewest moves from an item's location out of a box.
 
     Parameters
@@ -151,7 +151,7 @@ def find_route(
 
     Returns
     -------
-    Route or None
+    GridRoute or None
         The route, or None if there is none with so few moves and all turning points on the grid.
         The item may rise above the box's open top, but it never crosses a wall.
     """
@@ -196,7 +196,9 @@ def _straight(others: Sequence[PlacedItem], candidate: PlacedItem, free: Mask) -
             there[axis] += 1 if forward else -1
 
 
-def _reach(others: Sequence[PlacedItem], candidate: PlacedItem, axis: Axis, forward: bool) -> float:
+def _reach(
+    others: Sequence[PlacedItem], candidate: PlacedItem, axis: AxisNumber, forward: bool
+) -> float:
     """Compute how far an item can move before it meets another, in box units."""
     return min(
         (
@@ -210,7 +212,7 @@ def _reach(others: Sequence[PlacedItem], candidate: PlacedItem, axis: Axis, forw
     )
 
 
-def _may_block(other: PlacedItem, candidate: PlacedItem, axis: Axis) -> bool:
+def _may_block(other: PlacedItem, candidate: PlacedItem, axis: AxisNumber) -> bool:
     """Decide whether the cell boxes of two items overlap, seen along an axis."""
     across: npt.NDArray[np.bool_] = np.array(other.start) < candidate.stop
     across &= np.array(candidate.start) < other.stop
@@ -218,7 +220,7 @@ def _may_block(other: PlacedItem, candidate: PlacedItem, axis: Axis) -> bool:
     return bool(across.all())
 
 
-def _route(before: dict[Triple, Triple | None], end: Triple) -> Route:
+def _route(before: dict[Triple, Triple | None], end: Triple) -> GridRoute:
     route = [end]
     while (here := before[route[-1]]) is not None:
         route.append(here)
@@ -226,7 +228,7 @@ def _route(before: dict[Triple, Triple | None], end: Triple) -> Route:
 
 
 def _interlocked(
-    box: Contents[PlacedItem], out: Sequence[Route | None], moves: int
+    box: Contents[PlacedItem], out: Sequence[GridRoute | None], moves: int
 ) -> tuple[int, ...]:
     """Find the items that remain when all items with a route out are removed, repeatedly."""
     free = [n for n, route in enumerate(out) if route]

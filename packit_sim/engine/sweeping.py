@@ -23,7 +23,7 @@ from packit_sim.geometry.shapes import Item
 SURFACES_BUDGET = 128 * 2**20
 """Bytes in the process's cache of items' collision meshes as trees of boxes."""
 
-Axis = Literal[0, 1, 2]
+AxisNumber = Literal[0, 1, 2]
 
 
 @bounded_cache(
@@ -33,7 +33,7 @@ Axis = Literal[0, 1, 2]
     size=lambda surface: surface.triangles.nbytes + surface.boxes.nbytes,
     key=lambda item, axis=2: (item.key, axis),
 )
-def surface(item: Item, axis: Axis = 2) -> Surface:
+def surface(item: Item, axis: AxisNumber = 2) -> Surface:
     """Look up an item's collision mesh, shrunk by half the contact tolerance on each side.
 
     Parameters
@@ -61,13 +61,13 @@ def surface(item: Item, axis: Axis = 2) -> Surface:
     return Surface.of(trimesh.Trimesh(mesh.vertices * shrink, mesh.faces, process=False))
 
 
-def cyclic(axis: Axis) -> list[int]:
+def cyclic(axis: AxisNumber) -> list[int]:
     """Return the axes in cyclic order, with this one last."""
     return [(axis + 1) % 3, (axis + 2) % 3, axis]
 
 
 def free_distance(
-    item: Item, other: Item, offset: npt.NDArray[np.float64], axis: Axis, forward: bool
+    item: Item, other: Item, offset: npt.NDArray[np.float64], axis: AxisNumber, forward: bool
 ) -> float:
     """Compute how far an item can move along an axis before it meets another item.
 

@@ -24,8 +24,9 @@ from packit_sim.datasets.pack_files import STARTER_PACKS
 from packit_sim.datasets.packs import Task
 from packit_sim.envs.observations import OBSERVERS, Observation
 from packit_sim.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
-from packit_sim.game.agents import Policy, load_policy
-from packit_sim.game.episode import Episode, Stage, State, ordered, stages
+from packit_sim.game.agents import Policy
+from packit_sim.game.episode import Episode, EpisodeState, Stage, ordered, stages
+from packit_sim.game.policy_registry import load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
@@ -49,7 +50,7 @@ class EnvState:
     ----------
     task : int or Task
         The number of the task, or the task itself if it was made on the fly.
-    episode : State
+    episode : EpisodeState
         The state of the episode.
     random : dict
         The state of the environment's random generator.
@@ -61,7 +62,7 @@ class EnvState:
     """
 
     task: int | Task
-    episode: State
+    episode: EpisodeState
     random: dict[str, Any]
     terminated: bool
     policies: tuple[str, ...]

@@ -9,24 +9,21 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim import placement
-from packit_sim.box import BaseBox
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer
 from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
 from packit_sim.datasets.packs import Task
+from packit_sim.game.chosen_item import ChosenItem
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
-from packit_sim.placement import Mask
 from packit_sim.rules import PACKIT, End, Rules
 
 
@@ -52,91 +49,8 @@ def ordered(task: Task, rules: Rules) -> Task:
     return task if rules.buffer is None else task.arriving
 
 
-class ChosenItem:
-    """The item that is being placed, and where it fits.
-
-    Results are computed when they are first needed, and kept. The box must not change meanwhile.
-
-    Parameters
-    ----------
-    box : BaseBox
-        The box to place it in.
-    item : Item
-        The item in the chosen rotation; in its canonical orientation if none is chosen yet.
-    among : sequence of int, optional
-        The rotations that `blbf` and `feasible` are over; by default the item's own.
-    """
-
-    def __init__(self, box: BaseBox[Any], item: Item, among: Sequence[int] | None = None) -> None:
-        self._box = box
-        self._among = among
-        self._rotations: tuple[Triple, npt.NDArray[np.bool_]] | None = None
-        self.item = item
-
-    @cached_property
-    def blbf(self) -> Triple | None:
-        """The bottom-left-back-fill location, None if the item fits nowhere."""
-        if self._among is None:
-            return self._box.blbf(self.item)
-        return placement.first(self.feasible)
-
-    @cached_property
-    def feasible(self) -> Mask:
-        """The exact mask of feasible locations, bool (nx, ny, nz) over the grid nodes."""
-        if self._among is None:
-            return self._box.feasible(self.item)
-        if len(self._among) == rotations.COUNT:
-            return self._box.feasible_in_any(self.item)
-        turned = map(self.item.turned, self._among)
-        return np.logical_or.reduce([self._box.feasible(item) for item in turned])
-
-    @cached_property
-    def candidates(self) -> Mask:
-        """A mask that contains all feasible locations, cheaper than `feasible`: see `Box`.
-
-        It is for policies that look for one location: `is_feasible` decides whether it is feasible.
-        """
-        if self._among is not None or "feasible" in self.__dict__:
-            return self.feasible
-        return self._box.candidates(self.item)
-
-    def is_feasible(self, location: Triple) -> bool:
-        """Decide whether a location is feasible.
-
-        Parameters
-        ----------
-        location : Triple
-            The grid node (i, j, k).
-
-        Returns
-        -------
-        bool
-            The value of `feasible` there.
-        """
-        if self._among is not None or "feasible" in self.__dict__:
-            return bool(self.feasible[location])
-        return self._box.is_feasible(self.item, location)
-
-    def rotations(self, location: Triple) -> npt.NDArray[np.bool_]:
-        """Compute the rotations in which the item is feasible at a location.
-
-        Parameters
-        ----------
-        location : Triple
-            The grid node (i, j, k).
-
-        Returns
-        -------
-        ndarray of bool, shape (24,)
-            Kept until another location is asked for; it must not be written to.
-        """
-        if self._rotations is None or self._rotations[0] != location:
-            self._rotations = location, self._box.rotations_at(self.item, location)
-        return self._rotations[1]
-
-
 @dataclass(frozen=True)
-class State:
+class EpisodeState:
     """The whole state of an episode, to return to with `Episode.restore`.
 
     Attributes
@@ -348,11 +262,11 @@ class Episode:
         self._placements[shape] = len(placed), found
         return found
 
-    def state(self) -> State:
+    def state(self) -> EpisodeState:
         """Save the state of the episode, for `restore`; costs next to nothing."""
         choices = self.shape, self.rotation, self.location
         outside = tuple(self.outside.tolist())
-        return State(
+        return EpisodeState(
             self._task_digest,
             self.rules,
             self.box.snapshot(),
@@ -363,12 +277,12 @@ class Episode:
             self.end,
         )
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: EpisodeState) -> None:
         """Return to a state of an episode of the same task and rules.
 
         Parameters
         ----------
-        state : State
+        state : EpisodeState
             As `state` returned it.
 
         Raises

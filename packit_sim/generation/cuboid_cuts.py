@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from packit_sim.generation.puzzle_pieces import NODES, Piece
+from packit_sim.generation.puzzle_pieces import NODES, PuzzlePiece
 from packit_sim.geometry.lattice import Triple
 
 LEAST_SIDE = 3
@@ -29,13 +29,13 @@ WHOLE: Block = ((0, 0, 0), (NODES, NODES, NODES))
 """The box."""
 
 
-def guillotine(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
+def guillotine(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
     """Cut the box by planes, the largest part first; None if a part is too small to be cut."""
     blocks = split(pieces, rng)
     return None if blocks is None else _pieces(blocks)
 
 
-def pinwheel(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
+def pinwheel(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
     """Cut the box into pinwheels, the largest part first, and at last by planes.
 
     Parameters
@@ -47,7 +47,7 @@ def pinwheel(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
 
     Returns
     -------
-    list of Piece or None
+    list of PuzzlePiece or None
         Cuboids in an order in which they can be put in from above; None if a part is too small to
         be cut, or a plane separates the pieces.
     """
@@ -103,8 +103,8 @@ def moved(corner: Triple, axis: int, to: int) -> Triple:
     return x, y, z
 
 
-def _pieces(blocks: list[Block]) -> list[Piece]:
-    return [Piece.cuboid(*block) for block in from_below(blocks)]
+def _pieces(blocks: list[Block]) -> list[PuzzlePiece]:
+    return [PuzzlePiece.cuboid(*block) for block in from_below(blocks)]
 
 
 def _divided(

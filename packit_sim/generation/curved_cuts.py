@@ -12,7 +12,7 @@ from itertools import permutations
 import numpy as np
 
 from packit_sim.generation.cuboid_cuts import Block, extents, from_below, moved, split, volume
-from packit_sim.generation.puzzle_pieces import STEP_UNITS, UNITS, Piece
+from packit_sim.generation.puzzle_pieces import STEP_UNITS, UNITS, PuzzlePiece
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 
@@ -52,7 +52,7 @@ RISING = ("slant", "bend")
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class CutSurface:
     """A surface that cuts a block in two.
 
     Attributes
@@ -73,7 +73,7 @@ class Surface:
     low: int
     high: int
 
-    def cut(self, block: Block) -> list[Piece]:
+    def cut(self, block: Block) -> list[PuzzlePiece]:
         """Cut a block; the second piece can be put in from above after the first."""
         start = block[0]
         base, top = (corner[self.across] * STEP_UNITS for corner in block)
@@ -87,7 +87,9 @@ class Surface:
         widens = self.along == 2 and self.heights[-1] > self.heights[0]
         return [over, under] if widens else [under, over]
 
-    def _piece(self, block: Block, node: tuple[int, int, int], low: Ints, high: Ints) -> Piece:
+    def _piece(
+        self, block: Block, node: tuple[int, int, int], low: Ints, high: Ints
+    ) -> PuzzlePiece:
         """Return the piece of a block between two heights."""
         straight = 3 - self.across - self.along
         ends = np.array(block) * STEP_UNITS
@@ -107,10 +109,10 @@ class Surface:
         ]
         is_mirrored = (self.across, self.along) not in {(0, 1), (1, 2), (2, 0)}
         way = -1 if is_mirrored else 1
-        return Piece("curved", node, vertices.reshape(-1, 3), np.concatenate(faces)[:, ::way])
+        return PuzzlePiece("curved", node, vertices.reshape(-1, 3), np.concatenate(faces)[:, ::way])
 
 
-def curved(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
+def curved(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
     """Cut the box by planes into blocks, and these by slanted and curved surfaces.
 
     Parameters
@@ -122,7 +124,7 @@ def curved(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
 
     Returns
     -------
-    list of Piece or None
+    list of PuzzlePiece or None
         The pieces in an order in which they can be put in from above; None if a block is too small
         to be cut.
     """
@@ -130,10 +132,10 @@ def curved(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
     if blocks is None:
         return None
     whole = min(blocks, key=volume) if pieces % 2 else None
-    found: list[Piece] = []
+    found: list[PuzzlePiece] = []
     for block in from_below(blocks):
         if block is whole:
-            found.append(Piece.cuboid(*block))
+            found.append(PuzzlePiece.cuboid(*block))
             continue
         surface = _drawn(block, rng)
         if surface is None:
@@ -142,7 +144,7 @@ def curved(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
     return found
 
 
-def _drawn(block: Block, rng: np.random.Generator) -> Surface | None:
+def _drawn(block: Block, rng: np.random.Generator) -> CutSurface | None:
     """Draw a surface that can cut a block: a profile, then one of its places; None if none can."""
     for name in rng.permutation(list(PROFILES)).tolist():
         possible = [
@@ -156,14 +158,14 @@ def _drawn(block: Block, rng: np.random.Generator) -> Surface | None:
     return None
 
 
-def _surfaces(block: Block, across: int, along: int, heights: Floats) -> list[Surface]:
+def _surfaces(block: Block, across: int, along: int, heights: Floats) -> list[CutSurface]:
     """List the surfaces of a profile, and of its mirror image, that can cut a block."""
     sides = extents(block)
     height, length = sides[across], sides[along]
     steepest = np.abs(np.diff(heights)).max() * (len(heights) - 1) / length
     least, most = (share * height for share in SHARES)
     return [
-        Surface(across, along, form, low, high)
+        CutSurface(across, along, form, low, high)
         for form in (heights, 1 - heights)
         for low in range(THINNEST, height - THINNEST)
         for high in range(low + LEAST_RISE, height - THINNEST + 1)

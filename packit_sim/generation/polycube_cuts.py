@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.generation.puzzle_pieces import NODES, NONE, STEP_UNITS, UNITS, Piece
+from packit_sim.generation.puzzle_pieces import NODES, NONE, STEP_UNITS, UNITS, PuzzlePiece
 from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 
@@ -39,7 +39,7 @@ Labels = npt.NDArray[np.int64]
 """(5, 5, 5): the number of each cube's piece."""
 
 
-def polycubes(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
+def polycubes(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
     """Cut the box into polycubes.
 
     Parameters
@@ -51,7 +51,7 @@ def polycubes(pieces: int, rng: np.random.Generator) -> list[Piece] | None:
 
     Returns
     -------
-    list of Piece or None
+    list of PuzzlePiece or None
         The pieces in an order in which they can be put in from above; None if the pieces that could
         join would be too large, or the result does not interlock.
     """
@@ -159,7 +159,7 @@ def _order(labels: Labels) -> list[int] | None:
         return None
 
 
-def _piece(cubes: npt.NDArray[np.bool_]) -> Piece:
+def _piece(cubes: npt.NDArray[np.bool_]) -> PuzzlePiece:
     """Return the surface of a piece, its faces drawn in by the clearance.
 
     The solid is divided at both sides of each plane between cubes: into the inner parts of cubes,
@@ -185,7 +185,7 @@ def _piece(cubes: npt.NDArray[np.bool_]) -> Piece:
     planes = (start + (unique + 1) // 2) * CUBE
     vertices = planes * STEP_UNITS + np.where(bound, side, 0)
     i, j, k = (start * CUBE).tolist()
-    return Piece("polycube", (i, j, k), *_merged(vertices, faces))
+    return PuzzlePiece("polycube", (i, j, k), *_merged(vertices, faces))
 
 
 def _squares(solid: npt.NDArray[np.bool_]) -> tuple[Ints, Ints]:

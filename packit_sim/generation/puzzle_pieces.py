@@ -33,7 +33,7 @@ NONE = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class PuzzlePiece:
     """A piece of a cut box, where it was cut.
 
     Attributes
@@ -55,7 +55,7 @@ class Piece:
     faces: Ints
 
     @classmethod
-    def cuboid(cls, start: Triple, stop: Triple) -> Piece:
+    def cuboid(cls, start: Triple, stop: Triple) -> PuzzlePiece:
         """Return the cuboid between two grid nodes."""
         ends = np.array([start, stop]) * STEP_UNITS
         corners = np.indices((2, 2, 2)).reshape(3, 8).T

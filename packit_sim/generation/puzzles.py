@@ -24,7 +24,7 @@ from packit_sim.generation.cuboid_cuts import WHIRL, guillotine, pinwheel
 from packit_sim.generation.curved_cuts import curved
 from packit_sim.generation.jobs import GenerationError
 from packit_sim.generation.polycube_cuts import polycubes
-from packit_sim.generation.puzzle_pieces import Piece
+from packit_sim.generation.puzzle_pieces import PuzzlePiece
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -50,7 +50,7 @@ class Cutter(NamedTuple):
         The possible numbers of pieces.
     """
 
-    cut: Callable[[int, np.random.Generator], list[Piece] | None]
+    cut: Callable[[int, np.random.Generator], list[PuzzlePiece] | None]
     fewest: int
     most: int
 

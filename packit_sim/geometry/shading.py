@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from packit_sim.geometry.arrays import Floats
 
-_CREASE = np.radians(35)
-"""Edges sharper than this angle are drawn as edges, in radians."""
+CREASE = np.radians(35)
+"""Edges sharper than this angle are shown as edges, in radians."""
 
 
 class ShadedMesh(NamedTuple):
@@ -43,7 +43,7 @@ class ShadedMesh(NamedTuple):
     def of(cls, mesh: trimesh.Trimesh) -> ShadedMesh:
         """Compute the normals and visible sides of a mesh."""
         mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # its caches are freed
-        joined = mesh.face_adjacency[mesh.face_adjacency_angles <= _CREASE]
+        joined = mesh.face_adjacency[mesh.face_adjacency_angles <= CREASE]
         group = trimesh.graph.connected_component_labels(joined, node_count=len(mesh.faces))
         corners = mesh.faces + group[:, None].astype(np.int64) * len(mesh.vertices)
         _, first, faces = np.unique(corners.ravel(), return_index=True, return_inverse=True)

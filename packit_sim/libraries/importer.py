@@ -88,7 +88,7 @@ class ImportSettings:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ImportOutcome:
     """The result for a candidate.
 
     Attributes
@@ -131,9 +131,9 @@ def import_library(
     version: str = "",
     settings: ImportSettings | None = None,
     splits: Mapping[str, Sequence[str]] | None = None,
-    done: Callable[[Outcome], None] | None = None,
-    report: Callable[[list[Outcome]], None] = lambda outcomes: None,
-) -> list[Outcome]:
+    done: Callable[[ImportOutcome], None] | None = None,
+    report: Callable[[list[ImportOutcome]], None] = lambda outcomes: None,
+) -> list[ImportOutcome]:
     """Store the candidates that can be shapes as a library.
 
     Parameters
@@ -153,13 +153,13 @@ def import_library(
         The candidates' ids in each split. By default they are divided equally among all three, and
         near-duplicates stay together.
     done : callable, optional
-        Called with the `Outcome` of each candidate.
+        Called with the `ImportOutcome` of each candidate.
     report : callable
         Called with the result before the library is stored, so that none is without a report.
 
     Returns
     -------
-    list of Outcome
+    list of ImportOutcome
         The result for each candidate, in order.
 
     Raises
@@ -169,7 +169,7 @@ def import_library(
     """
     settings = settings or ImportSettings()
     stored.require_replaceable(Path(path).absolute())
-    outcomes: list[Outcome] = []
+    outcomes: list[ImportOutcome] = []
     kept: list[tuple[QuantizedMesh, ShapeInfo]] = []
     _log.info("importing %d meshes with %d processes", len(candidates), settings.workers)
     started = time.monotonic()
@@ -221,7 +221,7 @@ def _with_ids(candidates: Iterable[Candidate]) -> Iterator[tuple[str, Candidate]
 
 def _prepared(
     candidates: Iterable[tuple[str, Candidate]], settings: ImportSettings
-) -> Iterator[tuple[Outcome, QuantizedMesh | None]]:
+) -> Iterator[tuple[ImportOutcome, QuantizedMesh | None]]:
     """Yield the outcome of each candidate, in order, and its mesh if it was kept."""
     with ProcessPool(
         max_workers=settings.workers,
@@ -232,7 +232,7 @@ def _prepared(
         with without_interrupts():
             futures = [
                 (
-                    Outcome(candidate.id, name, candidate.category, candidate.source),
+                    ImportOutcome(candidate.id, name, candidate.category, candidate.source),
                     pool.schedule(_prepare, (candidate, settings), timeout=settings.timeout),
                 )
                 for name, candidate in candidates

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from packit_sim.core.assets import assets_folder as assets_folder
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder
@@ -25,16 +26,6 @@ SCHEMES = ("folder", "shapenet")
 
 SOURCES = "packit_sim.shape_sources"
 """Entry points of other packages: a scheme, and a function of a path that returns a `Source`."""
-
-
-def assets_folder() -> Path:
-    """Return the folder of the bundled data, in a wheel or in a checkout, or raise LibraryError."""
-    package = Path(__file__).resolve().parents[1]
-    candidates = (package / "assets", package.parent / "assets")
-    for folder in candidates:
-        if folder.is_dir():
-            return folder
-    raise LibraryError(f"the installation is incomplete: found neither of {listed(candidates)}")
 
 
 class ShapeLibrary:

@@ -240,7 +240,7 @@ def _warn_of_parts(file: str, parts: int) -> None:
     if current_process().name == "MainProcess":
         _log.warning(
             "%s: its %d parts become one rigid shape; to pack them separately, write each part to "
-            "a file of its own",
+            "a separate file",
             file,
             parts,
         )

@@ -12,9 +12,9 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.nesting.filling import constructed, fitting, with_random_poses
 from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem, boxes_of
-from packit_sim.nesting.search import Search
+from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Poses, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchTask, Solution
 
 _ALL_AT_ONCE = 0.3
 """Probability of an attempt to empty a box at once, not by one item."""
@@ -23,7 +23,7 @@ _SMALLER = 0.5
 """Probability of an attempt with a smaller box, where there are several sizes."""
 
 
-class BinsSearch(Search):
+class BinsSearch(NestSearch):
     """A search for the fewest boxes: move items out of the emptiest box, and again.
 
     Where there are several sizes, it also tries to put the items of a box into a smaller one. Of
@@ -32,13 +32,13 @@ class BinsSearch(Search):
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     seed : int
         The seed.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed)
         self._emptied: int | None = None
         self._smaller: list[Floats] = []

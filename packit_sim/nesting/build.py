@@ -51,7 +51,7 @@ POINTS = 128
 """Points of an item's surface whose depth in others counts."""
 
 FARTHEST = 8
-"""Vertices farthest from the centre, which tell most rotations apart."""
+"""Vertices farthest from the centre, which distinguish most rotations."""
 
 DRAWN_IN = 0.95, 0.6
 """Shares of the tolerance by which the surfaces of the first and other item of a pair are drawn in.
@@ -193,7 +193,7 @@ def _distinct(
 
 
 def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
-    """Return the side of the voxels: small, but so that all fields have room."""
+    """Return the side of the voxels: small, but so that there is space for all fields."""
     longest = np.array([each.extents.max() for each in types])
     voxel = float(np.median(longest)) / count
     extents = np.array([each.extents for each in types])
@@ -262,11 +262,11 @@ def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: floa
     cells = np.array([(each.extents.max() + 2 * clearance) / DISTANCE_CELLS for each in types])
     margin = clearance + MARGIN * float(cells.max())
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
-        triangles = vertices[each.faces]
-        found = signed_distances(triangles, cells[n], clearance + MARGIN * cells[n])
+        own_margin = clearance + MARGIN * cells[n]
+        found = signed_distances(vertices[each.faces], cells[n], own_margin)
         dims[n] = found.shape
         values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
-        points.append(spread_points(triangles, POINTS))
+        points.append(spread_points(vertices, each.faces, POINTS))
     flat = [each.ravel() for each in values]
     return Distances(
         np.concatenate(flat),

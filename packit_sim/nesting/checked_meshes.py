@@ -90,16 +90,21 @@ class CheckedMesh:
     @cached_property
     def _shell_boxes(self) -> Floats:
         """(k, 2, 3) the bounding box of each shell."""
-        return np.array([(shell.min(axis=(0, 1)), shell.max(axis=(0, 1))) for shell in self.shells])
+        boxes = [(shell.min(axis=(0, 1)), shell.max(axis=(0, 1))) for shell in self.shells]
+        return np.array(boxes).reshape(-1, 2, 3)
 
     @cached_property
-    def _triangles_by_part(self) -> tuple[Ints, Ints]:
-        """The triangles (m, 3) sorted by connected part, and where each part starts (p,)."""
-        faces = self.item_type.faces
-        part = part_numbers(faces, len(self.vertices))
+    def _part(self) -> Ints:
+        """(m,) the number of each triangle's connected part."""
+        return part_numbers(self.item_type.faces, len(self.vertices))
+
+    @cached_property
+    def _vertices_by_part(self) -> tuple[Ints, Ints]:
+        """The vertices (n,) sorted by connected part, and where each part starts (p,)."""
+        part = np.zeros(len(self.vertices), np.int64)
+        part[self.item_type.faces] = self._part[:, None]
         order = np.argsort(part, kind="stable")
-        starts = np.flatnonzero(np.diff(part[order], prepend=-1)).astype(np.int64)
-        return faces[order], starts
+        return order, np.flatnonzero(np.diff(part[order], prepend=-1))
 
     @cached_property
     def _enclosed(self) -> tuple[Words, float, Floats]:
@@ -138,28 +143,30 @@ class CheckedMesh:
         return self._holds_part(other, vertices) or self._holds_surface(other, vertices)
 
     def _holds_part(self, other: CheckedMesh, vertices: Floats) -> bool:
-        if not self.shells:
+        order, starts = other._vertices_by_part
+        low = np.minimum.reduceat(vertices[order], starts)
+        high = np.maximum.reduceat(vertices[order], starts)
+        half = self.item_type.extents * self._drawn * (0.5 + 1e-9)
+        if not ((-half <= low) & (high <= half)).all(axis=1).any():  # most pairs: spares shells
             return False
-        faces, starts = other._triangles_by_part
-        corners = vertices[faces]
-        low = np.minimum.reduceat(corners.min(axis=1), starts)
-        high = np.maximum.reduceat(corners.max(axis=1), starts)
         boxes = self._shell_boxes[:, None]
         within = np.all((boxes[:, :, 0] <= low) & (high <= boxes[:, :, 1]), axis=2)
-        stops = np.append(starts[1:], len(faces))
         for shell, part in np.argwhere(within).tolist():
-            start, stop = starts[part], stops[part]
-            some = np.linspace(start, stop - 1, min(SAMPLES, stop - start)).astype(int)
-            winds = [abs(winding_number(self.shells[shell], p)) for p in corners[some].mean(axis=1)]
+            triangles = np.flatnonzero(other._part == part)
+            some = np.linspace(0, len(triangles) - 1, min(SAMPLES, len(triangles))).astype(int)
+            points = vertices[other.item_type.faces[triangles[some]]].mean(axis=1)
+            winds = [abs(winding_number(self.shells[shell], p)) for p in points]
             if np.median(winds) > 0.5:
                 return True
         return False
 
     def _holds_surface(self, other: CheckedMesh, vertices: Floats) -> bool:
         enclosed, side, (low, high) = self._enclosed
-        corners = vertices[other.item_type.faces]
-        least, most = corners.min(axis=1), corners.max(axis=1)
-        corners = corners[((least <= high) & (low <= most)).all(axis=1)]
+        if (vertices.min(axis=0) > high).any() or (vertices.max(axis=0) < low).any():
+            return False
+        corners = [vertices[corner] for corner in other.item_type.faces.T]
+        near = (np.minimum.reduce(corners) <= high) & (np.maximum.reduce(corners) >= low)
+        corners = np.stack(corners, axis=1)[near.all(axis=1)]
         if len(corners) == 0:
             return False
         low = np.maximum(low, corners.min(axis=(0, 1)))

@@ -39,7 +39,7 @@ def construct(problem, state, order, box, samples, rng):
         (1,) uint64, the state of the generator.
     """
     lookup = problem.lookup
-    room = box.copy()
+    limits = box.copy()
     p = np.empty(3)
     heights = np.empty(TRIES)
     places = np.empty((TRIES, 3))
@@ -51,9 +51,9 @@ def construct(problem, state, order, box, samples, rng):
         for _ in range(samples):
             o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
             height = lookup.boxes[a, o, 5] - lookup.boxes[a, o, 2]
-            room[0, 3] = min(box[0, 3], top + lookup.clearance + height)
-            sample(lookup, a, o, p, room[0], rng)
-            if not clamp(lookup, a, o, p, room):
+            limits[0, 3] = min(box[0, 3], top + lookup.clearance + height)
+            sample(lookup, a, o, p, limits[0], rng)
+            if not clamp(lookup, a, o, p, limits):
                 continue
             height = p[2] + lookup.boxes[a, o, 5]
             if height >= heights[TRIES - 1] or rough_cost(lookup, state, i, o, p, 1e-9) > 0:
@@ -78,7 +78,7 @@ def construct(problem, state, order, box, samples, rng):
                 p[:] = places[k]
             else:
                 o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
-                sample(lookup, a, o, p, room[0], rng)
+                sample(lookup, a, o, p, limits[0], rng)
                 p[2] = top + lookup.clearance - lookup.boxes[a, o, 2]
                 if not clamp(lookup, a, o, p, box):
                     continue

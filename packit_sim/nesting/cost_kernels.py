@@ -10,7 +10,7 @@ from packit_sim.nesting.overlap_kernels import (
     gradient,
     interpolated,
     node_of,
-    settle,
+    refine_node,
     simplex,
 )
 from packit_sim.nesting.pose_kernels import NO_LIMIT
@@ -56,7 +56,7 @@ def rough_cost(lookup, state, i, o, p, limit):
     hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
     total = 0.0
     for j in range(len(state.types)):
-        if _beside(state, i, j, lx, ly, lz, hx, hy, hz):
+        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
         first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
         number = lookup.numbers[first, other, rel]
@@ -107,7 +107,7 @@ def fine_cost(problem, state, i, o, p, limit):
     state.depths[:] = 0
     state.slope[:] = 0
     for j in range(len(state.types)):
-        if _beside(state, i, j, lx, ly, lz, hx, hy, hz):
+        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
             continue
         distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
         depth = state.margins[i, j] - distance
@@ -139,7 +139,7 @@ def distance_of(problem, state, i, o, p, j):
     if problem.refined:
         for n in range(4):
             if not lookup.values[nodes[n]] & 1:
-                settle(problem, first, other, rel, nodes[n])
+                refine_node(problem, first, other, rel, nodes[n])
     x, y, z = gradient(lookup, number, nodes)
     distance = ((lookup.values[at] >> 1) + x * fx + y * fy + z * fz) / SCALE
     if distance > FAR:
@@ -185,7 +185,7 @@ def offset(lookup, state, i, o, p, j):
 
 
 @inlined
-def _beside(state, i, j, lx, ly, lz, hx, hy, hz):
+def _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
     """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
     bounds = state.bounds
     return (

@@ -176,10 +176,10 @@ def _squared_distances(cells, value, limit):
 
 
 @inner_kernel
-def encoded(distance, settled):
-    """Return a distance in voxels as an int16; its lowest bit says that it stays as it is."""
+def encoded(distance, is_final):
+    """Return a distance in voxels as an int16; its lowest bit says that it is final."""
     steps = round(distance * SCALE)
-    return np.int16(2 * max(-16000, min(16000, steps)) + settled)
+    return np.int16(2 * max(-16000, min(16000, steps)) + is_final)
 
 
 @inner_kernel

@@ -12,11 +12,11 @@ from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.construction_kernels import construct
 from packit_sim.nesting.pose_kernels import take_out
 from packit_sim.nesting.problem import Problem, State, boxes_of
-from packit_sim.nesting.tasks import Poses, Task
+from packit_sim.nesting.tasks import Poses, SearchTask
 
 
 def loaded(
-    problem: Problem, task: Task, poses: Poses, boxes: Floats, is_checked: bool = False
+    problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, is_checked: bool = False
 ) -> State:
     """Return a state of all items at some poses, moved into their boxes (see `load`)."""
     state = task.state()
@@ -26,7 +26,10 @@ def loaded(
 
 
 def constructed(
-    problem: Problem, task: Task, sizes: Sequence[Sequence[float]], rng: npt.NDArray[np.uint64]
+    problem: Problem,
+    task: SearchTask,
+    sizes: Sequence[Sequence[float]],
+    rng: npt.NDArray[np.uint64],
 ) -> Poses:
     """Place items that have no place to begin with, in the order of the task, box after box.
 
@@ -34,7 +37,7 @@ def constructed(
     ----------
     problem : Problem
         The problem.
-    task : Task
+    task : SearchTask
         The task.
     sizes : sequence of three floats
         The sides of each box.
@@ -55,7 +58,7 @@ def constructed(
 
 def filled(
     problem: Problem,
-    task: Task,
+    task: SearchTask,
     poses: Poses,
     boxes: Floats,
     order: Ints,
@@ -67,7 +70,7 @@ def filled(
     ----------
     problem : Problem
         The problem.
-    task : Task
+    task : SearchTask
         The task.
     poses : Poses
         Where the items are, without conflicts.
@@ -92,14 +95,14 @@ def filled(
     return Poses.of(state)
 
 
-def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses:
+def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:
     """Take out items until none is in conflict.
 
     Parameters
     ----------
     problem : Problem
         The problem.
-    task : Task
+    task : SearchTask
         The task.
     poses : Poses
         Where the items are.
@@ -118,13 +121,13 @@ def repaired(problem: Problem, task: Task, poses: Poses, boxes: Floats) -> Poses
     return Poses.of(state)
 
 
-def least_heights(problem: Problem, task: Task) -> Floats:
+def least_heights(problem: Problem, task: SearchTask) -> Floats:
     """Return the least height of each item (n,) in the container, infinite if it does not fit."""
     found = _least_heights(problem, task.size)
     return found[task.numbers[: task.count]]
 
 
-def fitting(problem: Problem, task: Task, boxes: Floats) -> npt.NDArray[np.bool_]:
+def fitting(problem: Problem, task: SearchTask, boxes: Floats) -> npt.NDArray[np.bool_]:
     """Return which items fit into which boxes, (n, b), if these are empty."""
     sizes = [tuple(sides) for sides in boxes[:, 1:].tolist()]
     known = {size: np.isfinite(_least_heights(problem, size)) for size in set(sizes)}
@@ -143,7 +146,7 @@ def _least_heights(problem: Problem, size: Sequence[float]) -> Floats:
 
 def with_random_poses(
     problem: Problem,
-    task: Task,
+    task: SearchTask,
     poses: Poses,
     items: list[int],
     boxes: Floats,
@@ -155,7 +158,7 @@ def with_random_poses(
     ----------
     problem : Problem
         The problem.
-    task : Task
+    task : SearchTask
         The task.
     poses : Poses
         Where all items are.

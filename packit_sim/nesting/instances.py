@@ -16,14 +16,14 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.data_files import read_bytes
-from packit_sim.libraries.library import assets_folder
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.lengths import MAX_LENGTH, MIN_LENGTH
+from packit_sim.nesting.lengths import Extent, PoseRows
 from packit_sim.nesting.mesh_paths import is_inside, root_of
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
@@ -42,10 +42,6 @@ ItemOrigin = Literal["Original", "AlignToMinimum", "AlignToCenter"]
 
 ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 """The points of a mesh that may be the origin for its poses in a solution."""
-
-Extent = Annotated[float, Meta(gt=MIN_LENGTH, lt=MAX_LENGTH)]
-Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
-Row = tuple[Length, Length, Length, Length]
 
 
 def builtin_instances() -> dict[str, Path]:
@@ -241,7 +237,7 @@ class _Instance(Struct, rename="kebab"):
 
 
 class _Transformation(Struct):
-    matrix: tuple[Row, Row, Row, Row]
+    matrix: PoseRows
 
 
 class _SolutionItem(Struct):

@@ -13,9 +13,9 @@ from packit_sim.nesting.filling import (
     with_random_poses,
 )
 from packit_sim.nesting.problem import Problem, boxes_of
-from packit_sim.nesting.search import Search
+from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Poses, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchTask, Solution
 
 _MOST_IN = 3
 """Most items that are put in at a time."""
@@ -30,7 +30,7 @@ _CHOICES = 100
 """Exchanges among which one that gains as much is looked for."""
 
 _WORSE = 0.02
-"""Share of the value by which a box may be worse than the best to go on from it."""
+"""Share of the value by which a box may be worse than the best to continue from it."""
 
 _REFILLED = 0.05
 """Share of the value by which it may be worse for a look at what else fits in."""
@@ -39,18 +39,18 @@ _FAILURES = 30
 """Exchanges without a gain after which more items are searched for."""
 
 
-class KnapsackSearch(Search):
+class KnapsackSearch(NestSearch):
     """A search for the most value in one box: exchange items, move all apart, and again.
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     seed : int
         The seed.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed, task.order)
         self._boxes = boxes_of([task.size])
         self._fits = np.ones(task.count, bool)

@@ -27,13 +27,13 @@ from packit_sim.nesting.placements import POSE_SLACK, Placement
 from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.rounds import Limits, Problems, rounds
-from packit_sim.nesting.search import Search
+from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.strips import StripSearch
-from packit_sim.nesting.tasks import CLOCKS, Clock, Poses, SearchSettings, Solution, Task
+from packit_sim.nesting.tasks import CLOCKS, ClockName, Poses, SearchSettings, SearchTask, Solution
 
 _log = plain_logger("packit_sim.nesting")
 
-SEARCHES: dict[str, Callable[[Task, int], Search]] = {
+SEARCHES: dict[str, Callable[[SearchTask, int], NestSearch]] = {
     "strip": StripSearch,
     "knapsack": KnapsackSearch,
     "bins": BinsSearch,
@@ -84,7 +84,7 @@ class NestSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     start: Packing | None = None
     stop: threading.Event | None = None
-    clock: Clock = "wall"
+    clock: ClockName = "wall"
 
 
 def nest(
@@ -198,13 +198,15 @@ def _containers(given: Any) -> tuple[BoxContainer, ...]:
     return tuple(sorted(dict.fromkeys(given), key=lambda each: -each.volume))
 
 
-def _task(empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings) -> Task:
+def _task(
+    empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings
+) -> SearchTask:
     """Return what is searched for to fill an empty packing."""
     types, obstacles = empty.types, empty.container.obstacles
     numbers = np.arange(len(types)).repeat([each.demand for each in types])
     volumes = np.array([each.volume for each in types])
     values = np.array([each.volume if each.value is None else each.value for each in types])
-    return Task(
+    return SearchTask(
         np.concatenate((numbers, np.arange(len(types), len(types) + len(obstacles)))),
         volumes[numbers],
         values[numbers],
@@ -214,7 +216,7 @@ def _task(empty: Packing, containers: Sequence[BoxContainer], settings: SearchSe
     )
 
 
-def _poses(start: Packing, problem: Problem, task: Task, empty: Packing) -> Poses:
+def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -> Poses:
     """Return the poses of a former packing; items that can't have them are not inside."""
     if len(task.sizes) > 1:
         raise ArgumentError("a packing to begin with is not possible with boxes of several sizes")
@@ -299,7 +301,7 @@ def _size(sides: Iterable[float]) -> str:
     return " x ".join(f"{side:.6g}" for side in sides)
 
 
-def _packing(problem: Problem, task: Task, solution: Solution, empty: Packing) -> Packing:
+def _packing(problem: Problem, task: SearchTask, solution: Solution, empty: Packing) -> Packing:
     """Return the packing of a solution."""
     poses, boxes = solution.poses, solution.boxes
     placements = []

@@ -119,7 +119,7 @@ def _voxels(lookup, a, rel):
 
 
 @inner_kernel
-def settle(problem, first, other, rel, at):
+def refine_node(problem, first, other, rel, at):
     """Compute a node by the surfaces."""
     lookup = problem.lookup
     number = lookup.numbers[first, other, rel]

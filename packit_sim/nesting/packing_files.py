@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.check_reports import Problem, Report, named
+from packit_sim.core.check_reports import FileProblem, Report, named
 from packit_sim.core.errors import MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
@@ -22,13 +22,9 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.lengths import MAX_LENGTH, MIN_LENGTH
+from packit_sim.nesting.lengths import MAX_LENGTH, Extent, PoseRows
 from packit_sim.nesting.mesh_paths import is_inside
 from packit_sim.nesting.placements import Placement, pose_fault
-
-Length = Annotated[float, Meta(gt=-MAX_LENGTH, lt=MAX_LENGTH)]
-Extent = Annotated[float, Meta(gt=MIN_LENGTH, lt=MAX_LENGTH)]
-Row = tuple[Length, Length, Length, Length]
 
 
 def verify_packing(file: Path | str) -> Report:
@@ -110,7 +106,7 @@ def verify_packing(file: Path | str) -> Report:
     if container.is_strip and not containers:
         space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
     volume = plain_sum(body.volume for body in bodies)
-    sentences = tuple(Problem(file, None, sentence) for sentence in found)
+    sentences = tuple(FileProblem(file, None, sentence) for sentence in found)
     return Report(sentences, 1, 1, len(packing.items), volume, space)
 
 
@@ -211,7 +207,7 @@ def obj_text(vertices: Floats, faces: Ints) -> str:
 
 class _Obstacle(Struct):
     mesh: str
-    pose: tuple[Row, Row, Row, Row]
+    pose: PoseRows
 
 
 class _PackingItem(_Obstacle):

@@ -189,7 +189,7 @@ class Problem(NamedTuple):
     counts : ndarray
         (4,) int64, numbers of fine costs, tests of surfaces, passes, and computed nodes.
     shift, waiting, triangle : ndarray
-        Room to work in.
+        Work arrays.
     """
 
     lookup: Lookup
@@ -229,12 +229,12 @@ class State(NamedTuple):
     weights, overlaps : ndarray
         (n, n) float64, of pairs.
     depths : ndarray
-        (n,) float64, room for the depths of one item and each other one.
+        (n,) float64, a work array for the depths of one item and each other one.
     margins : ndarray
         (n, n) float64, distances in voxels below which pairs count as overlapping; negative
         where the surfaces allow more.
     slope : ndarray
-        (3,) float64, room for the gradient of an item's cost.
+        (3,) float64, a work array for the gradient of an item's cost.
     """
 
     movable: int
@@ -250,13 +250,13 @@ class State(NamedTuple):
     slope: Any
 
 
-def with_own_room(problem: Problem) -> Problem:
-    """Return a problem that shares all but fields, counts and room to work in: for a thread."""
+def with_own_arrays(problem: Problem) -> Problem:
+    """Return a problem that shares all but fields, counts and work arrays: for a thread."""
     lookup = problem.lookup
     fields = _emptied(lookup, "fields", "values", "used")
     fields["numbers"] = np.full_like(lookup.numbers, -1)
-    room = _emptied(problem, "counts", "shift", "waiting", "triangle")
-    return problem._replace(lookup=lookup._replace(**fields), **room)
+    work = _emptied(problem, "counts", "shift", "waiting", "triangle")
+    return problem._replace(lookup=lookup._replace(**fields), **work)
 
 
 def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
@@ -266,7 +266,7 @@ def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
 
 
 def boxes_of(sizes: Sequence[Sequence[float]], widest: float = 0.0) -> Floats:
-    """Arrange boxes beside each other, so far apart that items in different ones don't meet.
+    """Arrange boxes next to each other, so far apart that items in different ones don't meet.
 
     Parameters
     ----------

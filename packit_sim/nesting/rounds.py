@@ -13,9 +13,9 @@ from packit_sim.core.parallel import Threads, Workers
 from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.problem import Problem, with_own_room
-from packit_sim.nesting.search import Search
-from packit_sim.nesting.tasks import CLOCKS, Budget, Clock, Solution
+from packit_sim.nesting.problem import Problem, with_own_arrays
+from packit_sim.nesting.search import NestSearch
+from packit_sim.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 
 SECONDS = 1.0, 20.0
 """Shortest and longest time of a round."""
@@ -54,7 +54,7 @@ class Problems:
     def get(self) -> Problem:
         """Return the problem, for this thread."""
         if getattr(_own, "problems", None) != self:
-            _own.problem = with_own_room(_built(self))
+            _own.problem = with_own_arrays(_built(self))
             _own.problems = self
         problem: Problem = _own.problem
         return problem
@@ -91,13 +91,13 @@ class Limits:
     seconds: float
     passes: int | None
     stop: threading.Event
-    clock: Clock
+    clock: ClockName
 
 
 class _Stopwatch:
     """Seconds since the start: of the wall, or of this thread and of the slowest worker."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: ClockName) -> None:
         self._now = CLOCKS[clock]
         self._counts_workers = clock == "processor"
         self._start = self._now()
@@ -114,7 +114,7 @@ class _Stopwatch:
 
 def rounds(
     problems: Problems,
-    searches: Sequence[Search],
+    searches: Sequence[NestSearch],
     limits: Limits,
     workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
@@ -125,7 +125,7 @@ def rounds(
     ----------
     problems : Problems
         The problem.
-    searches : sequence of Search
+    searches : sequence of NestSearch
         The searches, one for each worker.
     limits : Limits
         When to end.
@@ -191,18 +191,18 @@ def _score(solution: Solution) -> tuple[float, ...]:
 
 def _advance(
     problems: Problems,
-    search: Search,
+    search: NestSearch,
     seconds: float,
     passes: int | None,
     shares: tuple[float, float],
     stop: threading.Event | None,
-    clock: Clock,
-) -> tuple[Search, float]:
+    clock: ClockName,
+) -> tuple[NestSearch, float]:
     start = CLOCKS[clock]()
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, Budget(seconds, passes, shares, stop, clock))
+    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock))
     return search, CLOCKS[clock]() - start
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from packit_sim.geometry.arrays import Ints
 from packit_sim.nesting.problem import Problem
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Budget, Poses, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
 FEWEST = 6
 """Fewest items that are searched for alone."""
@@ -18,15 +18,15 @@ FIRST_LEVELS = 0.4
 """Share of the search after which all items are searched for, at the latest."""
 
 
-class Search(ABC):
-    """A search by attempts, which can go on in another process: all that it needs is in it.
+class NestSearch(ABC):
+    """A search by attempts, which can resume in another process: it holds all that it needs.
 
     The most important items are arranged first. Whenever that finds nothing better, the number of
-    items doubles: few items are arranged quickly, and large ones find no room later.
+    items doubles: few items are arranged quickly, and large ones find no space later.
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     seed : int
         The seed.
@@ -42,7 +42,7 @@ class Search(ABC):
         Whether nothing better is possible.
     """
 
-    def __init__(self, task: Task, seed: int, order: Ints | None = None) -> None:
+    def __init__(self, task: SearchTask, seed: int, order: Ints | None = None) -> None:
         self.best: Solution | None = None
         self.is_done = False
         self._task = task
@@ -55,14 +55,14 @@ class Search(ABC):
             self._levels.insert(0, order[: len(self._levels[0]) // 2])
         self._level = 0
 
-    def advance(self, problem: Problem, budget: Budget) -> None:
+    def advance(self, problem: Problem, budget: SearchBudget) -> None:
         """Search until the budget is spent.
 
         Parameters
         ----------
         problem : Problem
             The problem.
-        budget : Budget
+        budget : SearchBudget
             The budget.
         """
         if not self._is_begun:

@@ -13,7 +13,7 @@ from packit_sim.nesting.conflict_kernels import load
 from packit_sim.nesting.filling import loaded
 from packit_sim.nesting.problem import Problem, State
 from packit_sim.nesting.separation_kernels import separate
-from packit_sim.nesting.tasks import Budget, Poses, Task
+from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask
 
 GAIN = 0.98
 """Share of the least overlap below which a pass counts as a gain."""
@@ -28,7 +28,7 @@ class Separation:
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     poses : Poses
         Where the items are at first.
@@ -49,7 +49,7 @@ class Separation:
 
     def __init__(
         self,
-        task: Task,
+        task: SearchTask,
         poses: Poses,
         boxes: Floats,
         patience: int,
@@ -75,7 +75,7 @@ class Separation:
         self,
         problem: Problem,
         rng: npt.NDArray[np.uint64],
-        budget: Budget,
+        budget: SearchBudget,
         is_precise: bool,
     ) -> bool | None:
         """Go on until the items are apart, or it gives up, or the budget is spent.
@@ -86,7 +86,7 @@ class Separation:
             The problem.
         rng : ndarray of uint64, shape (1,)
             The state of the kernels' generator.
-        budget : Budget
+        budget : SearchBudget
             The budget.
         is_precise : bool
             Whether the surfaces compute the fields of simple items also while much overlaps.

@@ -9,9 +9,9 @@ import numpy as np
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.filling import constructed, filled, least_heights, with_random_poses
 from packit_sim.nesting.problem import Problem, boxes_of
-from packit_sim.nesting.search import Search
+from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Poses, Solution, Task
+from packit_sim.nesting.tasks import Poses, SearchTask, Solution
 
 _GROWTH, _DECAY = 1.1, 0.7
 """Factors of the shrinkage after a success and after a failure."""
@@ -22,29 +22,29 @@ _FROM_CURRENT = 0.3
 _ENOUGH = 0.01
 """Shrinkage below which more items are added."""
 
-_MORE_ROOM = 0.02
+_MORE_SPACE = 0.02
 """Share by which the strip grows if added items find no place; twice as much the next time."""
 
 
-class StripSearch(Search):
+class StripSearch(NestSearch):
     """A search for the lowest strip: shrink it, move the items apart, and again.
 
     Parameters
     ----------
-    task : Task
+    task : SearchTask
         The task.
     seed : int
         The seed.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: SearchTask, seed: int) -> None:
         super().__init__(task, seed, np.argsort(-task.volumes, kind="stable"))
         self._current: Poses | None = None
         self._height = self._target = math.inf
         self._shrink = task.settings.shrink
         self._failed: Poses | None = None
-        self._has_room = True
-        self._more_room = _MORE_ROOM
+        self._has_space = True
+        self._more_space = _MORE_SPACE
         self._heights = np.zeros(task.count)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
@@ -54,7 +54,7 @@ class StripSearch(Search):
         if self._has_all and solution.score[0] < self._height:
             self._current, self._height = solution.poses, solution.score[0]
             self._failed = None
-            self._has_room = True
+            self._has_space = True
             if solution.score[0] <= self._target:
                 self._attempt = None
 
@@ -68,18 +68,18 @@ class StripSearch(Search):
         return solution
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        if self._has_room:
+        if self._has_space:
             least = self._least_height()
             self._target = max(self._height * (1 - self._shrink), least)
         start = self._failed or self._current
-        if self._failed and self._has_room and self._choices.random() < _FROM_CURRENT:
+        if self._failed and self._has_space and self._choices.random() < _FROM_CURRENT:
             start = self._current
         assert start is not None
         boxes = self._boxes(self._target)
-        later = self._later if self._failed and self._has_room else ()
+        later = self._later if self._failed and self._has_space else ()
         attempt = Separation(self._task, start, boxes, self._task.settings.patience, later)
         largest = self._items[: max(2, len(self._items) // 2)]
-        if self._failed and self._has_room and len(largest) > 1:
+        if self._failed and self._has_space and len(largest) > 1:
             i, j = self._choices.choice(largest, 2, replace=False)
             attempt.swap(int(i), int(j))
         return attempt
@@ -90,40 +90,51 @@ class StripSearch(Search):
             if self._failed is None:
                 self._shrink = min(self._shrink * _GROWTH, settings.shrink)
             self._failed = None
-            self._has_room = True
+            self._has_space = True
             self._current = attempt.least
             self._height = self._height_of(problem, attempt.least)
             if self._has_all and self._height < best.score[0]:
                 self.adopt(problem, self._solution(problem, attempt.least))
         else:
             self._failed = attempt.least
-            if self._has_room:
+            if self._has_space:
                 self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
             else:
-                self._target *= 1 + self._more_room
-                self._more_room *= 2
+                self._target *= 1 + self._more_space
+                self._more_space *= 2
         is_least = self._height <= self._least_height() + problem.lookup.slack
-        if not self._has_all and self._has_room and (is_least or self._shrink < _ENOUGH):
+        if not self._has_all and self._has_space and (is_least or self._shrink < _ENOUGH):
             self._add_items(problem)
 
     def _add_items(self, problem: Problem) -> None:
         """Put more items in where they fit, or at random poses; the strip grows by their share."""
+        if self._has_space:
+            self._offer_all(problem)
         old = self._items
-        height = self._height if self._has_room else self._target
+        height = self._height if self._has_space else self._target
         super()._add_items(problem)
-        start = self._current if self._has_room else self._failed or self._current
+        start = self._current if self._has_space else self._failed or self._current
         assert start is not None
         volumes = self._task.volumes
         more = float(volumes[self._items].sum() / volumes[old].sum())
         self._target = max(height * more, self._least_height())
-        self._more_room = _MORE_ROOM
+        self._more_space = _MORE_SPACE
         self._shrink = self._task.settings.shrink / 2
         self._failed = None
-        self._has_room = False
+        self._has_space = False
         boxes = self._boxes(self._target)
         poses = filled(problem, self._task, start, boxes, self._items, self._rng)
         left = self._items[poses.inside[self._items] == 0].tolist()
         self._current = with_random_poses(problem, self._task, poses, left, boxes, self._choices)
+
+    def _offer_all(self, problem: Problem) -> None:
+        """Place the other items around those that are arranged: a better packing in between."""
+        assert self._current is not None
+        boxes = self._boxes(self._task.size[2])
+        poses = filled(problem, self._task, self._current, boxes, self._task.order, self._rng)
+        found = self._solution(problem, poses)
+        if self.best is None or found.score < self.best.score:
+            self.adopt(problem, found)
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
         height = self._height_of(problem, poses)
@@ -131,7 +142,7 @@ class StripSearch(Search):
 
     @property
     def _is_precise(self) -> bool:
-        return super()._is_precise and self._has_room
+        return super()._is_precise and self._has_space
 
     def _boxes(self, height: float) -> Floats:
         x, y, _ = self._task.size

@@ -19,7 +19,7 @@ def surfaces_cross(
     Parameters
     ----------
     one, other : ndarray
-        (n, 3, 3) float64, the corners of the triangles, each surface in a frame of its own.
+        (n, 3, 3) float64, the corners of the triangles, each surface in its own frame.
     one_boxes, other_boxes : ndarray
         (2 leaves, 2, 3) float64, the boxes of their trees (see `deviation.Surface`).
     one_starts, other_starts : ndarray
@@ -29,7 +29,7 @@ def surfaces_cross(
     shift : ndarray
         (3,) float64, the other's origin in the one's frame.
     waiting, triangle : ndarray
-        (STACK, 2) int64 and (3, 3) float64, room to work in.
+        (STACK, 2) int64 and (3, 3) float64, work arrays.
 
     Returns
     -------

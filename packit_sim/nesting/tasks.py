@@ -17,10 +17,10 @@ from packit_sim.nesting.problem import State, state_of
 PASSES = 5
 """Passes of a separation between two looks at the clock."""
 
-Clock = Literal["wall", "processor"]
+ClockName = Literal["wall", "processor"]
 """What seconds of a search are: wall time, or processor time of each worker."""
 
-CLOCKS: dict[Clock, Callable[[], float]] = {
+CLOCKS: dict[ClockName, Callable[[], float]] = {
     "wall": time.perf_counter,
     "processor": time.thread_time,
 }
@@ -55,7 +55,7 @@ class SearchSettings:
     least_shrink: float = 0.0002
 
 
-class Budget:
+class SearchBudget:
     """Time or passes that a search may take.
 
     Parameters
@@ -78,7 +78,7 @@ class Budget:
         passes: int | None = None,
         shares: tuple[float, float] = (0.0, 1.0),
         stop: threading.Event | None = None,
-        clock: Clock = "wall",
+        clock: ClockName = "wall",
     ) -> None:
         self._seconds = seconds
         self._now = CLOCKS[clock]
@@ -166,7 +166,7 @@ class Solution:
 
 
 @dataclass(eq=False)
-class Task:
+class SearchTask:
     """What is searched for.
 
     Attributes

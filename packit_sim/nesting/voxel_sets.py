@@ -91,13 +91,15 @@ def signed_distances(triangles: Floats, cell: float, margin: float) -> Floats:
     return np.asarray(found * cell)
 
 
-def spread_points(triangles: Floats, count: int) -> Floats:
+def spread_points(vertices: Floats, faces: Ints, count: int) -> Floats:
     """Return points of a surface, each as far from those before as can be.
 
     Parameters
     ----------
-    triangles : ndarray of float64, shape (n, 3, 3)
-        The corners of its triangles.
+    vertices : ndarray of float64, shape (n, 3)
+        Its vertices.
+    faces : ndarray of int64, shape (m, 3)
+        Its triangles, as indices of vertices.
     count : int
         The number of points.
 
@@ -106,7 +108,7 @@ def spread_points(triangles: Floats, count: int) -> Floats:
     ndarray of float64, shape (count, 3)
         The points.
     """
-    corners = triangles.reshape(-1, 3)
+    triangles = vertices[faces]
     areas = np.linalg.norm(
         np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
     )
@@ -116,9 +118,7 @@ def spread_points(triangles: Floats, count: int) -> Floats:
     shares = np.where(shares.sum(axis=1, keepdims=True) > 1, 1 - shares, shares)
     own = triangles[some]
     points = own[:, 0] + np.einsum("nk,nkd->nd", shares, own[:, 1:] - own[:, :1])
-    corners = np.unique(corners, axis=0)
-    corners = rng.permutation(corners)[: 4 * count]
-    points = np.concatenate((corners, points))
+    points = np.concatenate((rng.permutation(vertices)[: 4 * count], points))
     return np.asarray(points[farthest_points(points, min(count, len(points)))])
 
 

@@ -62,12 +62,12 @@ _POINTS = 30
 _FIRST_POINT = 0.1
 """Seconds of its first point."""
 
-Played = Mapping[str, Sequence[Rollout]]
+RolloutsByAgent = Mapping[str, Sequence[Rollout]]
 """The rollouts of each agent."""
 
 
 @dataclass(frozen=True)
-class Row:
+class PortfolioRow:
     """A row of the table.
 
     Attributes
@@ -98,7 +98,7 @@ def agents(pairs: Sequence[str], seconds: float) -> tuple[str, ...]:
     return tuple(f"{pair}={seconds:g}s" for pair in pairs)
 
 
-def rows(played: Played, seconds: float) -> tuple[Row, ...]:
+def rows(played: RolloutsByAgent, seconds: float) -> tuple[PortfolioRow, ...]:
     """Compute the table.
 
     Parameters
@@ -110,7 +110,7 @@ def rows(played: Played, seconds: float) -> tuple[Row, ...]:
 
     Returns
     -------
-    tuple of Row
+    tuple of PortfolioRow
         A row for each agent, for the best pairs together, and for all pairs together.
     """
     times = [each for each in TIMES if each < seconds] + [seconds]
@@ -135,10 +135,10 @@ def _together(seconds: float) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _row(label: str, reached: Sequence[Sequence[float]], times: Sequence[float]) -> Row:
+def _row(label: str, reached: Sequence[Sequence[float]], times: Sequence[float]) -> PortfolioRow:
     rewards = {time: Estimate.of(each) for time, each in zip(times, reached, strict=True)}
     success = Estimate.of(100.0 * (np.array(reached[-1]) >= 1 - RETURN_SLACK))
-    return Row(label, len(reached[-1]), rewards, success)
+    return PortfolioRow(label, len(reached[-1]), rewards, success)
 
 
 def divided(played: Sequence[Sequence[Rollout]], seconds: float) -> list[float]:
@@ -175,7 +175,7 @@ def _returns_after(rollouts: Sequence[Rollout], seconds: float) -> list[float]:
     return [rollout.return_after(seconds) for rollout in rollouts]
 
 
-def markdown(found: Sequence[Row], seconds: float) -> str:
+def markdown(found: Sequence[PortfolioRow], seconds: float) -> str:
     """Write the table."""
     columns = ["", "tasks", *(f"{time:g} s" for time in found[0].rewards), f"S@1, {seconds:g} s"]
     lines = [
@@ -194,12 +194,12 @@ def markdown(found: Sequence[Row], seconds: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def to_json(found: Sequence[Row], seconds: float) -> dict[str, Any]:
+def to_json(found: Sequence[PortfolioRow], seconds: float) -> dict[str, Any]:
     """Return the table in JSON's types."""
     return {"title": TITLE, "seconds": seconds, "rows": [asdict(row) for row in found]}
 
 
-def draw(played: Played, seconds: float, path: Path) -> None:
+def draw(played: RolloutsByAgent, seconds: float, path: Path) -> None:
     """Plot Average Reward against processor seconds, with 95% intervals."""
     times = np.geomspace(_FIRST_POINT, seconds, _POINTS).tolist()
     curves = {

@@ -12,8 +12,8 @@ import numpy as np
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.evaluation.evaluation import Score, compare
 from packit_sim.evaluation.results import Rollout
-from packit_sim.game.agents import policy_names
 from packit_sim.game.episode import Stage
+from packit_sim.game.policy_registry import policy_names
 from packit_sim.render import plots
 from packit_sim.rules import PACKIT, Rules
 
@@ -56,7 +56,7 @@ Numbers = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperRow:
     """A row of a table.
 
     Attributes
@@ -86,7 +86,7 @@ class PaperTable:
     ----------
     title : str
         The title.
-    rows : tuple[Row, ...]
+    rows : tuple[PaperRow, ...]
         The agents.
     metrics : tuple[str, ...]
         The columns.
@@ -97,27 +97,27 @@ class PaperTable:
     """
 
     title: str
-    rows: tuple[Row, ...]
+    rows: tuple[PaperRow, ...]
     metrics: tuple[str, ...] = _FEW
     rules: Rules = PACKIT
     against: str = HEURISTIC
 
     @property
-    def playable(self) -> tuple[Row, ...]:
+    def playable(self) -> tuple[PaperRow, ...]:
         """The rows with an installed shape policy."""
         known = policy_names(Stage.SHAPE)
         return tuple(row for row in self.rows if row.agent.split("/")[0] in known)
 
 
-def _row(agent: str, label: str, numbers: Sequence[float]) -> Row:
+def _row(agent: str, label: str, numbers: Sequence[float]) -> PaperRow:
     """Return a row with the paper's numbers in the order of `_ALL` or `_FEW`."""
     metrics = _ALL if len(numbers) == len(_ALL) else _FEW
-    return Row(agent, label, dict(zip(metrics, numbers, strict=True)))
+    return PaperRow(agent, label, dict(zip(metrics, numbers, strict=True)))
 
 
 def _searches(
     name: str, values: Sequence[int], found: Mapping[str, Sequence[Sequence[float]]]
-) -> tuple[Row, ...]:
+) -> tuple[PaperRow, ...]:
     """Return a row for each agent and value of a search, the first of which means no search."""
     labels = {HEURISTIC: "Heuristic", LEARNING: "Learning"}
     return tuple(
@@ -189,7 +189,7 @@ TABLES = {
     ),
     "easy": PaperTable("PackIt-Easy", _EASY, rules=EASY),
     "baselines": PaperTable(
-        "Baselines beyond the paper", tuple(Row(agent, agent) for agent in STRONGER), _ALL
+        "Baselines beyond the paper", tuple(PaperRow(agent, agent) for agent in STRONGER), _ALL
     ),
 }
 """The tables by name, the argument of `packit reproduce`."""
@@ -201,7 +201,7 @@ class Reproduced:
 
     Attributes
     ----------
-    row : Row
+    row : PaperRow
         The row.
     score : Score
         Our score.
@@ -209,7 +209,7 @@ class Reproduced:
         The comparison with the table's `against`; None for that agent.
     """
 
-    row: Row
+    row: PaperRow
     score: Score
     comparison: Comparison | None
 

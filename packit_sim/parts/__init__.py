@@ -11,7 +11,7 @@ from packit_sim.parts.instructions import write_instructions
 from packit_sim.parts.packing_stages import StageMotion, stage_motions
 from packit_sim.parts.removal import Removal, Route, StuckPart, removable
 from packit_sim.parts.requirements import Requirements, Violation, packing_order, violations
-from packit_sim.parts.supports import Stacking, settled_down, stacking
+from packit_sim.parts.supports import Stacking, lowered, stacking
 
 __all__ = [
     "DroppedPart",
@@ -24,9 +24,9 @@ __all__ = [
     "StuckPart",
     "Violation",
     "drop_violations",
+    "lowered",
     "packing_order",
     "removable",
-    "settled_down",
     "stacking",
     "stage_motions",
     "violations",

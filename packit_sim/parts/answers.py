@@ -11,7 +11,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.constraints import filtered
 from packit_sim.parts.requirements import packing_order, violations
-from packit_sim.parts.supports import settled_down
+from packit_sim.parts.supports import lowered
 from packit_sim.parts.task import PackTask
 
 
@@ -104,11 +104,11 @@ class Answer:
             whole = task.with_fixed(box.packing)
             first = len(requirements.fixed)
             if requirements.stable is not None and whole.clearance == 0:
-                settled = settled_down(whole, requirements.fixed)
-                own = replace(box.packing, placements=settled.placements[first:])
+                resting = lowered(whole, requirements.fixed)
+                own = replace(box.packing, placements=resting.placements[first:])
                 rest = replace(requirements, stable=None)
-                if not (own.problems() or violations(settled, rest)):
-                    whole = settled
+                if not (own.problems() or violations(resting, rest)):
+                    whole = resting
             order = packing_order(whole, requirements)[first:]
             placements = tuple(whole.placements[n] for n in order)
             boxes.append(replace(box, packing=replace(box.packing, placements=placements)))

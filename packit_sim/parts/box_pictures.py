@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
-from packit_sim.parts.posed_parts import PosedContents, contents
+from packit_sim.parts.posed_parts import contents
 from packit_sim.render.coloring import UNKNOWN_COLOR, Colors, by_item
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
@@ -25,7 +26,7 @@ SIZE = 1200, 900
 """Pixels of a picture."""
 
 
-def shown(packing: Packing) -> PosedContents:
+def shown(packing: Packing) -> BoxState[PosedItem]:
     """Return a box with all of its parts.
 
     Parameters
@@ -35,7 +36,7 @@ def shown(packing: Packing) -> PosedContents:
 
     Returns
     -------
-    PosedContents
+    BoxState
         The box in box units: its longest side has 100 to 128 cells, so many that the others are
         nearly whole numbers of cells.
     """

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from packit_sim.core.checks import Range, as_integer, check_range
-from packit_sim.core.errors import ArgumentError
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.length_units import Unit
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.parts.units import lengths
 
@@ -82,7 +82,8 @@ class BoxType:
             )
         x, y, z = lengths(match["size"], 3, unit)
         own = int(match["count"]) if match["count"] else count
-        return cls((x, y, z), (match["name"] or "box").strip(), own)
+        with located(f"box {text!r}", ArgumentError):
+            return cls((x, y, z), (match["name"] or "box").strip(), own)
 
 
 def box_types(

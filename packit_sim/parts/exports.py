@@ -11,9 +11,9 @@ import trimesh
 from trimesh.visual import TextureVisuals
 
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
-from packit_sim.libraries.mesh_files import Unit
 from packit_sim.media.export import Y_UP, material
 from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.box_pictures import draw, shown

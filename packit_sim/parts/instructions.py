@@ -16,11 +16,11 @@ from packit_sim.core import templates
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
-from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
 from packit_sim.parts.part_sweeps import PartSweeps
-from packit_sim.parts.posed_parts import PosedContents, contents
+from packit_sim.parts.posed_parts import contents
 from packit_sim.parts.requirements import Requirements, ways_in
 from packit_sim.parts.turning import place_in_words, turn_in_words, way_in_words
 from packit_sim.render.cameras import Camera
@@ -180,10 +180,10 @@ def _box(
     start = len(fixed.intersection(own))
     steps = []
     alone: dict[tuple[str, bytes], str] = {}
-    with Scene(PosedContents(whole.cells, ())) as scene:
+    with Scene(BoxState(whole.cells, ())) as scene:
         for n, part in enumerate(order[start:], start=start):
             placement, item = packing.placements[part], whole.placed[n]
-            scene.update(PosedContents(whole.cells, whole.placed[: n + 1]))
+            scene.update(BoxState(whole.cells, whole.placed[: n + 1]))
             picture = _step_picture(scene, n)
             above = _data(scene.snapshot(*SMALL, Look(FROM_ABOVE, WHITE, coloring=_new)).image)
             turn = placement.pose[:3, :3] / placement.scale
@@ -231,7 +231,7 @@ def _step_picture(scene: Scene, new: int) -> str:
 
 
 def _new(items: Sequence[Item]) -> Colors:
-    """Give the last item a colour of its own."""
+    """Give the last item its own colour."""
     return Colors((*(OLD,) * (len(items) - 1), NEW) if items else ())
 
 
@@ -246,7 +246,7 @@ def _alone(scene: Scene, item: PosedItem, known: dict[tuple[str, bytes], str]) -
     """Draw a part alone, each orientation once."""
     key = item.item.shape.digest, item.matrix[:3, :3].round(9).tobytes()
     if key not in known:
-        scene.update(PosedContents((1, 1, 1), (item,)))
+        scene.update(BoxState((1, 1, 1), (item,)))
         look = Look(FROM_THE_FRONT, WHITE, "none", coloring=_new)
         known[key] = _data(scene.snapshot(*SMALL, look).image)
     return known[key]

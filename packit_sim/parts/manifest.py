@@ -43,7 +43,7 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
 
 
 @dataclass(frozen=True)
-class Row:
+class ManifestRow:
     """A file to pack, and what is known of it.
 
     Attributes
@@ -63,7 +63,7 @@ class Row:
         return int(self.settings.get("count", 1))
 
 
-def read_manifest(path: Path) -> list[Row]:
+def read_manifest(path: Path) -> list[ManifestRow]:
     """Read a manifest.
 
     Parameters
@@ -74,7 +74,7 @@ def read_manifest(path: Path) -> list[Row]:
 
     Returns
     -------
-    list of Row
+    list of ManifestRow
         Its parts; files are relative to the manifest's folder. Rows with a count of 0 are left out.
 
     Raises
@@ -92,7 +92,7 @@ def read_manifest(path: Path) -> list[Row]:
         fields = _fields(f"{path}, part {number}", entry)
         file = path.parent / str(fields.pop("file"))
         if fields.get("count", 1) != 0:
-            rows.append(Row(file, fields))
+            rows.append(ManifestRow(file, fields))
     if not rows:
         raise ArgumentError(f"{path}: it has no parts")
     return rows

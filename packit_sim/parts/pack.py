@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, MeshError
-from packit_sim.libraries.mesh_files import Unit
+from packit_sim.core.length_units import Unit
 from packit_sim.nesting.rotation_sets import FIXED
 from packit_sim.parts.answers import Answer
 from packit_sim.parts.box_types import BoxType, box_types
@@ -17,7 +17,7 @@ from packit_sim.parts.packed import LeftOut, PackedParts
 from packit_sim.parts.packing_record import read_earlier
 from packit_sim.parts.packing_search import PackingSearch
 from packit_sim.parts.part import Part
-from packit_sim.parts.part_files import Problem, Reading, find_parts
+from packit_sim.parts.part_files import Reading, UnreadFile, find_parts
 from packit_sim.parts.part_sizes import too_large, unit_notes
 from packit_sim.parts.prepared import PreparedPart, boxed, least_side, prepare
 from packit_sim.parts.task import Goal, PackSettings, PackTask
@@ -144,7 +144,7 @@ def _task(
         try:
             prepared.append(prepare(part, unit, settings.accuracy))
         except MeshError as error:
-            problems.append(Problem(str(part.file or part.name), str(error)))
+            problems.append(UnreadFile(str(part.file or part.name), str(error)))
     if not prepared:
         raise ArgumentError(f"no part can be packed: {problems[0].source}: {problems[0].reason}")
     reading = replace(reading, problems=tuple(problems))

@@ -15,7 +15,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.original_check import Check, check_originals
-from packit_sim.parts.part_files import Problem
+from packit_sim.parts.part_files import UnreadFile
 from packit_sim.parts.part_sizes import shown
 from packit_sim.parts.prepared import PreparedPart
 from packit_sim.parts.requirements import Requirements
@@ -56,7 +56,7 @@ class PackedParts:
         The boxes with parts.
     left_out : tuple of LeftOut
         The parts that were not packed.
-    problems : tuple of Problem
+    problems : tuple of UnreadFile
         The files that could not be read.
     notes : tuple of str
         How files were understood, and what is doubtful.
@@ -67,7 +67,7 @@ class PackedParts:
     task: PackTask
     boxes: tuple[FilledBox, ...]
     left_out: tuple[LeftOut, ...] = ()
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
     searches: int = 1
 

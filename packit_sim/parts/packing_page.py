@@ -9,10 +9,9 @@ from packit_sim.core import templates
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
-from packit_sim.libraries.library import assets_folder
+from packit_sim.media.page_models import Models, page_texts
 from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.box_pictures import shown
-from packit_sim.reports.models import Models
 
 if TYPE_CHECKING:
     from packit_sim.parts.packed import PackedParts
@@ -45,8 +44,6 @@ def write_page(packed: PackedParts, path: Path) -> Path:
         If the file can't be written.
     """
     here = Path(__file__).parent
-    reports = here.parent / "reports"
-    three = assets_folder() / "three"
     models = Models()
     boxes = [
         {
@@ -78,11 +75,7 @@ def write_page(packed: PackedParts, path: Path) -> Path:
         "notes": packed.notes,
         "found": packed.check.problems,
         "boxes": boxes,
-        "style": (reports / "page.css").read_text(encoding="utf-8"),
-        "scene": (reports / "box_scene.js").read_text(encoding="utf-8"),
-        "viewer": (reports / "viewer.js").read_text(encoding="utf-8"),
-        "three": (three / "three.min.js").read_text(encoding="utf-8"),
-        "licence": (three / "LICENSE").read_text(encoding="utf-8"),
+        **page_texts(),
         "models": models.to_json(),
     }
     replace_text(path, templates.render(here / "packing_page.html", content, html=True))

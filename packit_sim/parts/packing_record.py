@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct, field
 
-from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
 from packit_sim.core.files import replace_text, replacing
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
+from packit_sim.nesting.lengths import PoseRows
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import obj_text
 from packit_sim.nesting.placements import Placement
@@ -43,6 +46,28 @@ _WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
 """Suffixes of mesh files that need no others."""
 
 _log = plain_logger(__name__)
+
+
+class _RecordedFiles(Struct):
+    files: tuple[str, ...]
+
+
+class _RecordedTask(Struct):
+    task: str
+
+
+class _RecordedPart(Struct):
+    name: str
+    box: Annotated[int, Meta(ge=0)]
+    pose: PoseRows
+
+
+class _RecordedBoxes(Struct):
+    """What resumes the search; other fields are ignored."""
+
+    searches: Annotated[int, Meta(ge=0)]
+    items: tuple[_RecordedPart, ...]
+    box_names: tuple[str, ...] = field(name="box names")
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +175,12 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
 def _files(folder: Path) -> set[str]:
     """Return the names of the files that an earlier record lists, and of what comes after it."""
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        listed = {name for name in record["files"] if _PACKING_FILE.fullmatch(name)}
-        films = {f"{Path(name).stem}{FILM}" for name in listed}
-        return {*listed, *films, INSTRUCTIONS}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        record = typed_json.decode((folder / RECORD).read_bytes(), _RecordedFiles, PackFormatError)
+    except (OSError, PackFormatError):
         return set()
+    listed = {name for name in record.files if _PACKING_FILE.fullmatch(name)}
+    films = {f"{Path(name).stem}{FILM}" for name in listed}
+    return {*listed, *films, INSTRUCTIONS}
 
 
 def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
@@ -204,41 +229,42 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         raise ArgumentError(f"{folder} is a file: choose a folder")
     if not file.exists():
         return None
+    data = file.read_bytes()
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        digest = record["task"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+        digest = typed_json.decode(data, _RecordedTask, PackFormatError).task
+    except PackFormatError:
         raise ArgumentError(f"{file} is not of `packit pack`: choose another folder") from None
     if digest != task.digest:
         _log.info("%s is of another task: it will be replaced", file)
         return None
     try:
-        return Earlier(_boxes(record, task), int(record["searches"]))
-    except (PackItError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+        record = typed_json.decode(data, _RecordedBoxes, PackFormatError, "the record")
+        return Earlier(_boxes(record, task), record.searches)
+    except (PackItError, LookupError) as error:
         _log.warning("%s is not used: %s", file, error)
         return None
 
 
-def _boxes(record: Mapping[str, Any], task: PackTask) -> tuple[FilledBox, ...]:
+def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
     """Return the boxes of a record, if they are valid packings of the task."""
     numbers = {each.part.name: n for n, each in enumerate(task.parts)}
     types = {box.name: box for box in task.boxes}
     back = [np.linalg.inv(each.frame) for each in task.parts]
-    placements: list[list[Placement]] = [[] for _ in record["box names"]]
-    for item in record["items"]:
-        n = numbers[item["name"]]
-        placements[item["box"]].append(Placement(n, np.array(item["pose"], dtype=float) @ back[n]))
+    placements: list[list[Placement]] = [[] for _ in record.box_names]
+    for item in record.items:
+        n = numbers[item.name]
+        placements[item.box].append(Placement(n, np.array(item.pose) @ back[n]))
     found = []
-    for name, own in zip(record["box names"], placements, strict=True):
+    for name, own in zip(record.box_names, placements, strict=True):
         box = types[name]
         packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
         if problems := packing.problems():
-            raise ValueError(problems[0])
+            raise ArgumentError(problems[0])
         found.append(FilledBox(box, packing))
     counts = task.counts([one for own in placements for one in own])
     if any(k > task.parts[n].part.count for n, k in counts.items()):
-        raise ValueError("it has more parts than there are")
+        raise ArgumentError("it has more parts than there are")
     for box in task.boxes:
-        if box.count is not None and record["box names"].count(box.name) > box.count:
-            raise ValueError("it has more boxes than there are")
+        if box.count is not None and record.box_names.count(box.name) > box.count:
+            raise ArgumentError("it has more boxes than there are")
     return tuple(found)

@@ -24,9 +24,6 @@ for one, and stages move much as with CoACD's pieces, which take many seconds.""
 LEAST_MASS = 1e-6
 """Smallest mass of a part in a simulation, in kg: without a mass it would be fixed."""
 
-_CHECK_STEPS = 10
-"""Time steps between two checks of the speeds."""
-
 
 @dataclass(frozen=True)
 class StageMotion:
@@ -154,7 +151,8 @@ def stages(
         with World(size, settings) as world:
             for own, n in zip(pieces[:stage], order, strict=False):
                 world.add(own, 0.0 if n in fixed else max(masses[n], least))
-            moves = _simulated(world, settings)
+            world.run()
+            moves = world.moves
         yield (
             stage,
             {
@@ -162,18 +160,6 @@ def stages(
                 for n, item, move in zip(order, items, moves, strict=False)
             },
         )
-
-
-def _simulated(world: World, settings: PhysicsSettings) -> list[Floats]:
-    """Simulate until all parts are at rest, and return their motions (4, 4)."""
-    rested = seconds = 0.0
-    interval = _CHECK_STEPS * settings.step
-    while rested < settings.rest_time and seconds < settings.time_limit:
-        for _ in range(_CHECK_STEPS):
-            world.step()
-        seconds += interval
-        rested = rested + interval if (world.speeds < settings.rest_speed).all() else 0.0
-    return world.moves
 
 
 def _farthest(corners: Floats, move: Floats) -> float:

@@ -13,9 +13,9 @@ import trimesh
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import UP_AXES
-from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import rotation_sets
 from packit_sim.parts.units import check_unit, factor
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
-from packit_sim.libraries.mesh_files import SUFFIXES, UNITS_CM, RawPart, Unit, read, read_parts
-from packit_sim.parts.manifest import MANIFESTS, Row, read_manifest
+from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
+from packit_sim.parts.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.part import Part, rotation_set
 from packit_sim.parts.units import check_unit
 
@@ -23,7 +24,7 @@ _PLATES = (".3mf",)
 
 
 @dataclass(frozen=True)
-class Problem:
+class UnreadFile:
     """A file that gave no part.
 
     Attributes
@@ -46,14 +47,14 @@ class Reading:
     ----------
     parts : tuple of Part
         The parts, with names that differ.
-    problems : tuple of Problem
+    problems : tuple of UnreadFile
         The files that can't be packed.
     notes : tuple of str
         What the user should know about how files were understood.
     """
 
     parts: tuple[Part, ...]
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -114,7 +115,7 @@ def find_parts(
     if isinstance(sources, (Part, Path, str)):
         sources = [sources]
     parts: list[Part] = []
-    problems: list[Problem] = []
+    problems: list[UnreadFile] = []
     notes: list[str] = []
     for source in sources:
         if isinstance(source, Part):
@@ -125,14 +126,15 @@ def find_parts(
                 parts += _parts(row, settings, notes)
             except (MeshError, OSError) as error:
                 reason = str(error).removeprefix(f"{row.file}: ")
-                problems.append(Problem(str(row.file), reason))
+                problems.append(UnreadFile(str(row.file), reason))
     if not parts:
         if not problems:
             raise ArgumentError(
                 "no parts: name mesh files, a folder or a manifest, with counts of at least 1"
             )
         first = problems[0]
-        more = f" (and {len(problems) - 1} other files)" if len(problems) > 1 else ""
+        others = len(problems) - 1
+        more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
         raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
     assumed = {each.file for each in parts if each.file and not _defines_unit(each.file)}
     if assumed:
@@ -145,7 +147,7 @@ def _defines_unit(file: Path) -> bool:
     return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae")
 
 
-def _rows(source: Path | str) -> Iterator[Row]:
+def _rows(source: Path | str) -> Iterator[ManifestRow]:
     """Yield the files that a source names."""
     path = Path(source)
     count = 1
@@ -161,18 +163,18 @@ def _rows(source: Path | str) -> Iterator[Row]:
         )
     if path.is_dir():
         for file in _folder_files(path):
-            yield Row(file, {"count": count})
+            yield ManifestRow(file, {"count": count})
     elif path.suffix.lower() in MANIFESTS:
         for row in read_manifest(path):
             yield replace(row, settings={**row.settings, "count": row.count * count})
     elif path.exists() or not glob.has_magic(str(path)):
-        yield Row(path, {"count": count})
+        yield ManifestRow(path, {"count": count})
     else:
         files = sorted(glob.glob(str(path)))
         if not files:
             raise ArgumentError(f"{path}: no file has such a name")
         for name in files:
-            yield Row(Path(name), {"count": count})
+            yield ManifestRow(Path(name), {"count": count})
 
 
 def _folder_files(path: Path) -> list[Path]:
@@ -183,7 +185,7 @@ def _folder_files(path: Path) -> list[Path]:
     return [Path(folder.candidate(id).source) for id in folder.categories]
 
 
-def _parts(row: Row, settings: ReadSettings, notes: list[str]) -> list[Part]:
+def _parts(row: ManifestRow, settings: ReadSettings, notes: list[str]) -> list[Part]:
     """Read the parts of a file."""
     suffix = row.file.suffix.lower()
     if not row.file.exists():

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from packit_sim.core.length_units import Unit
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
-from packit_sim.libraries.mesh_files import Unit
 from packit_sim.nesting.build import candidates
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.prepared import PreparedPart

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import trimesh
 
-from packit_sim.engine.sweeping import Axis, cyclic
+from packit_sim.engine.sweeping import AxisNumber, cyclic
 from packit_sim.engine.sweeping_kernels import least_rise
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
@@ -25,7 +25,7 @@ Direction = Literal["up", "+x", "-x", "+y", "-y"]
 
 SIDEWAYS: tuple[Direction, ...] = ("+x", "-x", "+y", "-y")
 
-AXES: dict[Direction, tuple[Axis, int]] = {
+AXES: dict[Direction, tuple[AxisNumber, int]] = {
     "up": (2, 1),
     "+x": (0, 1),
     "-x": (0, -1),
@@ -79,9 +79,9 @@ class PartSweeps:
         longest = [p.scale * float(types[p.type].extents.max()) / self.unit for p in placed]
         self._tolerances = [tolerance(1.0, side) for side in longest]
         self._centres = [self._centre(n) for n in range(len(placed))]
-        self._surfaces: dict[tuple[int, bytes, float, Axis], Surface] = {}
-        self._distances: dict[tuple[int, int, Axis, bytes], float] = {}
-        self._meetings: dict[tuple[int, int, Axis, bytes], bool] = {}
+        self._surfaces: dict[tuple[int, bytes, float, AxisNumber], Surface] = {}
+        self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}
+        self._meetings: dict[tuple[int, int, AxisNumber, bytes], bool] = {}
         self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
 
     def __len__(self) -> int:
@@ -174,13 +174,15 @@ class PartSweeps:
 
     def _pair(
         self, mover: int, other: int, direction: Direction, shift: Floats
-    ) -> tuple[int, int, Axis, Floats]:
+    ) -> tuple[int, int, AxisNumber, Floats]:
         """Return the lower and the upper part along an axis, and the vector between them."""
         axis, sign = AXES[direction]
         apart = self._centres[other] - self._centres[mover] - shift
         return (mover, other, axis, apart) if sign > 0 else (other, mover, axis, -apart)
 
-    def _rise(self, lower: int, upper: int, axis: Axis, apart: Floats, enough: float) -> float:
+    def _rise(
+        self, lower: int, upper: int, axis: AxisNumber, apart: Floats, enough: float
+    ) -> float:
         drawn_in = self.drawn_in(lower, upper)
         mine, its = (self._surface(n, drawn_in, axis) for n in (lower, upper))
         return float(least_rise(mine, its, apart[cyclic(axis)], enough))
@@ -193,7 +195,7 @@ class PartSweeps:
         middle = (item_type.low + item_type.high) / 2
         return np.asarray((pose[:3, :3] @ middle + pose[:3, 3]) / self.unit)
 
-    def _surface(self, number: int, drawn_in: float, axis: Axis) -> Surface:
+    def _surface(self, number: int, drawn_in: float, axis: AxisNumber) -> Surface:
         """Look up a part's mesh from its centre, this axis last; equal poses share it."""
         placement = self.packing.placements[number]
         linear = placement.pose[:3, :3]

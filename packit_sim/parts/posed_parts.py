@@ -3,30 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from packit_sim.geometry.items import PosedItem
-from packit_sim.geometry.lattice import CELL, Triple
+from packit_sim.geometry.items import BoxState, PosedItem
+from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting.packing import Packing
-
-
-@dataclass(frozen=True)
-class PosedContents:
-    """The contents of a box off the grid, as `Scene` shows them.
-
-    Attributes
-    ----------
-    cells : Triple
-        The cells of the box along x, y and z, rounded.
-    placed : tuple of PosedItem
-        The items.
-    """
-
-    cells: Triple
-    placed: tuple[PosedItem, ...]
 
 
 def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
@@ -59,7 +42,7 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
     return found
 
 
-def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> PosedContents:
+def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> BoxState[PosedItem]:
     """Return a box with some of the parts of a packing.
 
     Parameters
@@ -74,10 +57,10 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Pos
 
     Returns
     -------
-    PosedContents
+    BoxState
         The box, and the parts in this order. A strip is as high as its highest part.
     """
     unit = CELL * packing.container.longest / side
     a, b, c = (max(1, round(one / unit)) for one in packing.sides)
     items = posed(packing, side)
-    return PosedContents((a, b, c), tuple(items[n] for n in numbers))
+    return BoxState((a, b, c), tuple(items[n] for n in numbers))

@@ -9,13 +9,13 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.deviation import Surface, deviation
 from packit_sim.geometry.deviation_kernels import farthest
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 from packit_sim.geometry.voxelization import solid_volume_bounds
-from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.parts.masses import centre_of_mass
 from packit_sim.parts.part import Part

@@ -32,7 +32,7 @@ _ENDS = 8
 
 @dataclass(frozen=True)
 class Route:
-    """The way of a part out of the box.
+    """The moves of a part out of the box.
 
     Attributes
     ----------

@@ -162,7 +162,7 @@ def stacking_of(
     )
 
 
-def settled_down(packing: Packing, fixed: Collection[int] = ()) -> Packing:
+def lowered(packing: Packing, fixed: Collection[int] = ()) -> Packing:
     """Move all parts straight down until each rests on the floor or on another part.
 
     Parameters
@@ -184,7 +184,8 @@ def settled_down(packing: Packing, fixed: Collection[int] = ()) -> Packing:
     """
     if packing.clearance > 0:
         raise ArgumentError(
-            f"a packing with a clearance of {packing.clearance:g} can't settle: parts would touch"
+            f"a packing with a clearance of {packing.clearance:g} can't be lowered: "
+            "parts would touch"
         )
     found = stacking(packing, fixed=fixed)
     placements = []

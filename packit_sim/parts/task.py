@@ -14,8 +14,8 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import SearchBackend
-from packit_sim.libraries.mesh_files import UNITS_CM, Unit
 from packit_sim.nesting import validity
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType

@@ -6,7 +6,7 @@ import re
 from typing import get_args
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.libraries.mesh_files import UNITS_CM, Unit
+from packit_sim.core.length_units import UNITS_CM, Unit
 
 UNITS: tuple[Unit, ...] = get_args(Unit)
 """The names of the units of length."""

@@ -16,13 +16,10 @@ from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
-from packit_sim.physics.convex.fitting import Part, fitted
+from packit_sim.physics.convex.fitting import MeasuredPiece, fitted
 from packit_sim.physics.convex.pieces import Piece
 from packit_sim.physics.settings import DISTANCE, INSIDE, PhysicsSettings
 from packit_sim.physics.world import WALLS_AND_FLOOR, World
-
-_CHECK_STEPS = 10
-"""Time steps between two checks of the speeds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +168,7 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
     items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
         free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
-        return _simulate(world, box, settings, cut, free, [])
+        return _simulate(world, box, cut, free, [])
 
 
 def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
@@ -205,7 +202,7 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
         for n, one in enumerate(free):
             for other in (*free[:n], *held[n:]):
                 world.ignore(one, other)
-        return _simulate(world, box, settings, cut, free, held)
+        return _simulate(world, box, cut, free, held)
 
 
 def _size(box: Contents[ItemInBox]) -> Floats:
@@ -249,7 +246,7 @@ def fitted_pieces(
     return pieces, 1 - after / before if items else 0.0
 
 
-def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
+def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[MeasuredPiece]:
     size = float(np.cbrt(placed.item.scale))
     return [
         (piece.moved(placed.matrix[:3, :3], placed.matrix[:3, 3]), out * size)
@@ -260,7 +257,6 @@ def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[Part]:
 def _simulate(
     world: World,
     box: Contents[ItemInBox],
-    settings: PhysicsSettings,
     cut: float,
     free: Sequence[int],
     held: Sequence[int],
@@ -269,16 +265,11 @@ def _simulate(
 
     free, held: the world's numbers of the moving items, and of the fixed ones.
     """
-    energy, rested, seconds = world.energy, 0.0, 0.0
-    interval = _CHECK_STEPS * settings.step
-    while rested < settings.rest_time and seconds < settings.time_limit:
-        for _ in range(_CHECK_STEPS):
-            world.step()
-        seconds += interval
-        rested = rested + interval if (world.speeds < settings.rest_speed).all() else 0.0
+    energy = world.energy
+    seconds, at_rest = world.run()
     moves, contacts = world.moves, world.contacts
     known = {number: n for numbers in (held, free) for n, number in enumerate(numbers)}
-    at_rest, size = rested >= settings.rest_time, _size(box)
+    size = _size(box)
     items = []
     for start, own in zip(box.placed, free, strict=True):
         met = [b if a == own else a for a, b in contacts if own in (a, b)]

@@ -39,6 +39,9 @@ _NEAR = 0.002
 _NO_BOUNCE = 0.05
 """Speed in m/s below which items don't bounce, or else they would rattle and never rest."""
 
+_CHECK_STEPS = 10
+"""Time steps between two checks of the speeds."""
+
 
 @dataclass(frozen=True, eq=False)
 class _SimulatedItem:
@@ -150,6 +153,26 @@ class World:
     def step(self) -> None:
         """Advance by one time step."""
         self._pybullet.stepSimulation(physicsClientId=self._client)
+
+    def run(self) -> tuple[float, bool]:
+        """Advance until all items are at rest, or the time limit of the settings is over.
+
+        Returns
+        -------
+        seconds : float
+            The simulated time.
+        at_rest : bool
+            Whether all items are at rest.
+        """
+        settings = self._settings
+        rested = seconds = 0.0
+        interval = _CHECK_STEPS * settings.step
+        while rested < settings.rest_time and seconds < settings.time_limit:
+            for _ in range(_CHECK_STEPS):
+                self.step()
+            seconds += interval
+            rested = rested + interval if (self.speeds < settings.rest_speed).all() else 0.0
+        return seconds, rested >= settings.rest_time
 
     @property
     def speeds(self) -> Floats:

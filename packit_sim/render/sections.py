@@ -12,6 +12,9 @@ from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.render.looks import Cut
 
+BRIGHTNESS = 0.8
+"""The share of its item's brightness that a section has."""
+
 
 @dataclass(frozen=True, eq=False)
 class Section:

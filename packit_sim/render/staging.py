@@ -15,7 +15,7 @@ from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import RGB, Cut, Look
-from packit_sim.render.sections import is_beyond, section
+from packit_sim.render.sections import BRIGHTNESS, is_beyond, section
 from packit_sim.render.worlds import DrawnWorld
 
 _EDGE_RADIUS = 0.004
@@ -24,9 +24,6 @@ _EDGE_RADIUS = 0.004
 _WHITE = (1.0, 1.0, 1.0)
 _AWAY = np.array((0.0, 0.0, -1e4))
 """Position of bodies that are hidden."""
-
-_CAP = 0.8
-"""The share of its item's brightness that a section has."""
 
 
 class BodyStager:
@@ -97,7 +94,7 @@ class BodyStager:
             self._put(body, pose if parts is None else None)
             self._paint(body, color)
             indices[body] = n
-            for part, light in zip(parts or (), (1.0, _CAP), strict=False):
+            for part, light in zip(parts or (), (1.0, BRIGHTNESS), strict=False):
                 self._put(part, pose and Pose(pose.position))
                 self._paint(part, _lit(color, light))
                 indices[part] = n

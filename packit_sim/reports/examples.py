@@ -10,7 +10,7 @@ from packit_sim.datasets.packs import Pack, Task
 from packit_sim.datasets.provenance import RETURN_SLACK
 from packit_sim.evaluation.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.reports.models import Models
+from packit_sim.media.page_models import Models
 from packit_sim.reports.runs import EvaluationRun, ReportError, Runs
 
 SOLUTION = "ground truth"

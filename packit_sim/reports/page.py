@@ -9,7 +9,7 @@ from typing import Any
 from packit_sim.core import templates
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.version import __version__
-from packit_sim.libraries.library import assets_folder
+from packit_sim.media.page_models import page_texts
 from packit_sim.render import plots
 from packit_sim.render.coloring import ramp
 from packit_sim.reports import charts, tables
@@ -60,7 +60,6 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
     """
     plots.require()
     here = Path(__file__).parent
-    three = assets_folder() / "three"
 
     content: dict[str, Any] = {
         "title": title,
@@ -72,19 +71,11 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
         "tables": tables,
         "charts": charts,
         "ramp": [f"rgb({', '.join(f'{255 * c:.0f}' for c in ramp(n / 8))})" for n in range(9)],
-        "style": _read(here / "page.css"),
-        "sorting": _read(here / "sorting.js"),
-        "scene": _read(here / "box_scene.js"),
-        "viewer": _read(here / "viewer.js"),
-        "three": _read(three / "three.min.js"),
-        "licence": _read(three / "LICENSE"),
+        "sorting": (here / "sorting.js").read_text(encoding="utf-8"),
+        **page_texts(),
         "models": gallery.models.to_json() if gallery else None,
     }
     return templates.render(here / "page.html", content, html=True)
-
-
-def _read(file: Path) -> str:
-    return file.read_text(encoding="utf-8")
 
 
 def _headline(runs: Runs) -> Headline | None:

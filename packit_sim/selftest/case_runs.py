@@ -16,7 +16,7 @@ from packit_sim.selftest.comparisons import CHECKS, differences
 from packit_sim.selftest.reduction import reduced
 from packit_sim.selftest.replays import replay_text
 from packit_sim.selftest.tally import Difference, Tally
-from packit_sim.selftest.totals import Outcome, Totals
+from packit_sim.selftest.totals import CaseOutcome, Totals
 
 CHECKPOINT_SECONDS = 30.0
 """Time between two writings of the totals."""
@@ -67,7 +67,7 @@ def run(seed: int, minutes: float, workers: Workers, file: Path | None = None) -
             yield totals
 
 
-def run_case(seed: int, number: int) -> Outcome:
+def run_case(seed: int, number: int) -> CaseOutcome:
     """Draw a case and make all checks.
 
     Parameters
@@ -79,7 +79,7 @@ def run_case(seed: int, number: int) -> Outcome:
 
     Returns
     -------
-    Outcome
+    CaseOutcome
         What was compared; with a difference also the reduced case.
     """
     start = time.process_time()
@@ -95,7 +95,9 @@ def run_case(seed: int, number: int) -> Outcome:
     seconds = time.process_time() - start
     if failing:
         replay = replay_text(failing[0], reduced(case, failing[0]))
-    return Outcome(number, kind_of(number), dict(tally.counts), seconds, tally.differences, replay)
+    return CaseOutcome(
+        number, kind_of(number), dict(tally.counts), seconds, tally.differences, replay
+    )
 
 
 def _numbers(first: int, deadline: float) -> Iterator[int]:
@@ -106,7 +108,7 @@ def _numbers(first: int, deadline: float) -> Iterator[int]:
             return
 
 
-def _write_replay(seed: int, outcome: Outcome, file: Path | None) -> str:
+def _write_replay(seed: int, outcome: CaseOutcome, file: Path | None) -> str:
     """Write the reduced case of an outcome, and return the name of its file; "" without one."""
     if outcome.replay is None:
         return ""

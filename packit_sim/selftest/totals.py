@@ -64,7 +64,7 @@ class FoundDifference:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseOutcome:
     """What one case counted.
 
     Attributes
@@ -168,7 +168,7 @@ class Totals:
         with located(file, SelftestError):
             return typed_json.decode(file.read_bytes(), cls, SelftestError, "the totals")
 
-    def add(self, seed: int, outcome: Outcome, replay: str) -> None:
+    def add(self, seed: int, outcome: CaseOutcome, replay: str) -> None:
         """Add what a case counted."""
         kind = self.kinds.setdefault(outcome.kind, KindTotals())
         kind.counts = dict(Counter(kind.counts) + Counter(outcome.counts))

@@ -16,7 +16,7 @@ from packit_sim.geometry.poses import UPRIGHT, Pose
 from packit_sim.render.coloring import Color, by_item
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut
-from packit_sim.render.sections import is_beyond, section
+from packit_sim.render.sections import BRIGHTNESS, is_beyond, section
 from packit_sim.viewer.surfaces import surface
 
 if TYPE_CHECKING:
@@ -27,9 +27,6 @@ EDGE_COLOR = (0.30, 0.32, 0.36)
 _FLOOR_COLOR = (0.90, 0.91, 0.93)
 _EDGE = 0.004
 """Thickness of the box's edges and of its floor, as a share of its longest side."""
-
-_CAP = 0.8
-"""The share of its item's brightness that a section has."""
 
 _ABOVE = 0.2
 """Height of a title above a box and its items, as a share of the box's longest side: it does not
@@ -183,7 +180,7 @@ class BoxView:
             handle.cast_shadow = not glass
         for handle in self._parts.get(key, ()):
             handle.visible = inside
-        for handle, light in zip((self._items[key], *parts), (1.0, 1.0, _CAP), strict=False):
+        for handle, light in zip((self._items[key], *parts), (1.0, 1.0, BRIGHTNESS), strict=False):
             handle.color = rgb(color, light)
 
     def _cut_open(self, key: tuple[int, ItemInBox], color: Color) -> tuple[MeshHandle, ...]:

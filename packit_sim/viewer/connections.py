@@ -23,7 +23,7 @@ _INVALID = 1007
 
 _log = plain_logger(__name__)
 
-Handler = Callable[[server.ServerConnection], Awaitable[None]]
+ConnectionHandler = Callable[[server.ServerConnection], Awaitable[None]]
 
 
 @contextlib.contextmanager
@@ -45,7 +45,9 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
     serve = server.serve
     started: list[int] = []
 
-    def guarded_serve(handler: Handler, *place: Any, process_request: Any, **settings: Any) -> Any:
+    def guarded_serve(
+        handler: ConnectionHandler, *place: Any, process_request: Any, **settings: Any
+    ) -> Any:
         def checked(connection: server.ServerConnection, request: Request) -> Response | None:
             headers = request.headers
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
@@ -64,7 +66,7 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
         server.serve = serve  # type: ignore[misc]
 
 
-def _quiet(handler: Handler, protocol: str) -> Handler:
+def _quiet(handler: ConnectionHandler, protocol: str) -> ConnectionHandler:
     """Let a handler close a connection that fails, with one line in the log."""
 
     async def handle(connection: server.ServerConnection) -> None:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import trimesh
 
+from packit_sim.geometry.shading import CREASE
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 
 MOST_TRIANGLES = 4000
 """The most triangles of a shape: fifty such shapes rotate smoothly, and look the same."""
-
-_CREASE = np.radians(35)
-"""Edges sharper than this angle are shown as edges, in radians."""
 
 
 def surface(shape: Shape) -> trimesh.Trimesh:
@@ -31,4 +28,4 @@ def surface(shape: Shape) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
     if len(mesh.faces) > MOST_TRIANGLES:
         mesh = collapsed(mesh, MOST_TRIANGLES)
-    return trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
+    return trimesh.graph.smooth_shade(mesh, angle=CREASE, facet_minarea=None)

@@ -97,7 +97,7 @@ class WebAnswer:
 
 
 @dataclass(frozen=True)
-class Route:
+class HttpRoute:
     """What answers requests.
 
     Attributes
@@ -113,11 +113,11 @@ class Route:
 
 
 class HttpServer:
-    """A server in a thread of its own. Close it; it ends with the process.
+    """A server in its own thread. Close it; it ends with the process.
 
     Parameters
     ----------
-    routes : mapping of (str, str) to Route
+    routes : mapping of (str, str) to HttpRoute
         By method and path; a path that ends with "/" stands for all below it.
     host : str
         The IPv4 address or name to listen at: everyone who can reach it can use the page.
@@ -136,7 +136,10 @@ class HttpServer:
     """
 
     def __init__(
-        self, routes: Mapping[tuple[str, str], Route], host: str = LOOPBACK, port: int | None = None
+        self,
+        routes: Mapping[tuple[str, str], HttpRoute],
+        host: str = LOOPBACK,
+        port: int | None = None,
     ) -> None:
         class Handler(_Handler):
             own_host = host
@@ -161,7 +164,7 @@ class HttpServer:
 
 class _Handler(BaseHTTPRequestHandler):
     own_host: str
-    own_routes: Mapping[tuple[str, str], Route]
+    own_routes: Mapping[tuple[str, str], HttpRoute]
     protocol_version = "HTTP/1.1"
     timeout = _SECONDS
 

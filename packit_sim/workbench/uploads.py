@@ -1,4 +1,4 @@
-"""The mesh files that a page has sent, in a folder of their own."""
+"""The mesh files that a page has sent, in their own folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replacing
-from packit_sim.libraries.mesh_files import SUFFIXES, Unit
+from packit_sim.core.length_units import Unit
+from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import ReadSettings, find_parts, with_own_names
 

@@ -19,7 +19,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.web_origins import LOOPBACK
-from packit_sim.libraries.library import assets_folder
+from packit_sim.media.page_models import Models, page_files
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
 from packit_sim.parts.packing_page import add_box
@@ -29,11 +29,10 @@ from packit_sim.parts.part_files import ReadSettings, find_parts
 from packit_sim.parts.part_sizes import shown as shown_lengths
 from packit_sim.parts.task import Goal, PackSettings
 from packit_sim.parts.units import check_unit, lengths
-from packit_sim.reports.models import Models
 from packit_sim.workbench.http_server import (
+    HttpRoute,
     HttpServer,
     RequestError,
-    Route,
     WebAnswer,
     WebRequest,
 )
@@ -149,26 +148,26 @@ class Workbench:
     def __exit__(self, *raised: object) -> None:
         self.close()
 
-    def _routes(self) -> dict[tuple[str, str], Route]:
+    def _routes(self) -> dict[tuple[str, str], HttpRoute]:
         here = Path(__file__).parent
-        reports, three = here.parent / "reports", assets_folder() / "three"
+        shared = page_files()
         script, style = "text/javascript; charset=utf-8", "text/css; charset=utf-8"
         fixed = {
             "/": (here / "page.html", "text/html; charset=utf-8"),
             "/page.js": (here / "page.js", script),
             "/page.css": (here / "page.css", style),
-            "/report.css": (reports / "page.css", style),
-            "/box_scene.js": (reports / "box_scene.js", script),
-            "/three.js": (three / "three.min.js", script),
+            "/pages.css": (shared["style"], style),
+            "/box_scene.js": (shared["scene"], script),
+            "/three.js": (shared["three"], script),
         }
-        found = {("GET", path): Route(_file(*file)) for path, file in fixed.items()}
+        found = {("GET", path): HttpRoute(_file(*file)) for path, file in fixed.items()}
         return found | {
-            ("GET", "/state"): Route(self._state),
-            ("GET", "/files/"): Route(self._download),
-            ("POST", "/parts"): Route(self._upload, MOST_BYTES),
-            ("POST", "/remove"): Route(self._remove, _MOST_JSON),
-            ("POST", "/pack"): Route(self._pack, _MOST_JSON),
-            ("POST", "/stop"): Route(self._end),
+            ("GET", "/state"): HttpRoute(self._state),
+            ("GET", "/files/"): HttpRoute(self._download),
+            ("POST", "/parts"): HttpRoute(self._upload, MOST_BYTES),
+            ("POST", "/remove"): HttpRoute(self._remove, _MOST_JSON),
+            ("POST", "/pack"): HttpRoute(self._pack, _MOST_JSON),
+            ("POST", "/stop"): HttpRoute(self._end),
         }
 
     def _upload(self, request: WebRequest) -> WebAnswer:
@@ -260,7 +259,7 @@ class Workbench:
         settings: PackSettings,
         locked: tuple[_Locked, ...],
     ) -> None:
-        """Search, in a thread of its own."""
+        """Search, in a separate thread."""
         out = self._folder / "packing"
         total = sum(part.count for part in parts)
 

@@ -132,7 +132,7 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], state: CheckpointState
         "torch": torch.get_rng_state(),
         "numpy": json.dumps(random),
     }
-    buffer = BytesIO()  # torch reports a full disk as an error of its own
+    buffer = BytesIO()  # torch reports a full disk as its own kind of error
     torch.save(content, buffer)
     with replacing(path) as file:
         file.write(buffer.getbuffer())

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import partial
 
 from packit_agents.learning.learned_policies import LearnedShape
-from packit_sim.libraries.library import assets_folder
+from packit_sim.core.assets import assets_folder
 
 _FOLDER = assets_folder() / "weights"
 

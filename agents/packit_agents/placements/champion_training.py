@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from packit_agents.placements.policy_gradient import StepSettings, improve
 from packit_sim.core.checks import POSITIVE, Range, check_settings
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.parallel import Workers
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.datasets.packs import Task
@@ -30,6 +32,8 @@ FIRST_WEIGHTS = {"log volume": 48.0, "contact": 24.0, "top": -6.0}
 
 LEAST_SCALE = 0.05
 """Least scale of a feature: those that hardly vary don't become large."""
+
+_log = plain_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -176,6 +180,8 @@ class PlacementTraining:
         settings = self.settings
         with self._run.claim():
             network, done, reward = self._resume(workers)
+            _log.info("%s: %d of %d rounds are done", self.folder, done, settings.rounds)
+            started = time.monotonic()
             while done < settings.rounds:
                 groups = self._play(network, done, workers)
                 rate = 1 - done / settings.rounds
@@ -187,6 +193,7 @@ class PlacementTraining:
                     self._validate(network, done, reward, workers)
                 self._write(network, "last", done)
                 on_round(RoundResult(done, reward, self.best))
+            _log.info("%s: finished in %.1f s", self.folder, time.monotonic() - started)
 
     def _resume(self, workers: Workers) -> tuple[PlacementNetwork, int, float | None]:
         """Return the last network and how many rounds it has; at first that of the rule."""
@@ -214,6 +221,7 @@ class PlacementTraining:
     ) -> None:
         totals = workers.map(best_return, [(task, network) for task in self._validation])
         self.curve.append(CurvePoint(done, reward, Estimate.of(np.array(totals))))
+        _log.info("round %d: validation reward %.3f", done, self.curve[-1].validation.mean)
         if self.curve[-1] is self.best:
             self._write(network, "best", done)
         self._run.write_curve(self.curve)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from packit_agents.placements.layout import Layout, Scorer
+from packit_agents.placements.scored_layout import ScoredLayout, Scorer
 from packit_sim.core.caches import limit
 from packit_sim.datasets.packs import Task
 from packit_sim.rules import PACKIT
@@ -52,18 +52,18 @@ class Play:
     decisions: list[Decision]
 
 
-def new_layout(task: Task) -> Layout:
+def new_layout(task: Task) -> ScoredLayout:
     """Create the empty layout of a task, by the rules of PackIt."""
     box = PACKIT.new_box(task.cells)
-    return Layout(task.items, box, tuple(PACKIT.allowed_rotations))
+    return ScoredLayout(task.items, box, tuple(PACKIT.allowed_rotations))
 
 
-def play(layout: Layout, scorer: Scorer, rng: np.random.Generator) -> list[Decision]:
+def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list[Decision]:
     """Draw placements with the probabilities that a scorer gives them, until nothing fits.
 
     Parameters
     ----------
-    layout : Layout
+    layout : ScoredLayout
         The layout, at its beginning; it is full afterwards.
     scorer : callable
         Scores the best placements, of which one is drawn.

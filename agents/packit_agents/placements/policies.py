@@ -11,11 +11,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from packit_agents.placements.free_space import FreeSpace
-from packit_agents.placements.layout import Scorer
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import placements
+from packit_agents.placements.scored_layout import Scorer
+from packit_sim.core.assets import assets_folder
 from packit_sim.game.episode import Episode, Stage
-from packit_sim.libraries.library import assets_folder
 from packit_sim.placement import ItemInBox, PlacedItem
 
 

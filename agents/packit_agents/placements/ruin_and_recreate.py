@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_agents.placements.layout import Layout
 from packit_agents.placements.policies import PlacementPolicy
+from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import play_on
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.agents import Agent, OnProgress, UnknownPolicyError, play_placement
+from packit_sim.game.agents import Agent, OnProgress, play_placement
 from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.policy_registry import UnknownPolicyError
 from packit_sim.placement import PlacedItem
 
 MOST_REMOVED = 6
@@ -85,7 +86,7 @@ class RuinAndRecreate:
         items = [episode.task.items[n] for n in np.flatnonzero(episode.outside).tolist()]
         box = episode.rules.new_box(episode.task.cells)
         box.restore(episode.box.snapshot())
-        layout = Layout(items, box, tuple(episode.rules.allowed_rotations))
+        layout = ScoredLayout(items, box, tuple(episode.rules.allowed_rotations))
         volume = episode.task.volume
         layout.fill(policy.scorer, rng)
         best = current = _Filled(layout.placed, layout.volume)

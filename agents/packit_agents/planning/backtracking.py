@@ -9,7 +9,7 @@ import numpy as np
 from packit_agents.planning.rollouts import Best, play_on, proposals
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode, State
+from packit_sim.game.episode import Episode, EpisodeState
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Backtracking:
         self, agent: Agent, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
     ) -> None:
         best = Best(on_progress)
-        path: list[tuple[State, list[int]]] = []
+        path: list[tuple[EpisodeState, list[int]]] = []
         while best.rollouts <= self.backtracks:
             while episode.end is None:
                 ranked = [shape for shape, _ in proposals(agent, episode, rng)]

@@ -9,7 +9,7 @@ import numpy as np
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import Best, fill_up, place
 from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode, State
+from packit_sim.game.episode import Episode, EpisodeState
 
 MOST_MOVED = 6
 """Largest number of shapes whose place in the order changes at once."""
@@ -20,7 +20,7 @@ class _Packed:
     """An order that was packed: the state before each shape, and the shapes that did not fit."""
 
     order: list[int]
-    states: list[State]
+    states: list[EpisodeState]
     unplaced: list[int]
     total: float
 
@@ -83,7 +83,11 @@ def _neighbour(packed: _Packed, rng: np.random.Generator) -> tuple[list[int], in
 
 
 def _pack(
-    agent: Agent, episode: Episode, rng: np.random.Generator, order: list[int], states: list[State]
+    agent: Agent,
+    episode: Episode,
+    rng: np.random.Generator,
+    order: list[int],
+    states: list[EpisodeState],
 ) -> _Packed:
     """Pack an order to the end, given the known states before each of its first shapes."""
     states = list(states)

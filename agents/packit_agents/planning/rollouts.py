@@ -6,8 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from packit_sim.game.agents import Agent, OnProgress, Scored, UnknownPolicyError
-from packit_sim.game.episode import Episode, Stage, State
+from packit_sim.game.agents import Agent, OnProgress, Scored
+from packit_sim.game.episode import Episode, EpisodeState, Stage
+from packit_sim.game.policy_registry import UnknownPolicyError
 from packit_sim.rules import End
 
 
@@ -70,7 +71,7 @@ class Best:
 
     def __init__(self, on_progress: OnProgress) -> None:
         self._on_progress = on_progress
-        self._state: State | None = None
+        self._state: EpisodeState | None = None
         self.rollouts = 0
 
     @property

@@ -10,7 +10,7 @@ from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import Best, fill_up, play_on, proposals
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode, Stage, State
+from packit_sim.game.episode import Episode, EpisodeState, Stage
 
 EXPLORATION = 0.3
 """Weight of exploration, relative to returns of 0 to 1."""
@@ -25,7 +25,7 @@ STAGE_NAMES = {stage.name.lower(): stage for stage in Stage}
 class _Node:
     """A choice: its actions, their prior probabilities, and a child for each action tried."""
 
-    state: State
+    state: EpisodeState
     actions: list[int]
     priors: list[float]
     children: dict[int, _Node] = field(default_factory=dict)

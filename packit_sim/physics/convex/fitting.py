@@ -16,7 +16,7 @@ import numpy.typing as npt
 from packit_sim.geometry.arrays import Floats
 from packit_sim.physics.convex.pieces import Piece, clipped, meets
 
-Part = tuple[Piece, float]
+MeasuredPiece = tuple[Piece, float]
 """A piece, and its one-sided Hausdorff distance from its shape."""
 
 DEEP = 0.01
@@ -27,12 +27,14 @@ _HALVINGS = 5
 """Largest number of successive halvings of a piece that fills a cavity."""
 
 
-def fitted(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[list[Piece]]:
+def fitted(
+    items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
+) -> list[list[Piece]]:
     """Divide and cut the pieces of items so that no two of different items overlap.
 
     Parameters
     ----------
-    items : Sequence[Sequence[Part]]
+    items : Sequence[Sequence[MeasuredPiece]]
         The pieces of each item, all in one frame, with their distances from the shapes.
     surfaces : Sequence[ndarray]
         Triangles (m, 3, 3) of each item.
@@ -57,10 +59,12 @@ def fitted(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[
     return [[piece for piece, _ in own or all_of] for own, all_of in zip(kept, whole, strict=True)]
 
 
-def _divided(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> list[Sequence[Part]]:
+def _divided(
+    items: Sequence[Sequence[MeasuredPiece]], surfaces: Sequence[Floats]
+) -> list[Sequence[MeasuredPiece]]:
     """Replace the pieces of items in which another item's surface is deep by smaller ones."""
     ends = [(surface.min(axis=(0, 1)), surface.max(axis=(0, 1))) for surface in surfaces]
-    found: list[Sequence[Part]] = []
+    found: list[Sequence[MeasuredPiece]] = []
     for n, parts in enumerate(items):
         (low, high), own = ends[n], surfaces[n]
         others = [
@@ -73,7 +77,7 @@ def _divided(items: Sequence[Sequence[Part]], surfaces: Sequence[Floats]) -> lis
     return found
 
 
-def _halves(part: Part, own: Floats, foreign: Floats, left: int) -> list[Part]:
+def _halves(part: MeasuredPiece, own: Floats, foreign: Floats, left: int) -> list[MeasuredPiece]:
     """Return what replaces a piece. own, foreign: triangles of its item, and of others."""
     piece, out = part
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
@@ -95,10 +99,10 @@ def _halves(part: Part, own: Floats, foreign: Floats, left: int) -> list[Part]:
     return found
 
 
-def _part(ones: list[Part], others: list[Part]) -> None:
+def _part(ones: list[MeasuredPiece], others: list[MeasuredPiece]) -> None:
     """Cut the pieces of two items, in place, so that none overlaps one of the other item."""
-    left: list[Part | None] = [*ones]
-    right: list[Part | None] = [*others]
+    left: list[MeasuredPiece | None] = [*ones]
+    right: list[MeasuredPiece | None] = [*others]
     for i, j in np.argwhere(_near(ones, others)).tolist():
         here, there = left[i], right[j]
         if here is None or there is None:
@@ -113,12 +117,12 @@ def _part(ones: list[Part], others: list[Part]) -> None:
     others[:] = [part for part in right if part is not None]
 
 
-def _cut(piece: Piece, out: float, normal: Floats, offset: float) -> Part | None:
+def _cut(piece: Piece, out: float, normal: Floats, offset: float) -> MeasuredPiece | None:
     rest = piece.cut(normal, offset)
     return None if rest is None else (rest, out)
 
 
-def _near(ones: Sequence[Part], others: Sequence[Part]) -> npt.NDArray[np.bool_]:
+def _near(ones: Sequence[MeasuredPiece], others: Sequence[MeasuredPiece]) -> npt.NDArray[np.bool_]:
     """Return bool (n, m): whether the bounding boxes of two pieces overlap."""
     low, high, other_low, other_high = (
         np.array([end(piece.vertices, axis=0) for piece, _ in parts]).reshape(-1, 3)

@@ -1,4 +1,7 @@
-"""Packed boxes as data of a page: poses, and each shape once, simplified and quantized."""
+"""Packed boxes on HTML pages: poses, each shape once, and the files that draw them.
+
+Shapes are simplified and quantized.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,12 @@ from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, Triple
@@ -27,6 +32,35 @@ VERTEX_TYPE = np.dtype("<u2")
 
 FACE_TYPE = np.dtype("<u4")
 """The type of vertex indices: a shape that cannot be simplified may have more than 65,536."""
+
+
+def page_files() -> dict[str, Path]:
+    """Return the files that every page with boxes needs, by their names in templates.
+
+    Returns
+    -------
+    dict of str to Path
+        "style", CSS; "three", three.js, with its "licence"; "scene", which draws a box of `Models`
+        by it; and "viewer", which shows the boxes of a finished page.
+
+    Raises
+    ------
+    LibraryError
+        If the installation is incomplete.
+    """
+    here, three = Path(__file__).parent, assets_folder() / "three"
+    return {
+        "style": here / "pages.css",
+        "three": three / "three.min.js",
+        "licence": three / "LICENSE",
+        "scene": here / "box_scene.js",
+        "viewer": here / "viewer.js",
+    }
+
+
+def page_texts() -> dict[str, str]:
+    """Return the content of `page_files`, for a page that is one file."""
+    return {name: file.read_text(encoding="utf-8") for name, file in page_files().items()}
 
 
 class Models:

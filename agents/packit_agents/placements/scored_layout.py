@@ -19,7 +19,7 @@ Scorer = Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]
 """Scores placements by their features: the network, or a rule."""
 
 
-class Layout:
+class ScoredLayout:
     """Items in a box, placed one after the other where a scorer wants them.
 
     Parameters
@@ -107,7 +107,7 @@ class Layout:
 
         Returns
         -------
-        Layout
+        ScoredLayout
             This layout.
         """
         while len(found := self.placements()) and self.volume + found.attainable >= least:

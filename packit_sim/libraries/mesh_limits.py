@@ -1,0 +1,225 @@
+"""Checks of mesh files before they are read: a small file must not take much memory or time."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
+from zipfile import BadZipFile, ZipFile
+
+from lxml import etree
+
+from packit_sim.core.errors import MeshError
+
+_T = TypeVar("_T")
+
+MAX_BYTES = 2**30
+"""Maximum size of a file, and of its unpacked content."""
+
+MAX_TRIANGLES = 20_000_000
+"""Maximum number of triangles in a file's scene, counting every instance of a mesh."""
+
+MAX_INSTANCES = 2000
+"""Maximum number of instances of objects in a file's scene: the time grows with its square."""
+
+_MIN_BYTES = {"vertex": 3, "face": 4}
+"""Minimum bytes of an element of a PLY file: three coordinates, or a count and three indices."""
+
+_OFF_BYTES = 6
+"""Minimum bytes of a vertex of an OFF file: three digits and their separators."""
+
+_STL_HEADER = 84
+"""Bytes of a binary STL before its triangles: 80 arbitrary ones, and their number."""
+
+_STL_TRIANGLE = 50
+"""Bytes of a triangle of a binary STL."""
+
+
+def _check_ply(content: bytes) -> int:
+    """Refuse a header that declares more than the file contains; return the number of faces.
+
+    trimesh would read an ASCII file that ends too early as if it were whole.
+    """
+    header, found, body = content.partition(b"end_header")
+    if not found:
+        raise MeshError("its header has no end_header")
+    counts = {
+        name.decode("ascii", "replace"): int(count)
+        for name, count in re.findall(rb"^\s*element\s+(\S+)\s+(\d+)\s*$", header, re.MULTILINE)
+    }
+    for name, count in counts.items():
+        if count * _MIN_BYTES.get(name, 1) > len(body):
+            raise MeshError(
+                f"it declares {count:,} elements {name!r}, but only {len(body):,} bytes follow"
+            )
+    if re.search(rb"^\s*format\s+ascii", header, re.MULTILINE):
+        lines = sum(1 for line in body.splitlines() if line.strip())
+        if lines < sum(counts.values()):
+            raise MeshError(
+                f"it declares {sum(counts.values()):,} elements, but only {lines:,} lines follow"
+            )
+    return counts.get("face", 0)
+
+
+def _check_stl(content: bytes) -> int:
+    """Refuse a file that is neither ASCII nor a binary one of the right length; count triangles.
+
+    trimesh's result for it would depend on the installed libraries that guess encodings.
+    """
+    if len(content) >= _STL_HEADER:
+        (count,) = struct.unpack_from("<I", content, _STL_HEADER - 4)
+        if len(content) == _STL_HEADER + count * _STL_TRIANGLE:
+            return int(count)
+    if content.lstrip()[:5].lower() == b"solid":
+        solids = len(re.findall(rb"^\s*solid\b", content, re.MULTILINE | re.IGNORECASE))
+        _check_instances(solids, "solids")
+        return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
+    raise MeshError(
+        f"it is not ASCII, and {len(content):,} bytes are not the length of a binary STL"
+    )
+
+
+def _check_off(content: bytes) -> int:
+    """Refuse counts that are too large for the file; return the number of faces."""
+    counts = re.search(rb"OFF\s+(?:#[^\n]*\s+)*(\d+)\s+(\d+)", content)
+    if counts is None:
+        raise MeshError("it has no line of counts after OFF")
+    for name, count in zip(("vertices", "faces"), map(int, counts.groups()), strict=True):
+        if count * _OFF_BYTES > len(content):
+            raise MeshError(f"it declares {count:,} {name}, but has only {len(content):,} bytes")
+    return int(counts[2])
+
+
+def _check_obj(content: bytes) -> int:
+    """Refuse too many materials, each of which becomes a mesh; return the number of faces."""
+    faces = len(re.findall(rb"^[ \t]*f[ \t]", content, re.MULTILINE))
+    if faces == 0:
+        raise MeshError("the file holds no faces")
+    materials: dict[bytes, set[bytes]] = {b"": set()}
+    current = materials[b""]
+    for kind, name in re.findall(rb"^[ \t]*(o|usemtl)[ \t]+(.*)$", content, re.MULTILINE):
+        if kind == b"o":
+            current = materials.setdefault(name, set())
+        else:
+            current.add(name)
+    _check_instances(max(map(len, materials.values())), "materials of one object")
+    return faces
+
+
+def _check_glb(content: bytes) -> int:
+    """Refuse a wrong header; the rest is as of `_check_gltf`."""
+    if len(content) < 20 or content[:4] != b"glTF":
+        raise MeshError("it does not begin as a GLB file does")
+    (length,) = struct.unpack_from("<I", content, 12)
+    if length > len(content) - 20:
+        raise MeshError(f"its JSON has {length:,} bytes, the file only {len(content):,}")
+    return _check_gltf(content[20 : 20 + length], len(content))
+
+
+def _check_gltf(content: bytes, size: int | None = None) -> int:
+    """Refuse accessors without data that need more memory than the file has bytes."""
+    header = json.loads(content)
+    if not isinstance(header, dict):
+        raise MeshError("its JSON is not an object")
+    for number, accessor in enumerate(header.get("accessors", ())):
+        if "bufferView" not in accessor and accessor["count"] > (size or len(content)):
+            raise MeshError(f"accessor {number} has {accessor['count']:,} elements without data")
+    return 0
+
+
+def _check_3mf(content: bytes) -> int:
+    """Refuse archives that unpack to too much, and objects with too many instances.
+
+    Returns the number of triangles: trimesh omits some of deeply nested components.
+    """
+    try:
+        archive = ZipFile(io.BytesIO(content))
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+    except BadZipFile as error:
+        raise MeshError(f"it is no ZIP archive: {error}") from error
+    if unpacked > MAX_BYTES:
+        raise MeshError(f"it unpacks to {unpacked:,} bytes: at most {MAX_BYTES:,}")
+    with archive.open(model_of_3mf(archive)) as model:
+        triangles: dict[str, int] = {}
+        components: dict[str, list[str]] = {}
+        items = []
+        for _, element in etree.iterparse(model, tag=("{*}object", "{*}item"), events=("end",)):
+            target = str(element.get("id") or element.get("objectid"))
+            if etree.QName(element).localname == "item":
+                items.append(target)
+            else:
+                triangles[target] = sum(1 for _ in element.iter("{*}triangle"))
+                parts = element.iter("{*}component")
+                components[target] = [str(part.get("objectid")) for part in parts]
+            element.clear()
+
+    count = _total(triangles, components, items)
+    if count > MAX_TRIANGLES:
+        raise MeshError(f"{count:,} triangles are too many: at most {MAX_TRIANGLES:,}")
+    _check_instances(_total(dict.fromkeys(components, 1), components, items))
+    return count
+
+
+def _check_dae(content: bytes) -> int:
+    """Refuse scenes of too many nodes, counting every instance of a node."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    root = etree.fromstring(content, parser)
+    nodes = {node: number for number, node in enumerate(root.iter("{*}node"))}
+    numbers = {node.get("id"): number for node, number in nodes.items()}
+    inside: dict[int, list[int]] = {}
+    own: dict[int, int] = {}
+    for node, number in nodes.items():
+        own[number] = 1 + sum(1 for _ in node.iterchildren("{*}instance_geometry"))
+        instances = (
+            one.get("url", "").lstrip("#") for one in node.iterchildren("{*}instance_node")
+        )
+        inside[number] = [nodes[child] for child in node.iterchildren("{*}node")]
+        inside[number] += [numbers[target] for target in instances if target in numbers]
+    scenes = [nodes[node] for node in root.iterfind(".//{*}visual_scene/{*}node")]
+    _check_instances(_total(own, inside, scenes))
+    return 0
+
+
+def _total(own: Mapping[_T, int], parts: Mapping[_T, Sequence[_T]], roots: Sequence[_T]) -> int:
+    """Sum a number over all instances in a scene, given each object's own number and its parts."""
+    known: dict[_T, int] = {}
+
+    def total(one: _T, above: frozenset[_T]) -> int:
+        if one in above:
+            raise MeshError(f"its object {one!r} is a part of itself")
+        if one not in known:
+            below = (total(part, above | {one}) for part in parts.get(one, ()))
+            known[one] = own.get(one, 0) + sum(below)
+        return known[one]
+
+    return sum(total(root, frozenset()) for root in roots)
+
+
+def _check_instances(count: int, what: str = "instances of objects") -> None:
+    if count > MAX_INSTANCES:
+        raise MeshError(f"{count:,} {what} are too many: at most {MAX_INSTANCES:,}")
+
+
+def model_of_3mf(archive: ZipFile) -> str:
+    """Return the name of the 3D model in a 3MF archive, or raise MeshError if there is none."""
+    names = [name for name in archive.namelist() if "3d/3dmodel.model" in name.lower()]
+    if not names:
+        raise MeshError("the archive holds no 3D/3dmodel.model")
+    return names[0]
+
+
+CHECKS: Mapping[str, Callable[[bytes], int]] = {
+    ".3mf": _check_3mf,
+    ".dae": _check_dae,
+    ".glb": _check_glb,
+    ".gltf": _check_gltf,
+    ".obj": _check_obj,
+    ".off": _check_off,
+    ".ply": _check_ply,
+    ".stl": _check_stl,
+}
+"""The check of a file by its suffix, before trimesh reads it: it raises MeshError, or returns the
+minimum number of triangles that the file declares."""
