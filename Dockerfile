@@ -23,7 +23,9 @@ RUN useradd --create-home --uid 1000 packit \
     && mkdir --mode 777 /work /var/cache/packit
 USER 1000
 WORKDIR /work
-RUN umask 000 && packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo
+RUN umask 000 \
+    && packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo \
+    && packit nest "Stoyan et al. 2005/Example1" --iterations 1 --workers 1
 
 ENTRYPOINT ["packit"]
 CMD ["--help"]
