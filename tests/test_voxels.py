@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from packit_sim.geometry import rotations, voxels
-from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE, STEP
+from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE, STEP
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.geometry.voxelization import lattice_cells, solid_volume, solid_volume_bounds
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
@@ -142,6 +142,13 @@ def test_cells_on_the_lattice_begin_at_the_node_below_the_lowest_corner() -> Non
     start, touched, _ = lattice_cells(triangle)
     assert start.tolist() == [8, 52, 60]
     assert touched[:STEP].any() and touched[:, :STEP].any() and touched[:, :, :STEP].any()
+    just_above = triangle - triangle.min(axis=1) + STEP * CELL + 0.4 * CONTACT_TOLERANCE
+    assert lattice_cells(just_above)[0].tolist() == [0, 0, 0]  # cells are grown by half of it
+
+
+def test_cells_can_not_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        Item(BALL, 0.1).voxels.outer_fine[0, 0, 0] = True
 
 
 def test_what_is_open_encloses_nothing_and_a_cavity_does() -> None:
