@@ -129,12 +129,13 @@ def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     box.place(cube_of(24.01), (0, 0, 0))  # half a cell of clearance on each side, and touching
     box.feasible(cube_of(24.005))
     box.blbf(cube_of(24.005))
+    assert box.blbf(cube_of(90)) is None
     used = counters().since(before)
-    assert (used.masks, used.searches, used.checks, used.queries) == (1, 1, 1, 3)
+    assert (used.masks, used.searches, used.checks, used.queries) == (1, 2, 1, 4)
     assert used.locations > 19**3
     assert 0 < used.undecided < used.locations
     assert used.undecided_share == used.undecided / used.locations
     assert 0 < used.mesh_comparisons <= used.undecided
-    assert used.mesh_comparisons_per_query == used.mesh_comparisons / 3
+    assert used.mesh_comparisons_per_query == used.mesh_comparisons / 4
     assert used.caches["collisions"].misses <= used.mesh_comparisons
     assert used.caches["turned voxels"].hits > 0

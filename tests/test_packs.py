@@ -190,6 +190,21 @@ def test_there_are_starter_packs_of_some_size() -> None:
         assert len(task.items) >= 10
 
 
+def test_bundled_packs_are_written_as_they_were() -> None:
+    for name, split in (("starter", None), ("everyday-v1", "test")):
+        first = dataset_file(name, split).read_text().splitlines()[0]
+        assert Pack.from_json(first).to_json() == first
+
+
+def test_a_folder_of_packs_may_have_other_splits(tmp_path) -> None:
+    for name in ("packs", "extra"):
+        (tmp_path / f"{name}.jsonl").touch()
+    assert dataset_file(tmp_path).name == "packs.jsonl"
+    assert dataset_file(tmp_path, "extra").name == "extra.jsonl"
+    with pytest.raises(PackFormatError, match="there is no 'train'"):
+        dataset_file(tmp_path, "train")
+
+
 def test_a_path_named_like_nothing_is_refused(library) -> None:
     with pytest.raises(PackFormatError, match="can't be read from"):
         load_tasks(Path("nowhere.jsonl"), library)
