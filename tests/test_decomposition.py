@@ -21,7 +21,7 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import decomposition, disk_cache
 from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.decomposition import Decomposition, decompose, decompose_all
-from packit_sim.physics.convex.fitting import Part, fitted
+from packit_sim.physics.convex.fitting import fitted
 from packit_sim.physics.convex.pieces import (
     MOST_CORNERS,
     SHEET,
@@ -390,7 +390,7 @@ def test_fitted_pieces_overlap_nowhere(seed) -> None:
             assert all(overlap(a, b) < 2 * SHEET for a in pieces[i] for b in pieces[j])
 
 
-def surfaces(items: Sequence[Sequence[Part]]) -> list[Floats]:
+def surfaces(items: Sequence[Sequence[Piece]]) -> list[Floats]:
     """Return the surfaces of items that are identical to their pieces."""
     return [np.concatenate([piece.triangles for piece, _ in parts]) for parts in items]
 

@@ -631,6 +631,7 @@ WRONG: list[tuple[Callable[[], object], type[PackItError], str]] = [
 ARGUMENTS: list[tuple[dict[str, Any], type[PackItError], str]] = [
     ({"clearance": -0.1}, ArgumentError, "clearance -0.1.*at least 0"),
     ({"clearance": math.nan}, ArgumentError, "clearance nan"),
+    ({"clearance": 4.01}, ArgumentError, "clearance 4.01.*at most 4, 4 times the longest side"),
     ({"time": 0}, ArgumentError, "time 0.*above 0"),
     ({"time": -3.0}, ArgumentError, "time -3.0"),
     ({"time": math.nan}, ArgumentError, "time nan"),

@@ -10,21 +10,33 @@ import gymnasium
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 from gymnasium import spaces
 from safetensors import safe_open
 
-from packit_sim import EvolutionSettings, PackItEnv, Rules, dataset_file
+from benchmarks.leaderboard import Board
+from packit_sim import (
+    EvolutionSettings,
+    PackItEnv,
+    PackSettings,
+    Part,
+    Rules,
+    dataset_file,
+    pack,
+)
 from packit_sim.core.assets import assets_folder
 from packit_sim.datasets import packs, provenance
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.manifests import Manifest, manifest_path
 from packit_sim.envs.observations import OBSERVERS
 from packit_sim.evaluation.judging import SCORES
+from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.nesting import instances, packing_files
+from packit_sim.parts import manifest
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
@@ -57,12 +69,14 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "_Catalogue": (stored._Catalogue, {"format": "first"}),
     "ShapeInfo": (ShapeInfo, {}),
     "QuantizedMesh": (QuantizedMesh, {}),
+    "CurvePoint": (CurvePoint, {}),
+    "Board": (Board, {}),
 }
 """The type of each table of files.md, and the fields that the writer adds before its own."""
 
 
 def names(rows: list[list[str]]) -> list[str]:
-    return [re.fullmatch(r"`([\w-]+)`", row[0])[1] for row in rows]  # type: ignore[index]
+    return [re.fullmatch(r"`([\w -]+)`", row[0])[1] for row in rows]  # type: ignore[index]
 
 
 def stored_names(kind: type) -> list[str]:
@@ -99,7 +113,13 @@ def test_instances_has_the_figures_of_the_tables(name) -> None:
 
 
 def test_every_table_of_files_is_compared() -> None:
-    others = {"weights", "NetworkSettings", "weights-of-placements"}
+    others = {
+        "NetworkSettings",
+        "packing-of-parts",
+        "parts",
+        "weights",
+        "weights-of-placements",
+    }
     assert set(tables(FILES)) == {*STORED, *others}
 
 
@@ -156,6 +176,32 @@ def test_files_lists_the_metadata_of_weights_of_placements() -> None:
     with safe_open(assets_folder() / "weights" / "champion.safetensors", "numpy") as file:
         metadata = file.metadata()
     assert set(names(tables(FILES)["weights-of-placements"])) == set(metadata)
+
+
+def test_files_lists_the_fields_of_the_record_of_packed_parts(tmp_path) -> None:
+    box = trimesh.creation.box((30, 20, 10))
+    settings = PackSettings(workers=1, iterations=1, keep_out=(Part("pillar", pillar()),))
+    packed = pack([Part("block", box)], (40, 40, 40), settings=settings)
+    packed.export(tmp_path)
+    record = json.loads((tmp_path / "packing.json").read_text())
+    listed = tables(FILES)
+    assert list(record) == names(listed["packing-of-parts"])
+    assert set(record["items"][0]) <= {*names(listed["_PackingItem"]), "name"}
+    assert set(record["obstacles"][0]) <= {*names(listed["_PackingItem"]), "name", "is part"}
+
+
+def pillar() -> trimesh.Trimesh:
+    return trimesh.creation.box((5, 5, 40)).apply_translation((37, 37, 20))
+
+
+def test_files_lists_the_fields_of_lists_of_parts() -> None:
+    assert names(tables(FILES)["parts"]) == list(manifest._FIELDS)
+
+
+def test_files_lists_the_files_of_trainings() -> None:
+    text = read(FILES)
+    for name in (CURVE_FILE, SETTINGS_FILE):
+        assert f"| `{name}` |" in text
 
 
 def described(space: spaces.Space[Any]) -> str:

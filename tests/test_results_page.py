@@ -54,7 +54,7 @@ def test_the_table_has_every_agent_of_the_last_run() -> None:
     for table in ("table1", "beam", "backtrack", "baselines"):
         played = {**reproduced(table), **played}
     quoted = {name.strip("`"): rest for name, *rest in all_agents()[0]}
-    assert set(quoted) == set(played) | {"packnn-placement/aligned/blbf"}
+    assert set(quoted) == set(played) | {"champion", "packnn-placement/aligned/blbf"}
     for agent, row in played.items():
         assert quoted[agent] == [reward(row), *success(row), seconds(row)], agent
 
@@ -66,6 +66,14 @@ def test_the_table_quotes_the_network_that_is_not_in_the_last_run() -> None:
     ours, at_07, *_ = quoted["packnn-placement/aligned/blbf"]
     assert ours == format_estimate(Estimate(**row["reward"]), ".3f")
     assert at_07 == f"{row['success']['mean']:.1f}"
+
+
+def test_the_table_quotes_the_champion_of_the_leaderboard() -> None:
+    board = (ROOT / "docs" / "benchmarks" / "leaderboard.md").read_text(encoding="utf-8")
+    first = next(line for line in board.splitlines() if "| `champion` |" in line)
+    _, _, ours, at_07, at_09, *_ = (cell.strip() for cell in first[1:-1].split("|")[1:])
+    quoted = {name.strip("`"): rest for name, *rest in all_agents()[0]}
+    assert quoted["champion"][:3] == [ours, at_07, at_09]
 
 
 def test_the_table_of_packit_easy_quotes_the_last_run() -> None:

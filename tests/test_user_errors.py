@@ -20,7 +20,7 @@ WRONG = [
     # demo
     ("demo --generations -1", "--generations"),
     ("demo --seed -1", "--seed"),
-    ("demo --out file", "file"),
+    ("demo --out file", "file is a file, not a folder"),
     # verify
     ("verify absent.jsonl", "absent.jsonl: No such file"),
     ("verify absent.json", "absent.json"),
@@ -29,6 +29,50 @@ WRONG = [
     ("verify starter --split train", "train"),
     ("verify starter --library nowhere", "'nowhere'"),
     ("verify folder", "folder"),
+    ("verify page.html", "page.html is not a dataset: choose a .jsonl file"),
+    ("verify packing.json --split test", "--split has no effect on packing.json"),
+    ("verify packing.json --library everyday", "--library has no effect on packing.json"),
+    ("verify list.json", "list.json: a packing must be a JSON object, not list"),
+    ("verify manifest.csv", "manifest.csv is not a dataset"),
+    # pack and workbench
+    ("pack", "Missing argument"),
+    ("pack good.off --out x", "Missing option '--box'"),
+    ("pack good.off --box 9x9 --out x", "'9x9' is not 3 lengths"),
+    ("pack good.off --box 9x9x9parsec --out x", "'parsec' is not known: choose from"),
+    ("pack good.off --box 9x9x0 --out x", "9x9x0"),
+    ("pack good.off --box 9x9x9 --unit mile --out x", "'mile'"),
+    ("pack good.off --box 9x9x9 --objective best --out x", "'best'"),
+    ("pack meshes absent.stl --box 9x9x9 --out x", "(and 1 other file)"),
+    ("pack absent.stl --box 9x9x9 --out x", "absent.stl: there is no such file"),
+    ("pack good.off=0 --box 9x9x9 --out x", "with counts of at least 1"),
+    ("pack good.off=four --box 9x9x9 --out x", "'four' is not a count"),
+    ("pack folder --box 9x9x9 --out x", "no mesh file in it"),
+    ("pack meshes --box 9x9x9 --out x", "bad.stl"),
+    ("pack broken.json --box 9x9x9 --out x", "broken.json: it is not JSON"),
+    ("pack list.json --box 9x9x9 --out x", "list.json: it has no parts"),
+    ("pack manifest.csv --box 9x9x9 --out x", "part 'good': rotations 'round' are not known"),
+    ("pack good.off --box 9x9x9 --out file", "file is a file, not a folder"),
+    ("pack good.off --box 9x9x9 --out file/x", "file/x is not possible"),
+    ("pack good.off --box 9x9x9 --out x --time soon", "--time 'soon'"),
+    ("pack good.off --box 9x9x9 --out x --time -3", "time -3.0"),
+    ("pack good.off --box 9x9x9 --out x --clearance wide", "'wide' is not a length"),
+    ("pack good.off --box 9x9x9 --out x --wall-clearance 5mm", "no space in it"),
+    ("pack good.off --box 9x9x9 --out x --rotations some", "'some'"),
+    ("pack good.off --box 9x9x9 --out x --keep-out absent.stl", "keep-out"),
+    ("pack good.off --box 9x9x9 --out x --fixed good.off --boxes 2", "need one box"),
+    ("pack good.off --box 9x9x9 --out x --address here:1", "backend ray"),
+    ("pack good.off --box 1x1x1 --out x", "no part fits: good"),
+    ("workbench --port 0", "--port"),
+    ("workbench --host 999.0.0.1 --no-browser", "'999.0.0.1', port any: Name or service"),
+    # doctor, selftest
+    ("doctor extra", "unexpected extra argument"),
+    ("doctor --jsn", "No such option: --jsn"),
+    ("selftest --minutes 0", "--minutes"),
+    ("selftest --minutes inf", "--minutes"),
+    ("selftest --out folder", "folder"),
+    ("selftest --out list.json", "list.json: the totals must be a JSON object"),
+    ("selftest --replay absent.json", "absent.json"),
+    ("selftest --replay broken.json", "broken.json: not JSON"),
     # nest
     ("nest", "Missing argument"),
     ("nest absent", "no instance 'absent': choose"),
@@ -42,20 +86,7 @@ WRONG = [
     ("nest x.json --out folder", "folder is a folder"),
     ("nest x.json --out file/x.json", "file"),
     ("nest x.json --packing x.stl", "x.stl"),
-    # pack, workbench
-    ("pack", "Missing argument"),
-    ("pack absent.stl --box 10x10x10 --out x", "absent.stl"),
-    ("pack meshes --box 10x10x10 --out x", "bad.stl"),
-    ("pack broken.json --box 10x10x10 --out x", "broken.json"),
-    ("pack meshes --box 10x10 --out x", "10x10"),
-    ("pack meshes --box 0x10x10 --out x", "0x10x10"),
-    ("pack meshes --box 10x10x10 --out file", "file"),
-    ("pack meshes --box 10x10x10 --clearance -1 --out x", "clearance"),
-    ("pack meshes --box 10x10x10 --unit mile --out x", "'mile'"),
-    ("pack meshes --box 10x10x10 --objective best --out x", "'best'"),
-    ("pack meshes absent.stl --box 10x10x10 --out x", "(and 1 other file)"),
-    ("workbench --port 0", "--port"),
-    ("workbench --host 999.0.0.1 --no-browser", "999.0.0.1"),
+    ("nest instance.json --clearance 99", "clearance 99.0 is not possible: at most"),
     # generate
     ("generate", "Missing option '--out'"),
     ("generate --out x --packs 0", "--packs"),
@@ -70,15 +101,23 @@ WRONG = [
     ("generate --out x --library folder:absent", "absent"),
     ("generate --out x --backend ssh", "--backend"),
     ("generate --out x --address here:1", "backend ray"),
-    ("generate --out x --puzzle jigsaw", "'jigsaw': choose from"),
-    ("generate --out x --puzzle guillotine --pieces 0", "pieces 0"),
-    ("generate --out x --dense --items 0 3", "items = (0, 3)"),
     (f"generate --out file {SMALL}", "file"),
     (f"generate --out file/x {SMALL}", "file"),
+    ("generate --out p --puzzle jigsaw", "no puzzle 'jigsaw': choose from"),
+    ("generate --out p --puzzle pinwheel --pieces 3", "5 to 48 for a pinwheel"),
+    ("generate --out p --pieces 8", "--pieces has no effect without --puzzle"),
+    ("generate --out p --puzzle curved --split train", "--split has no effect with --puzzle"),
+    ("generate --out file --puzzle curved", "--out file is a file"),
+    ("generate --out d --dense --history", "--history has no effect with --dense"),
+    ("generate --out d --floor 0.1", "--floor has no effect without --dense"),
+    ("generate --out d --dense --floor 2", "floor = 2.0 is not possible"),
+    ("generate --out d --dense --items 5 2", "items = (5, 2)"),
+    ("generate --out d --dense --pool 3", "pool = 3"),
     # evaluate and compare
     ("evaluate absent.jsonl", "absent.jsonl: No such file"),
     ("evaluate broken.jsonl", "broken.jsonl, line 1: not JSON"),
     ("evaluate binary.jsonl", "binary.jsonl"),
+    ("evaluate packing.json", "`packit verify` checks the packing"),
     ("evaluate starter --tasks 0", "--tasks"),
     ("evaluate starter --agent best/aligned/blbf", "no shape policy 'best'"),
     ("evaluate starter --agent random/random", "random/random"),
@@ -197,6 +236,13 @@ WRONG = [
     ("datasets stats starter --json file/x.json", "file"),
     ("datasets datasheet starter --out x.png", "x.png"),
     ("datasets datasheet nowhere --out x.md", "nowhere"),
+    ("datasets sequences --out file", "--out file is a file"),
+    ("datasets sequences --out s --sequences 0", "--sequences"),
+    ("datasets sequences --out s --cells 21 20 20", "21 x 20 x 20 cells"),
+    ("datasets sequences --out s --step-cm nan", "step_cm nan"),
+    ("datasets sequences --out s --step-cm 1", "all shapes are larger than the box of 5 x 5 x 5"),
+    ("datasets sequences --out s --cells 20 20 512 --step-cm 0.1", "shape 'i' is larger"),
+    ("datasets sequences --out s --library nowhere", "'nowhere'"),
     ("datasets original absent --library everyday --out x.jsonl", "absent"),
     ("datasets original broken.json --library everyday --out x.jsonl", "broken.json"),
     # train
@@ -210,25 +256,46 @@ WRONG = [
     ("train --out x --set packs=nowhere", "nowhere"),
     ("train --out x --device abacus", "abacus"),
     ("train --out x --ray-workers -1", "--ray-workers"),
-    ("train --out file", "file"),
+    ("train --out file", "file is a file, not a folder"),
+    # train-champion
     ("train-champion", "Missing option '--out'"),
+    ("train-champion --out file", "file is a file, not a folder"),
     ("train-champion --out x --train-on nowhere", "nowhere"),
+    ("train-champion --out x --train-on broken.jsonl", "has no splits"),
+    ("train-champion --out x --tasks 1", "--tasks"),
     ("train-champion --out x --rounds 0", "--rounds"),
-    ("train-champion --out file", "file"),
-    # selftest, agents, doctor
-    ("selftest --minutes 0", "--minutes"),
-    ("selftest --replay absent.json", "absent.json: No such file"),
-    ("selftest --replay broken.jsonl", "broken.jsonl: not JSON"),
+    # agents
     ("agents bogus", "No such command 'bogus'"),
     ("agents list extra", "extra"),
-    ("doctor --bogus", "No such option: --bogus"),
 ]
+
+TETRAHEDRON = """OFF
+4 4 0
+0 0 0
+4 0 0
+0 4 0
+0 0 4
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 2 0 3
+"""
+
+INSTANCE = """{"container": {"size-x": 9, "size-y": 9},
+ "item-types": [{"path": "good.off", "demand": 1}]}
+"""
 
 
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "broken.jsonl").write_text('{"format":1,\n')
     (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "list.json").write_text("[]")
+    (tmp_path / "packing.json").write_text('{\n "box": [9, 9, 9], "items": []\n}')
+    (tmp_path / "page.html").write_text("<html></html>")
+    (tmp_path / "manifest.csv").write_text("file,rotations\ngood.off,round\n")
+    (tmp_path / "good.off").write_text(TETRAHEDRON)
+    (tmp_path / "instance.json").write_text(INSTANCE)
     (tmp_path / "binary.jsonl").write_bytes(b"\xff\xfe\x00\x80" * 20)
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "bad.stl").write_bytes(b"no mesh")

@@ -111,12 +111,6 @@ def _table(command: Any, kind: str) -> Iterator[str]:
         yield f"| {_code(_short(names))} | {_plain(text)} | {_code(limits)} |"
 
 
-def _split(meaning: str) -> tuple[str, str]:
-    """Split the help of an option from its default and range, which follow in brackets."""
-    match = re.fullmatch(r"(.*?)\s*\[((?:default|required|x\b|\d).*)\]", meaning, re.DOTALL)
-    return (match[1], match[2].removeprefix("default: ")) if match else (meaning, "")
-
-
 def _short(names: str) -> str:
     """Write types as manuals do: `--seed <int range>` as `--seed INT`."""
     names = re.sub(r"<list\[([^\]]+)\]>", r"<\1> ...", names)

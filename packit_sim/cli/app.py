@@ -35,23 +35,23 @@ from packit_sim.core.version import DOCUMENTATION, __version__
 LOGGERS = ("packit_sim", "packit_agents")
 
 PACK, PLAY, BENCHMARK, LEARN, LOOK = "Pack", "Play", "Benchmark", "Learn", "Look"
+INSTALLATION = "Installation"
 
 COMMANDS: dict[str, tuple[str, ...]] = {
-    PACK: ("pack", "workbench"),
+    PACK: ("pack", "workbench", "nest"),
     PLAY: ("demo", "agents", "datasets", "evaluate", "compare"),
     BENCHMARK: (
         "shapes",
-        "nest",
         "generate",
         "verify",
-        "selftest",
         "compact",
         "score",
         "reproduce",
         "report",
     ),
     LEARN: ("train", "train-champion"),
-    LOOK: ("view", "render", "film", "export", "figures", "doctor"),
+    LOOK: ("view", "render", "film", "export", "figures"),
+    INSTALLATION: ("doctor", "selftest"),
 }
 """The commands in the order of use, by their panels in `--help`; those of others follow."""
 
@@ -154,6 +154,10 @@ def main() -> None:
 
 def _message(error: PackItError | OSError | typer.TyperException) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        if isinstance(error, FileExistsError):  # of a folder that a command creates
+            return f"{error.filename} is a file, not a folder: choose another place"
+        if isinstance(error, NotADirectoryError):
+            return f"{error.filename} is not possible: a part of this path is a file, not a folder"
         return f"{error.filename}: {error.strerror}"
     return error.format_message() if isinstance(error, typer.TyperException) else str(error)
 

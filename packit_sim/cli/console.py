@@ -20,12 +20,13 @@ from rich.progress import (
 )
 from rich.segment import Segment
 
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import BackendName, SearchBackend
 from packit_sim.core.plain_text import plain
 from packit_sim.datasets.pack_files import dataset_library
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.convex.decomposition import Decomposition, decompose_all, is_cached
 from packit_sim.physics.settings import DecompositionSettings, Method
@@ -47,6 +48,25 @@ class PlainConsole(Console):
 
 console = PlainConsole()
 
+
+def checked_dataset(name: str | None) -> str | None:
+    """Return the name of a dataset; raise ArgumentError if it is a file of something else."""
+    if name is None:
+        return None
+    file = Path(name)
+    suffix = file.suffix.lower()
+    if suffix in (".jsonl", *MESH_SUFFIXES) or not file.is_file():
+        return name  # what reads it says what is wrong
+    with file.open("rb") as opened:
+        line = opened.readline().strip()
+    if not (line.startswith(b"{") and line.endswith(b"}")):
+        more = "; `packit verify` checks the packing of a .json file" if suffix == ".json" else ""
+        raise ArgumentError(
+            f"{name} is not a dataset: choose a .jsonl file, or a folder of such{more}"
+        )
+    return name
+
+
 LibraryOption = Annotated[
     str,
     typer.Option(
@@ -61,11 +81,13 @@ DatasetLibraryOption = Annotated[
         "default: the one that the dataset records.",
     ),
 ]
+
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
 DatasetArgument = Annotated[
     str,
     typer.Argument(
         metavar="DATASET",
+        callback=checked_dataset,
         help="Dataset or results: a name (see `packit datasets list`), a folder or a file.",
     ),
 ]

@@ -15,6 +15,7 @@ from packit_sim.cli.console import (
     DatasetArgument,
     DatasetLibraryOption,
     SplitOption,
+    checked_dataset,
     decompose_shown,
     open_library,
     prepare_folder,
@@ -77,6 +78,7 @@ def render_command(
         str | None,
         typer.Argument(
             metavar="[DATASET]",
+            callback=checked_dataset,
             help="Dataset or results: a name (see `packit datasets list`), a folder or a file.",
         ),
     ] = None,

@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 def selftest_command(
     minutes: Annotated[
-        float, typer.Option(min=0.01, help="Minutes during which new cases are started.")
+        float,
+        typer.Option(min=0.01, max=525_600, help="Minutes during which new cases are started."),
     ] = 1.0,
     seed: SeedOption = 0,
     workers: WorkersOption = 1,

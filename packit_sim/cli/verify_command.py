@@ -2,36 +2,57 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
 from packit_sim.cli.console import (
-    DatasetArgument,
     DatasetLibraryOption,
     SplitOption,
+    checked_dataset,
     console,
     open_library,
     progress_bars,
 )
 from packit_sim.cli.output import stoppable
+from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.pack_files import dataset_file, dataset_path
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.nesting.packing_files import verify_packing
 
 
 def verify_command(
-    dataset: DatasetArgument, split: SplitOption = None, library: DatasetLibraryOption = None
+    dataset: Annotated[
+        str,
+        typer.Argument(
+            metavar="DATASET",
+            help="Dataset or results: a name (see `packit datasets list`), a folder or a file; or "
+            "a packing: a .json file.",
+        ),
+    ],
+    split: SplitOption = None,
+    library: DatasetLibraryOption = None,
 ) -> None:
     """Check packs with the oracle; exit code 1 if one is wrong.
 
-    DATASET may also be the packing of another tool: a .json file of meshes and poses; its fields
-    are described at https://packit-sim.readthedocs.io (Reference, File formats).
+    A packing is what `packit pack` and `packit nest --packing` write, or what another tool wrote:
+    mesh files with poses. Its fields are described at https://packit-sim.readthedocs.io (Reference,
+    File formats).
 
     Example: packit verify everyday-v1 --split test
+
+    Example: packit verify packed/packing.json
     """
     if dataset.endswith(".json"):
+        for option, value in (("--split", split), ("--library", library)):
+            if value is not None:
+                raise ArgumentError(
+                    f"{option} has no effect on {dataset}, which is a packing: leave it out"
+                )
         report = verify_packing(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
     else:
+        checked_dataset(dataset)
         opened = open_library(library, dataset, split)
         with stoppable("the check is not complete"), progress_bars() as progress:
             bar = progress.add_task("verifying", total=None, note="")

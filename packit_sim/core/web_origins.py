@@ -19,8 +19,9 @@ EVERYWHERE = "0.0.0.0"
 
 def refused(host: str, port: int | None, reason: object) -> RenderError:
     """Return the error for a page that can't be served at a host and a port, 0 or None for any."""
+    text = (reason.strerror if isinstance(reason, OSError) else None) or reason
     return RenderError(
-        f"the page can't be served at host {host!r}, port {port or 'any'}: {reason}; choose "
+        f"the page can't be served at host {host!r}, port {port or 'any'}: {text}; choose "
         "another port, or none for a free one, and a host of this machine"
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from packit_sim.core.checks import check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
+from packit_sim.datasets.packs import MAX_SCALE, ItemRecord, LibraryRef, Pack, Task
 from packit_sim.datasets.provenance import Drawn
 from packit_sim.geometry.lattice import CELL, STEP, Triple, box_cells
 from packit_sim.libraries.library import ShapeLibrary
@@ -34,7 +34,8 @@ class SequenceSampler:
     Raises
     ------
     ArgumentError
-        If a value is not possible, or a shape's real size is not known.
+        If a value is not possible, a shape's real size is not known or much larger than the box, or
+        no shape fits into it.
 
     Notes
     -----
@@ -51,8 +52,16 @@ class SequenceSampler:
         object.__setattr__(self, "cells", box_cells(self.cells))
         check_range("items", self.items, (self.items >= 1, "1 or more"))
         check_range("step_cm", self.step_cm, (0 < self.step_cm < math.inf, "more than 0"))
-        for id in self.library:
-            self._size_cm(id)
+        sizes = np.array([self._size_cm(id) for id in self.library])
+        cells = np.ceil(np.sort(sizes) / self.step_cm * STEP - 1e-6)
+        fits = (cells <= np.sort(self.cells)).all(axis=1)
+        too_large = [id for id in self.library if self._scale(id) > MAX_SCALE]
+        if too_large or not fits.any():
+            what = f"shape {too_large[0]!r} is" if too_large else "all shapes are"
+            sides = " x ".join(f"{count * self.step_cm / STEP:.4g}" for count in self.cells)
+            raise ArgumentError(
+                f"{what} larger than the box of {sides} cm: choose a longer step_cm or more cells"
+            )
 
     def pack(self, seed: int) -> Pack:
         """Draw a sequence from a seed: an empty box with all items outside."""

@@ -21,7 +21,7 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
-        raise PackFormatError(f"packs can't be read from {path}: {problem}") from None
+        raise PackFormatError(f"data can't be read from {path}: {problem}") from None
 
 
 def numbered_lines(data: bytes) -> Iterator[tuple[int, bytes]]:

@@ -135,7 +135,8 @@ def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from error
     except Exception as error:  # trimesh's readers raise any error for a broken file
-        problem = str(error).strip() or type(error).__name__
+        text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        problem = text.strip() or type(error).__name__
         raise MeshError(f"{file}: can't be read as {suffix[1:].upper()}: {problem:.200}") from error
 
 

@@ -40,6 +40,9 @@ SEARCHES: dict[str, Callable[[SearchTask, int], NestSearch]] = {
 }
 """The search for each objective."""
 
+MOST_CLEARANCE = 4
+"""Largest clearance, in longest sides of the median item: fields grow with its third power."""
+
 
 class NestingError(PackItError, RuntimeError):
     """A search that found no valid packing."""
@@ -262,8 +265,12 @@ def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
 
 
 def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
-    """Raise ArgumentError if an objective does not fit the containers, or an item doesn't."""
+    """Raise ArgumentError if the containers don't suit the objective, the items or the distance."""
     types, objective = packing.types, packing.objective
+    longest = [float(each.extents.max()) for each in types]
+    most = MOST_CLEARANCE * float(np.median(longest))
+    valid = f"at most {most:.6g}, {MOST_CLEARANCE} times the longest side of the median item"
+    check_range("clearance", packing.clearance, (packing.clearance <= most, valid))
     if objective != "bins" and len(containers) > 1:
         raise ArgumentError(f"objective {objective!r} needs one container, not {len(containers)}")
     for container in containers:
@@ -279,7 +286,6 @@ def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
         return
     sizes = np.array([each.size for each in containers])
     unit = min(each.longest for each in containers)
-    longest = [float(each.extents.max()) for each in types]
     slack = SLACK * min(validity.tolerance(unit, each) for each in longest)
     for each in types:
         sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in candidates(each))

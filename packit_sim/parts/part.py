@@ -118,7 +118,10 @@ class Part:
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)
-        object.__setattr__(self, "rotations", rotation_set(self.rotations))
+        try:
+            object.__setattr__(self, "rotations", rotation_set(self.rotations))
+        except ArgumentError as error:
+            raise ArgumentError(f"{where} {error}") from None
 
     def frame(self, unit: Unit) -> Floats:
         """Return the matrix (4, 4) from the file's coordinates to a unit of length with z up."""

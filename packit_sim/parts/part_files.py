@@ -129,7 +129,9 @@ def find_parts(
                 problems.append(UnreadFile(str(row.file), reason))
     if not parts:
         if not problems:
-            raise ArgumentError("no parts: name mesh files, a folder or a manifest")
+            raise ArgumentError(
+                "no parts: name mesh files, a folder or a manifest, with counts of at least 1"
+            )
         first = problems[0]
         others = len(problems) - 1
         more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
@@ -154,6 +156,11 @@ def _rows(source: Path | str) -> Iterator[ManifestRow]:
         path, count = Path(match["path"]), int(match["count"])
         if count == 0:
             return
+    before, _, behind = str(source).rpartition("=")
+    if before and not match and not path.exists() and Path(before).exists():
+        raise ArgumentError(
+            f"{source}: {behind!r} is not a count: choose a number, as in {before}=4"
+        )
     if path.is_dir():
         for file in _folder_files(path):
             yield ManifestRow(file, {"count": count})
