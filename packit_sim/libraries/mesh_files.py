@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import stat
 import struct
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -158,9 +159,11 @@ def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
     if suffix not in SUFFIXES:
         raise MeshError(f"{file}: not a mesh file: its name must end in {', '.join(SUFFIXES)}")
     try:
-        size = file.stat().st_size
-        if size > MAX_BYTES:
-            raise MeshError(f"{size:,} bytes are too many: at most {MAX_BYTES:,}")
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise MeshError("it is not a regular file")
+        if status.st_size > MAX_BYTES:
+            raise MeshError(f"{status.st_size:,} bytes are too many: at most {MAX_BYTES:,}")
         content = file.read_bytes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked
