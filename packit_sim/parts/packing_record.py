@@ -5,19 +5,24 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
+from msgspec import field as named
 
-from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
 from packit_sim.core.files import replace_text, replacing
-from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.plain_text import plain, plain_logger
 from packit_sim.core.version import __version__
+from packit_sim.libraries.data_files import read_bytes
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.packing_files import obj_text
+from packit_sim.nesting.packing_files import Row, obj_text
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.answers import FilledBox
 from packit_sim.parts.part import Part
@@ -43,6 +48,24 @@ _WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
 """Suffixes of mesh files that need no others."""
 
 _log = plain_logger(__name__)
+
+
+class _Header(Struct):
+    task: str
+
+
+class _Item(Struct):
+    name: str
+    box: Annotated[int, Meta(ge=0)]
+    pose: tuple[Row, Row, Row, Row]
+
+
+class _Record(Struct):
+    """What resumes the search; other fields are ignored."""
+
+    items: Annotated[list[_Item], Meta(min_length=1)]
+    box_names: list[str] = named(name="box names")
+    searches: Annotated[int, Meta(ge=0, le=10**9)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +151,7 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
         "parts": [
             {
                 "name": each.part.name,
-                "file": None if each.part.file is None else str(each.part.file),
+                "file": None if each.part.file is None else plain(str(each.part.file)),
                 "count": each.part.count,
                 "deviation": each.deviation,
                 "volume": each.volume,
@@ -204,41 +227,48 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         raise ArgumentError(f"{folder} is a file: choose a folder")
     if not file.exists():
         return None
+    data = read_bytes(file)
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        digest = record["task"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+        header = typed_json.decode(data, _Header, PackFormatError, "a packing")
+    except PackFormatError:
         raise ArgumentError(f"{file} is not of `packit pack`: choose another folder") from None
-    if digest != task.digest:
+    if header.task != task.digest:
         _log.info("%s is of another task: it will be replaced", file)
         return None
     try:
-        return Earlier(_boxes(record, task), int(record["searches"]))
-    except (PackItError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+        record = typed_json.decode(data, _Record, PackFormatError, "a packing")
+        return Earlier(_boxes(record, task), record.searches)
+    except PackItError as error:
         _log.warning("%s is not used: %s", file, error)
         return None
 
 
-def _boxes(record: Mapping[str, Any], task: PackTask) -> tuple[FilledBox, ...]:
-    """Return the boxes of a record, if they are valid packings of the task."""
+def _boxes(record: _Record, task: PackTask) -> tuple[FilledBox, ...]:
+    """Return the boxes of a record; raise PackFormatError if they are not packings of the task."""
     numbers = {each.part.name: n for n, each in enumerate(task.parts)}
     types = {box.name: box for box in task.boxes}
+    parts = Counter(item.name for item in record.items)
+    boxes = Counter(record.box_names)
+    strange = [repr(name) for name in parts if name not in numbers]
+    strange += [repr(name) for name in boxes if name not in types]
+    if strange:
+        raise PackFormatError(f"the task has no {strange[0]}")
+    if any(k > task.parts[numbers[name]].part.count for name, k in parts.items()):
+        raise PackFormatError("it has more parts than there are")
+    if any(box.count is not None and boxes[box.name] > box.count for box in task.boxes):
+        raise PackFormatError("it has more boxes than there are")
+    if {item.box for item in record.items} != set(range(len(record.box_names))):
+        raise PackFormatError(f"its parts are not in each of its {len(record.box_names)} boxes")
     back = [np.linalg.inv(each.frame) for each in task.parts]
-    placements: list[list[Placement]] = [[] for _ in record["box names"]]
-    for item in record["items"]:
-        n = numbers[item["name"]]
-        placements[item["box"]].append(Placement(n, np.array(item["pose"], dtype=float) @ back[n]))
+    placements: list[list[Placement]] = [[] for _ in record.box_names]
+    for item in record.items:
+        n = numbers[item.name]
+        placements[item.box].append(Placement(n, np.array(item.pose) @ back[n]))
     found = []
-    for name, own in zip(record["box names"], placements, strict=True):
+    for name, own in zip(record.box_names, placements, strict=True):
         box = types[name]
         packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
         if problems := packing.problems():
-            raise ValueError(problems[0])
+            raise PackFormatError(problems[0])
         found.append(FilledBox(box, packing))
-    counts = task.counts([one for own in placements for one in own])
-    if any(k > task.parts[n].part.count for n, k in counts.items()):
-        raise ValueError("it has more parts than there are")
-    for box in task.boxes:
-        if box.count is not None and record["box names"].count(box.name) > box.count:
-            raise ValueError("it has more boxes than there are")
     return tuple(found)
