@@ -575,6 +575,8 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "cube.stl": creation.box((100, 100, 100)),
         "corner.obj": creation.box(bounds=((0, 0, 0), (100, 50, 25))),
         "ball.ply": creation.icosphere(subdivisions=2, radius=20),
+        "thick.stl": creation.box((300, 200, 4.5)),
+        "thin.stl": creation.box((210, 110, 1.5)),
         "hollow.stl": HOLLOW.mesh.copy().apply_scale(100 * 3**0.5),
         "open.off": _open_box(),
     }
@@ -666,6 +668,14 @@ WRONG: dict[str, tuple[list[tuple[str, Any]], str]] = {
         "item 0 .* lies, in part or whole, inside item 1",
     ),
     "in a closed cavity": ([HOLLOW_ITEM, ("ball.ply", at(50, 50, 50))], "item 1 .* inside item 0"),
+    "a sheet in a thicker one": (
+        [("thick.stl", at(160, 110, 5)), ("thin.stl", at(160, 110, 5))],
+        r"item 1 \('parts/thin.stl'\) lies, in part or whole, inside item 0",
+    ),
+    "a sheet around a thinner one": (
+        [("thin.stl", at(160, 110, 5)), ("thick.stl", at(160, 110, 5))],
+        r"item 0 \('parts/thin.stl'\) lies, in part or whole, inside item 1",
+    ),
     "outside the box": (
         [("cube.stl", at(50, 50, 151))],
         r"item 0 \('parts/cube.stl'\) reaches 1 beyond the box's top wall",
