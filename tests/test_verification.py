@@ -563,6 +563,25 @@ def test_what_is_no_dataset_is_refused(library, tmp_path) -> None:
         verify_dataset(tmp_path, library)
 
 
+def test_a_density_above_1_never_verifies(library) -> None:
+    box = Box()
+    box.place(Item(library["cube"], (0.96 * 3**0.5) ** 3), (0, 0, 0))
+    once = Pack.of(box, LibraryRef.of(library))
+    assert verify(once, library) == []
+    twice = replace(once, items=once.items * 2, density=2 * once.density)
+    assert twice.density > 1.7
+    assert any("items can't be larger than their box" in one for one in verify(twice, library))
+
+
+def test_a_pack_with_a_pose_that_is_no_rotation_is_a_problem_of_its_own(files, library, tmp_path):
+    item = files["train"][1]["items"][0]
+    del item["location"]
+    item["pose"] = {"position": [0.5, 0.5, 0.5], "wxyz": [1, 0, 1e308, 0]}
+    report = verify_dataset(_written(tmp_path / "dataset", files), library)
+    assert "train.jsonl, pack 1: " in _problem_lines(report) and report.packs == 6
+    assert "is no rotation" in _problem_lines(report)
+
+
 # Packings by other tools
 
 
