@@ -122,6 +122,16 @@ def test_a_fork_never_takes_a_held_lock_along() -> None:
             thread.join()
 
 
+def test_the_default_budgets_of_eight_environments_fit_in_8_gb() -> None:
+    """Without those of the oracle, which no environment asks."""
+    budgets = [
+        use.budget
+        for name, use in caches.usage().items()
+        if use.unit == "bytes" and not name.startswith("whole fine arrays")
+    ]
+    assert len(budgets) >= 6 and 8 * sum(budgets) <= 8 * 2**30
+
+
 def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     caches.clear()
     before = counters()
