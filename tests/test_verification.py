@@ -21,7 +21,7 @@ from packit_sim.core.errors import PackFormatError
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
 from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
+from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Evolved, Other, Played
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.geometry.shapes import Item
@@ -70,14 +70,6 @@ def packs(library) -> dict[str, list[Pack]]:
 def files(packs) -> Files:
     """A dataset's packs as JSON, to be tampered with."""
     return {split: [json.loads(pack.to_json()) for pack in two] for split, two in packs.items()}
-
-
-def test_items_larger_than_their_box_never_hold(library) -> None:
-    """Two cubes of 0.75 of the box each, at one place: density 1.5."""
-    cube = Item(library["cube"], 0.75 * 0.2**3 / library["cube"].volume)
-    items = (PackedItem("cube", cube.scale, 0, (0, 0, 0)),) * 2
-    pack = Pack(LibraryRef.of(library), (20, 20, 20), items, 1.5)
-    assert "items can't be larger than their box" in verify(pack, library)[-1]
 
 
 def _filled(library: ShapeLibrary, split: str, seed: int, size: float) -> Pack:
