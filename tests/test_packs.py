@@ -10,7 +10,13 @@ from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import dataset_file, load_tasks, read_packs, write_packs
+from packit_sim.datasets.pack_files import (
+    dataset_file,
+    dataset_library,
+    load_tasks,
+    read_packs,
+    write_packs,
+)
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
@@ -203,6 +209,14 @@ def test_a_folder_of_packs_may_have_other_splits(tmp_path) -> None:
     assert dataset_file(tmp_path, "extra").name == "extra.jsonl"
     with pytest.raises(PackFormatError, match="there is no 'train'"):
         dataset_file(tmp_path, "train")
+
+
+def test_the_library_of_a_file_without_manifest_is_that_of_its_first_readable_pack(
+    tmp_path,
+) -> None:
+    line = dataset_file("starter").read_text().splitlines()[0]
+    (tmp_path / "packs.jsonl").write_text(f"no pack\n{line}\n")
+    assert dataset_library(tmp_path / "packs.jsonl").name == "everyday"
 
 
 def test_a_path_named_like_nothing_is_refused(library) -> None:

@@ -366,6 +366,7 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
     write_results(tmp_path / "results.jsonl", [rollout])
     (read,) = read_results(tmp_path / "results.jsonl")
     assert read == rollout and not read.pack.is_on_grid
+    assert read.end is episode.end
     assert read.pack.density == episode.box.density
     for before, after in zip(episode.box.placed, read.pack.placed(library), strict=True):
         assert after.item == before.item
