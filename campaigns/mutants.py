@@ -156,7 +156,8 @@ def _nearest(text: str, judged: Record) -> Mutation:
     """Find a mutation in a module that may have changed since."""
     change = (judged["old"], judged["new"])
     same = [m for m in mutations(text) if (m.original(text), m.code) == change]
-    return min(same, key=lambda mutation: abs(mutation.line - judged["line"]))
+    place = judged["line"], judged["column"]
+    return min(same, key=lambda m: (abs(m.line - place[0]), abs(m.column - place[1])))
 
 
 def _totals(found: Record) -> Record:

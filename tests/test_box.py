@@ -118,20 +118,31 @@ def test_undo_takes_out_the_last_item_and_only_it(seed) -> None:
         Box().undo()
 
 
+def assert_fine_cells_are_those_of_the_items(occupancy: Occupancy) -> None:
+    outer, inner = np.zeros((2, *(4 * np.array(occupancy.cells))), dtype=bool)
+    for placed in occupancy.placed:
+        where = tuple(slice(4 * a, 4 * b) for a, b in zip(placed.start, placed.stop, strict=True))
+        outer[where] |= placed.item.voxels.outer_fine
+        inner[where] |= placed.item.voxels.inner_fine
+    assert outer.any() and inner.any()
+    found = fine_cells_by_place(occupancy)
+    assert (found[0] == outer).all() and (found[1] == inner).all()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_fine_cells_of_a_box_are_those_of_its_items(seed: int) -> None:
     rng = np.random.default_rng(seed)
     box = random_box(rng)
     box.undo()
     fill(box, [random_item(ZOO, 0.3, rng) for _ in range(3)], rng)
-    outer, inner = np.zeros((2, *(4 * np.array(box.cells))), dtype=bool)
-    for placed in box.placed:
-        where = tuple(slice(4 * a, 4 * b) for a, b in zip(placed.start, placed.stop, strict=True))
-        outer[where] |= placed.item.voxels.outer_fine
-        inner[where] |= placed.item.voxels.inner_fine
-    found = fine_cells_by_place(box._occupancy)
-    assert (found[0] == outer).all() and (found[1] == inner).all()
-    assert outer.any() and inner.any()
+    assert_fine_cells_are_those_of_the_items(box._occupancy)
+
+
+def test_fine_cells_of_items_in_the_same_bricks_are_joined() -> None:
+    occupancy = Occupancy((24, 24, 24))
+    for item in (Item(BALL, 0.0025), Item(RING, 0.004), cube_of(5.3)):
+        occupancy.add(placement.PlacedItem(item, (1, 1, 1)))
+        assert_fine_cells_are_those_of_the_items(occupancy)
 
 
 def test_density_is_placed_volume_over_the_boxs() -> None:

@@ -214,9 +214,10 @@ def test_a_folder_of_packs_may_have_other_splits(tmp_path) -> None:
 def test_the_library_of_a_file_without_manifest_is_that_of_its_first_readable_pack(
     tmp_path,
 ) -> None:
-    line = dataset_file("starter").read_text().splitlines()[0]
-    (tmp_path / "packs.jsonl").write_text(f"no pack\n{line}\n")
-    assert dataset_library(tmp_path / "packs.jsonl").name == "everyday"
+    library = ShapeLibrary.open("blockout")
+    pack = Pack(LibraryRef.of(library), (100, 100, 100), (), 0.0)
+    (tmp_path / "packs.jsonl").write_text(f"no pack\n{pack.to_json()}\n")
+    assert dataset_library(tmp_path / "packs.jsonl").name == "blockout"
 
 
 def test_a_path_named_like_nothing_is_refused(library) -> None:

@@ -116,7 +116,9 @@ def test_more_items_leave_a_location_open_than_there_is_room_for_at_first() -> N
     for small in balls:
         occupancy.add(small)
     voxels, placed = ball.voxels, occupancy.placed_arrays
-    arguments = voxels.arrays, placed, voxels.number.shape, np.zeros((12, 3), np.int64)
+    at = np.zeros((13, 3), np.int64)
+    at[0] = 8  # open because of none
+    arguments = voxels.arrays, placed, voxels.number.shape, at
     found = open_pairs.py_func(*arguments)
     assert len(found) > 32
     assert (found == open_pairs(*arguments)).all()
