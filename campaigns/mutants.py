@@ -5,7 +5,7 @@ tests that execute the changed line, and writes what they found after each mutan
 the same seed continues; other seeds add to the totals.
 
     python -m campaigns.mutants --seed 1 --count 400
-    python -m campaigns.mutants --check     # survivors with the tests that were added for them
+    python -m campaigns.mutants --check     # survivors with the tests that kill them
     python -m campaigns.mutants --table     # write the table in docs/trust/mutants.md
 """
 
@@ -35,7 +35,8 @@ ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results" / "mutants.json"
 
 JUDGED = RESULTS.with_name("mutants_judged.json")
-"""What was found of survivors: "equivalent" and why, or "added", the test that kills it now."""
+"""What was found of survivors: "equivalent" and why; "other", a test that was not run and kills it;
+or "added", a new test that does."""
 
 
 _GEOMETRY = ("rotations", "voxels", "voxelization", "voxel_kernels", "voxelization_kernels")
@@ -55,7 +56,7 @@ MODULES = (
 
 HEAD = (
     *("module", "mutants", "drawn", "killed at first", "by time limit", "survived"),
-    *("equivalent", "tests added", "left"),
+    *("equivalent", "other tests", "tests added", "left"),
 )
 """The columns of the page's table."""
 
@@ -135,19 +136,19 @@ def _place(record: Record) -> tuple[Any, ...]:
 
 
 def check(options: argparse.Namespace) -> bool:
-    """Run the tests that were added for survivors; return whether each kills its mutant."""
+    """Run the tests that are said to kill survivors; return whether each does."""
     if not options.copy.exists():
         mutant_runs.copy_source(ROOT, options.copy)
     mutant_runs.restore(options.copy)
     killed = []
     for judged in json.loads(JUDGED.read_text()):
-        if "added" in judged:
+        if test := judged.get("added") or judged.get("other"):
             text = (options.copy / judged["module"]).read_text()
             mutation = _nearest(text, judged)
             with mutant_runs.mutated(options.copy, judged["module"], mutation.apply(text)):
-                outcome = mutant_runs.run(options.copy, [judged["added"]], defaultdict(float))
+                outcome = mutant_runs.run(options.copy, [test], defaultdict(float))
             killed.append(outcome.outcome == "killed" and outcome.tests == 1)
-            print("killed" if killed[-1] else "SURVIVED", judged["added"], flush=True)
+            print("killed" if killed[-1] else "SURVIVED", test, flush=True)
     return all(killed)
 
 
@@ -155,7 +156,8 @@ def _nearest(text: str, judged: Record) -> Mutation:
     """Find a mutation in a module that may have changed since."""
     change = (judged["old"], judged["new"])
     same = [m for m in mutations(text) if (m.original(text), m.code) == change]
-    return min(same, key=lambda mutation: abs(mutation.line - judged["line"]))
+    place = judged["line"], judged["column"]
+    return min(same, key=lambda m: (abs(m.line - place[0]), abs(m.column - place[1])))
 
 
 def _totals(found: Record) -> Record:
@@ -208,12 +210,11 @@ def _row(name: str, size: int, records: list[Record]) -> tuple[object, ...]:
     survived = [record for record in records if record["outcome"] == "survived"]
     killed = len(records) - len(survived)
     timeouts = sum(record["outcome"] == "timeout" for record in records)
-    closed = sum("added" in record for record in survived)
-    equivalent = sum("equivalent" in record for record in survived)
+    judged = [sum(key in record for record in survived) for key in ("equivalent", "other", "added")]
     share = f"{killed} ({killed / len(records):.0%})"
-    counts = (size, len(records), share, timeouts, len(survived), equivalent, closed)
+    counts = (size, len(records), share, timeouts, len(survived))
     label = f"`{name}`" if name != "all" else name
-    return label, *counts, len(survived) - equivalent - closed
+    return label, *counts, *judged, len(survived) - sum(judged)
 
 
 def _write(file: Path, result: Record) -> None:
@@ -230,7 +231,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="what to draw the mutants from")
     parser.add_argument("--count", type=int, default=400, help="mutants of this seed")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that")
-    parser.add_argument("--check", action="store_true", help="only run the tests that were added")
+    parser.add_argument("--check", action="store_true", help="only run the survivors' tests")
     parser.add_argument("--table", action="store_true", help="only write the table of the page")
     parser.add_argument("--out", type=Path, default=RESULTS, help="results file")
     parser.add_argument(

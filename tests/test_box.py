@@ -11,7 +11,9 @@ from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine.occupancy import Occupancy
+from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import unpack
 from packit_sim.placement import BoxState
 from tests.zoo import BALL, CUBE, RING, ZOO, cube_of, fill, random_item
 
@@ -39,6 +41,19 @@ def fine_cells(occupancy: Occupancy) -> np.ndarray:
     assert ((occupancy.page >= 0) | ~surface.any(axis=1)).all()
     fine = occupancy.fine if len(occupancy.fine) else np.zeros((1, 64, 2), np.uint64)
     return np.where(surface[..., None], fine[occupancy.page], 0)
+
+
+def fine_cells_by_place(occupancy: Occupancy) -> tuple[np.ndarray, np.ndarray]:
+    """The outer and the inner fine cells of the whole box: bool [x, y, z]."""
+    nx, ny, nz = grid_nodes(occupancy.cells)
+    outer, inner = (
+        unpack(words.reshape(nz, nx, ny).transpose(1, 2, 0)) for words in occupancy.bricks.T
+    )
+    x, y, z = np.indices(outer.shape)
+    page = occupancy.page[((z >> 2) * nx + (x >> 2)) * ny + (y >> 2)]
+    fine = occupancy.fine[page, 16 * (x & 3) + 4 * (y & 3) + (z & 3)]
+    fine[inner], fine[~outer] = np.uint64(2**64 - 1), 0
+    return unpack(fine[..., 0]), unpack(fine[..., 1])
 
 
 def random_box(rng: np.random.Generator) -> Box:
@@ -101,6 +116,33 @@ def test_undo_takes_out_the_last_item_and_only_it(seed) -> None:
         assert box.snapshot() == state
     with pytest.raises(IndexError, match="empty"):
         Box().undo()
+
+
+def assert_fine_cells_are_those_of_the_items(occupancy: Occupancy) -> None:
+    outer, inner = np.zeros((2, *(4 * np.array(occupancy.cells))), dtype=bool)
+    for placed in occupancy.placed:
+        where = tuple(slice(4 * a, 4 * b) for a, b in zip(placed.start, placed.stop, strict=True))
+        outer[where] |= placed.item.voxels.outer_fine
+        inner[where] |= placed.item.voxels.inner_fine
+    assert outer.any() and inner.any()
+    found = fine_cells_by_place(occupancy)
+    assert (found[0] == outer).all() and (found[1] == inner).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fine_cells_of_a_box_are_those_of_its_items(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    box = random_box(rng)
+    box.undo()
+    fill(box, [random_item(ZOO, 0.3, rng) for _ in range(3)], rng)
+    assert_fine_cells_are_those_of_the_items(box._occupancy)
+
+
+def test_fine_cells_of_items_in_the_same_bricks_are_joined() -> None:
+    occupancy = Occupancy((24, 24, 24))
+    for item in (Item(BALL, 0.0025), Item(RING, 0.004), cube_of(5.3)):
+        occupancy.add(placement.PlacedItem(item, (1, 1, 1)))
+        assert_fine_cells_are_those_of_the_items(occupancy)
 
 
 def test_density_is_placed_volume_over_the_boxs() -> None:

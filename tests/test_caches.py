@@ -122,6 +122,16 @@ def test_a_fork_never_takes_a_held_lock_along() -> None:
             thread.join()
 
 
+def test_the_default_budgets_of_eight_environments_fit_in_8_gb() -> None:
+    """Without those of the oracle, which no environment asks."""
+    budgets = [
+        use.budget
+        for name, use in caches.usage().items()
+        if use.unit == "bytes" and not name.startswith("whole fine arrays")
+    ]
+    assert len(budgets) >= 6 and 8 * sum(budgets) <= 8 * 2**30
+
+
 def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     caches.clear()
     before = counters()
@@ -129,12 +139,13 @@ def test_counters_count_questions_locations_and_calls_of_fcl() -> None:
     box.place(cube_of(24.01), (0, 0, 0))  # half a cell of clearance on each side, and touching
     box.feasible(cube_of(24.005))
     box.blbf(cube_of(24.005))
+    assert box.blbf(cube_of(90)) is None
     used = counters().since(before)
-    assert (used.masks, used.searches, used.checks, used.queries) == (1, 1, 1, 3)
+    assert (used.masks, used.searches, used.checks, used.queries) == (1, 2, 1, 4)
     assert used.locations > 19**3
     assert 0 < used.undecided < used.locations
     assert used.undecided_share == used.undecided / used.locations
     assert 0 < used.mesh_comparisons <= used.undecided
-    assert used.mesh_comparisons_per_query == used.mesh_comparisons / 3
+    assert used.mesh_comparisons_per_query == used.mesh_comparisons / 4
     assert used.caches["collisions"].misses <= used.mesh_comparisons
     assert used.caches["turned voxels"].hits > 0

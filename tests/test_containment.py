@@ -227,6 +227,18 @@ def test_winding_numbers_are_exact_where_edges_and_corners_are_straight_above() 
         assert winding_number(np.asarray(block.triangles), np.array([x, -x, 1.5])) == 0
 
 
+@pytest.mark.parametrize("turned", range(3))
+def test_a_slanted_triangle_is_above_only_what_is_below_its_plane(turned: int) -> None:
+    """Far from the origin, so that no other coordinate passes for a height."""
+    corners = np.array([[9.0, 9.0, 0.0], [12.0, 9.0, 3.0], [9.0, 12.0, 3.0], [9.0, 9.0, 4.0]])
+    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]
+    triangles = np.roll(corners[faces], turned, axis=1)
+    for x, y in ((9.5, 9.5), (10.0, 9.5), (9.25, 10.5)):
+        floor = x + y - 18.0  # the plane through the first three corners
+        assert winding_number(triangles, np.array([x, y, floor - 0.1])) == 0
+        assert abs(winding_number(triangles, np.array([x, y, floor + 0.1]))) == 1
+
+
 def test_parts_of_a_surface() -> None:
     """A closed part, an open one, and one whose winding is not consistent."""
     meshes = [creation.box((1, 1, 1)) for _ in range(4)]

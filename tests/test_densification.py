@@ -104,6 +104,12 @@ def test_a_contradiction_of_the_settings_is_reported(
     found = list(density_problems(pack, pack.placed(library), recorded))
     assert len(found) == (problem is not None)
     assert all(problem in sentence for sentence in found)
+    placed = pack.placed(library)
+    volumes = [one.item.volume for one in placed]
+    least = min(volumes) / sum(volumes)
+    limits = replace(SMALL, items=(len(placed), len(placed)), floor=least)
+    exact = structs.replace(pack.provenance, settings=limits)
+    assert not list(density_problems(pack, placed, exact))
     same = tuple(structs.replace(item, shape=pack.items[0].shape) for item in pack.items)
     found = list(density_problems(replace(pack, items=same), pack.placed(library), recorded))
     assert any("of its items have the shape" in sentence for sentence in found)

@@ -124,7 +124,10 @@ def test_results_of_former_versions_hold_for_builtin_tasks(honest: Path, tmp_pat
         f"{file}: it has no manifest {manifest_path(file).name}"
     ]
     assert not report.not_judged
+    assert check_results(file, read_results(file), everyday()) == 0
     file = forge(file, tmp_path / "unknown.jsonl", played(task_digest="0" * 16))
+    assert check_results(file, read_results(file), everyday()) == 1
+    assert check_results(file, read_results(file)) == 3
     assert (
         "not judged, of 1 results of former versions" in verify_dataset(file, everyday()).not_judged
     )

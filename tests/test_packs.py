@@ -10,7 +10,13 @@ from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
 from packit_sim.datasets.manifests import manifest_path
 from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import dataset_file, load_tasks, read_packs, write_packs
+from packit_sim.datasets.pack_files import (
+    dataset_file,
+    dataset_library,
+    load_tasks,
+    read_packs,
+    write_packs,
+)
 from packit_sim.datasets.packs import LibraryRef, Pack
 from packit_sim.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
@@ -188,6 +194,30 @@ def test_there_are_starter_packs_of_some_size() -> None:
     assert len(tasks) >= 8
     for task in tasks:
         assert len(task.items) >= 10
+
+
+def test_bundled_packs_are_written_as_they_were() -> None:
+    for name, split in (("starter", None), ("everyday-v1", "test")):
+        first = dataset_file(name, split).read_text().splitlines()[0]
+        assert Pack.from_json(first).to_json() == first
+
+
+def test_a_folder_of_packs_may_have_other_splits(tmp_path) -> None:
+    for name in ("packs", "extra"):
+        (tmp_path / f"{name}.jsonl").touch()
+    assert dataset_file(tmp_path).name == "packs.jsonl"
+    assert dataset_file(tmp_path, "extra").name == "extra.jsonl"
+    with pytest.raises(PackFormatError, match="there is no 'train'"):
+        dataset_file(tmp_path, "train")
+
+
+def test_the_library_of_a_file_without_manifest_is_that_of_its_first_readable_pack(
+    tmp_path,
+) -> None:
+    library = ShapeLibrary.open("blockout")
+    pack = Pack(LibraryRef.of(library), (100, 100, 100), (), 0.0)
+    (tmp_path / "packs.jsonl").write_text(f"no pack\n{pack.to_json()}\n")
+    assert dataset_library(tmp_path / "packs.jsonl").name == "blockout"
 
 
 def test_a_path_named_like_nothing_is_refused(library) -> None:

@@ -26,7 +26,7 @@ from packit_sim.datasets.verification import verify_dataset
 from packit_sim.envs.env import PackItEnv
 from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.game.episode import Episode
-from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.lattice import CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -366,6 +366,7 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
     write_results(tmp_path / "results.jsonl", [rollout])
     (read,) = read_results(tmp_path / "results.jsonl")
     assert read == rollout and not read.pack.is_on_grid
+    assert read.end is episode.end
     assert read.pack.density == episode.box.density
     for before, after in zip(episode.box.placed, read.pack.placed(library), strict=True):
         assert after.item == before.item
@@ -377,9 +378,11 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
         read.pack.replay(library)
     assert read.pack.task(library).solution == ()
     ball = read.pack.items[0]
-    sunk = structs.replace(ball, pose=structs.replace(ball.pose, position=(0.2, 0.2, -0.1)))
-    broken = replace(read.pack, items=(sunk, *read.pack.items[1:]))
-    assert "item 0 ('ball') is not inside the box" in verify(broken, library)[0]
+    width = read.pack.cells[0] * CELL
+    for beyond in ((0.2, 0.2, -0.1), (width, 0.2, 0.2)):
+        moved = structs.replace(ball, pose=structs.replace(ball.pose, position=beyond))
+        broken = replace(read.pack, items=(moved, *read.pack.items[1:]))
+        assert "item 0 ('ball') is not inside the box" in verify(broken, library)[0]
     assert "density is recorded" in verify(replace(read.pack, density=0.5), library)[0]
 
 

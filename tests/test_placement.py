@@ -12,6 +12,8 @@ from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine.collision import collides
+from packit_sim.engine.occupancy import Occupancy
+from packit_sim.engine.screening_kernels import open_pairs
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PlacedItem
@@ -104,6 +106,22 @@ def test_why_not_names_each_wall_and_each_item_that_is_in_the_way(seed) -> None:
             )
             if stop > size
         )
+
+
+def test_more_items_leave_a_location_open_than_there_is_room_for_at_first() -> None:
+    """In Python, which checks indices: compiled code would write behind its array."""
+    box, ball = Box((40, 40, 40)), Item(BALL, 0.03)
+    balls = [placement.PlacedItem(Item(BALL, 0.0012), (i, j, k)) for i, j, k in np.ndindex(6, 6, 6)]
+    occupancy = Occupancy(box.cells)
+    for small in balls:
+        occupancy.add(small)
+    voxels, placed = ball.voxels, occupancy.placed_arrays
+    at = np.zeros((13, 3), np.int64)
+    at[0] = 8  # open because of none
+    arguments = voxels.arrays, placed, voxels.number.shape, at
+    found = open_pairs.py_func(*arguments)
+    assert len(found) > 32
+    assert (found == open_pairs(*arguments)).all()
 
 
 def test_why_not_at_no_node_of_the_grid_is_refused() -> None:

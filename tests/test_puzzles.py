@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 from packit_sim import cut_puzzle, dataset_file, load_tasks, read_packs, verify, write_packs
 from packit_sim.cli.app import app
 from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.datasets.pack_checks import PUZZLE_SLACK, puzzle_problems
 from packit_sim.datasets.pack_files import dataset_library
 from packit_sim.datasets.packs import Pack
 from packit_sim.datasets.play_checks import insertion_problems
@@ -131,6 +132,8 @@ def test_a_pack_that_is_not_the_whole_puzzle_is_found_out(folder: Path, tmp_path
 
     assert not problems(pack)
     assert "from above" in problems(replace(pack, items=pack.items[::-1]))
+    just_full = replace(pack, density=1 - PUZZLE_SLACK)
+    assert not list(puzzle_problems(just_full, just_full.provenance))
     kept = pack.items[:-1]
     density = sum(library[one.shape].volume * one.scale for one in kept)
     found = problems(replace(pack, items=kept, density=density))

@@ -45,11 +45,11 @@ def small(**rules: bool) -> Case:
     return Case(CELLS, placed, Item(TILTED, 0.0006, 1), (8, 1), **rules)
 
 
-def nested() -> Case:
+def nested(**rules: bool) -> Case:
     """A sheet that may be inside a thicker one."""
     plate = item_of(creation.box((0.15, 0.1, 0.0045)))
     sheet = item_of(creation.box((0.05, 0.04, 0.0015)))
-    return Case(CELLS, (PlacedItem(plate, (1, 1, 1)),), sheet, (0, 0))
+    return Case(CELLS, (PlacedItem(plate, (1, 1, 1)),), sheet, (0, 0), **rules)
 
 
 def totals_at(file: Path, number: int) -> Path:
@@ -59,7 +59,9 @@ def totals_at(file: Path, number: int) -> Path:
     return file
 
 
-@pytest.mark.parametrize("case", [small(kinematic=True), small(easy=True), nested()])
+@pytest.mark.parametrize(
+    "case", [small(kinematic=True), small(easy=True), nested(easy=True, kinematic=True)]
+)
 def test_all_checks_agree(case) -> None:
     tally = Tally()
     for name in CHECKS:

@@ -563,6 +563,25 @@ def test_what_is_no_dataset_is_refused(library, tmp_path) -> None:
         verify_dataset(tmp_path, library)
 
 
+def test_a_density_above_1_never_verifies(library) -> None:
+    box = Box()
+    box.place(Item(library["cube"], (0.96 * 3**0.5) ** 3), (0, 0, 0))
+    once = Pack.of(box, LibraryRef.of(library))
+    assert verify(once, library) == []
+    twice = replace(once, items=once.items * 2, density=2 * once.density)
+    assert twice.density > 1.7
+    assert any("items can't be larger than their box" in one for one in verify(twice, library))
+
+
+def test_a_pack_with_a_pose_that_is_no_rotation_is_a_problem_of_its_own(files, library, tmp_path):
+    item = files["train"][1]["items"][0]
+    del item["location"]
+    item["pose"] = {"position": [0.5, 0.5, 0.5], "wxyz": [1, 0, 1e308, 0]}
+    report = verify_dataset(_written(tmp_path / "dataset", files), library)
+    assert "train.jsonl, pack 1: " in _problem_lines(report) and report.packs == 6
+    assert "is no rotation" in _problem_lines(report)
+
+
 # Packings by other tools
 
 
@@ -575,6 +594,8 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "cube.stl": creation.box((100, 100, 100)),
         "corner.obj": creation.box(bounds=((0, 0, 0), (100, 50, 25))),
         "ball.ply": creation.icosphere(subdivisions=2, radius=20),
+        "thick.stl": creation.box((300, 200, 4.5)),
+        "thin.stl": creation.box((210, 110, 1.5)),
         "hollow.stl": HOLLOW.mesh.copy().apply_scale(100 * 3**0.5),
         "open.off": _open_box(),
     }
@@ -666,6 +687,14 @@ WRONG: dict[str, tuple[list[tuple[str, Any]], str]] = {
         "item 0 .* lies, in part or whole, inside item 1",
     ),
     "in a closed cavity": ([HOLLOW_ITEM, ("ball.ply", at(50, 50, 50))], "item 1 .* inside item 0"),
+    "a sheet in a thicker one": (
+        [("thick.stl", at(160, 110, 5)), ("thin.stl", at(160, 110, 5))],
+        r"item 1 \('parts/thin.stl'\) lies, in part or whole, inside item 0",
+    ),
+    "a sheet around a thinner one": (
+        [("thin.stl", at(160, 110, 5)), ("thick.stl", at(160, 110, 5))],
+        r"item 0 \('parts/thin.stl'\) lies, in part or whole, inside item 1",
+    ),
     "outside the box": (
         [("cube.stl", at(50, 50, 151))],
         r"item 0 \('parts/cube.stl'\) reaches 1 beyond the box's top wall",

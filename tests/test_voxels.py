@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from packit_sim.geometry import rotations, voxels
-from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE
+from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE, STEP
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.geometry.voxelization import solid_volume, solid_volume_bounds
+from packit_sim.geometry.voxelization import lattice_cells, solid_volume, solid_volume_bounds
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
 from packit_sim.geometry.voxels import Voxels
 from packit_sim.libraries.library import ShapeLibrary
@@ -134,6 +134,21 @@ def test_kernels_stay_within_their_arrays() -> None:
     for shape, line in zip(ZOO[::3], run.stdout.splitlines(), strict=True):
         touched = touched_cells(shape.mesh.triangles[:20] * 0.04, np.array((4, 4, 4)), 0.01, 1e-5)
         assert line == f"{touched.tolist()} {reached_cells(touched).tolist()}"
+
+
+def test_cells_on_the_lattice_begin_at_the_node_below_the_lowest_corner() -> None:
+    """A single triangle: each axis has its lowest coordinate in another corner."""
+    triangle = np.array([[[0.11, 0.95, 0.78], [0.31, 0.53, 0.93], [0.27, 0.73, 0.61]]])
+    start, touched, _ = lattice_cells(triangle)
+    assert start.tolist() == [8, 52, 60]
+    assert touched[:STEP].any() and touched[:, :STEP].any() and touched[:, :, :STEP].any()
+    just_above = triangle - triangle.min(axis=1) + STEP * CELL + 0.4 * CONTACT_TOLERANCE
+    assert lattice_cells(just_above)[0].tolist() == [0, 0, 0]  # cells are grown by half of it
+
+
+def test_cells_can_not_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        Item(BALL, 0.1).voxels.outer_fine[0, 0, 0] = True
 
 
 def test_what_is_open_encloses_nothing_and_a_cavity_does() -> None:

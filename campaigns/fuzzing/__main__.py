@@ -24,12 +24,18 @@ from campaigns.common import ROOT, argument_parser, read_results
 for _file in sorted((ROOT / "packit_sim").rglob("*_kernels.py")):  # numba compiles them as they are
     importlib.import_module(".".join(_file.relative_to(ROOT).with_suffix("").parts))
 
+_AGENTS = ROOT / "agents"
+_KERNELS = [
+    ".".join(file.relative_to(_AGENTS).with_suffix("").parts)
+    for file in sorted(_AGENTS.rglob("*_kernels.py"))  # they import much else
+]
+
 INSTRUMENTED = ["packit_sim", "packit_agents", "trimesh", "minari", "tomllib", "zipfile"]
 """The packages whose code the fuzzer watches."""
 
 with (
     contextlib.redirect_stderr(io.StringIO()),  # a line for each module
-    atheris.instrument_imports(include=INSTRUMENTED, enable_loader_override=False),
+    atheris.instrument_imports(INSTRUMENTED, exclude=_KERNELS, enable_loader_override=False),
 ):
     from campaigns.fuzzing import batches, children
     from campaigns.fuzzing.reader import Reader

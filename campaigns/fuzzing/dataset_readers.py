@@ -20,8 +20,12 @@ from packit_sim.datasets.original import read_original
 from packit_sim.datasets.pack_files import dataset_library, read_packs, write_packs
 from packit_sim.datasets.verification import verify_dataset
 from packit_sim.evaluation.results import check_results, read_results
+from packit_sim.geometry.items import PlacedItem
 from packit_sim.nesting.instances import ITEM_ORIGINS, read_instance, read_solution
 from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.rules import Rules
+from packit_sim.selftest.cases import Case
+from packit_sim.selftest.replays import read_replay, replay_text
 from tests import bad_meshes
 
 
@@ -47,6 +51,10 @@ def _read_packs(data: bytes) -> None:
             pack.task(world.library())
             pack.contents(world.library())
         pack.to_json()
+
+
+def _results() -> list[bytes]:
+    return _lines([world.played(), world.played(Rules(buffer=1, rotations="yaw"))])
 
 
 def _read_results(data: bytes) -> None:
@@ -152,10 +160,21 @@ def _read_solution(data: bytes) -> None:
         world.require_clean(problem)
 
 
+def _replays() -> list[bytes]:
+    first, second = world.pack().placed(world.library())
+    assert isinstance(first, PlacedItem)
+    return [replay_text("masks", Case(world.CELLS, (first,), second.item)).encode()]
+
+
+def _read_replay(data: bytes) -> None:
+    _, case = read_replay(world.written("replay.json", data))
+    case.box()
+
+
 READERS = (
     Reader("packs", "packs of format 2", lambda: _lines(world.packs()), _read_packs, json_tree),
     Reader("packs-1", "packs of format 1", lambda: _former("packs"), _read_packs, json_tree),
-    Reader("results", "results", lambda: _lines([world.played()]), _read_results, json_tree),
+    Reader("results", "results", _results, _read_results, json_tree),
     Reader(
         "results-1", "results of format 1", lambda: _former("results"), _read_results, json_tree
     ),
@@ -165,5 +184,6 @@ READERS = (
     Reader("packings", "packings of other tools", _packings, _read_packing, json_tree),
     Reader("instances", "strip-packing instances", _instances, _read_instance, json_tree),
     Reader("solutions", "solutions of instances", _solutions, _read_solution, json_tree),
+    Reader("replays", "replays of `packit selftest`", _replays, _read_replay, json_tree),
 )
 """The readers of this module."""

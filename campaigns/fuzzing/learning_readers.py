@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import torch
 
 from campaigns.fuzzing import file_changes, world
@@ -16,6 +17,8 @@ from campaigns.fuzzing.reader import Reader
 from packit_agents.learning.networks import NetworkSettings, network
 from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights, write_weights
+from packit_agents.placements.network import PlacementNetwork
+from packit_agents.placements.placement_features import FEATURES
 from packit_sim.envs.recording import record, stage_steps
 from packit_sim.evaluation.learning_curves import TrainingRecord
 from packit_sim.game.episode import Stage
@@ -37,6 +40,25 @@ def _weights() -> list[bytes]:
 
 def _read_weights(data: bytes) -> None:
     read_weights(world.written("weights.safetensors", data))
+
+
+def _placement_weights() -> list[bytes]:
+    file = world.folder() / "placements.safetensors"
+    files = []
+    for width in (1, 3):
+        tensors = {
+            name: np.full(shape, 0.5, np.float32)
+            for name, shape in PlacementNetwork.shapes(width).items()
+        }
+        PlacementNetwork(tensors, {"rounds": 3}).write(file)
+        files.append(file.read_bytes())
+    return files
+
+
+def _read_placement_weights(data: bytes) -> None:
+    network = PlacementNetwork.read(world.written("placements.safetensors", data))
+    network(np.ones((2, len(FEATURES)), np.float32))
+    network.digest  # noqa: B018
 
 
 def _settings() -> list[bytes]:
@@ -101,6 +123,13 @@ READERS = (
         "weights",
         _weights,
         _read_weights,
+        file_changes.safetensors,
+    ),
+    Reader(
+        "placement-weights",
+        "weights of networks for placements",
+        _placement_weights,
+        _read_placement_weights,
         file_changes.safetensors,
     ),
     Reader("settings", "settings (TOML)", _settings, _read_toml, file_changes.toml),

@@ -5,11 +5,16 @@ A reader reads what a user would read with it, and uses the result as far as tha
 
 from __future__ import annotations
 
-from campaigns.fuzzing import dataset_readers, learning_readers, shape_readers
+from campaigns.fuzzing import dataset_readers, learning_readers, part_readers, shape_readers
 from campaigns.fuzzing.reader import Reader
 
 READERS: dict[str, Reader] = {
     reader.name: reader
-    for reader in (*dataset_readers.READERS, *shape_readers.READERS, *learning_readers.READERS)
+    for reader in (
+        *dataset_readers.READERS,
+        *part_readers.READERS,
+        *shape_readers.READERS,
+        *learning_readers.READERS,
+    )
 }
 """The readers by name."""

@@ -16,20 +16,25 @@ from typing import Any
 from trimesh import creation
 
 from packit_sim.box import Box
+from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
 from packit_sim.datasets.packs import ItemRecord, Pack, PackedItem, PoseRecord
 from packit_sim.datasets.provenance import (
+    Densified,
+    Drawn,
     Evolved,
     FromOriginal,
+    Improvement,
     Other,
     Played,
     Provenance,
+    Puzzle,
     Sampled,
 )
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.rules import End
+from packit_sim.rules import PACKIT, End, Rules
 
 SHAPES = {
     "box/model0": creation.box((1, 2, 3)),
@@ -89,6 +94,9 @@ def packs() -> list[Pack]:
         Other(author="a tool", notes="by hand"),
         Sampled(size=0.9, split="train"),
         Evolved(seed=1, generation=2, size=1.0, settings=EvolutionSettings(cells=CELLS), after=3),
+        Densified(seed=1, rounds=2, settings=DensificationSettings()),
+        Drawn(seed=1),
+        Puzzle(cuts="guillotine", pieces=2, seed=1),
         FromOriginal(file="2_tr", pack=0, efficiency=0.5, shape_scale=0.8, rotations=(0, 5)),
     )
     pose = PoseRecord((0.1, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0))
@@ -101,7 +109,7 @@ def packs() -> list[Pack]:
     ]
 
 
-def played() -> Pack:
+def played(rules: Rules = PACKIT) -> Pack:
     """Return a result: the whole task of `pack`, packed by an agent."""
     base = pack()
     record = Played(
@@ -113,6 +121,8 @@ def played() -> Pack:
         end=End.COMPLETE,
         seconds=0.25,
         scores={"stable": 1.0},
+        rules=rules,
+        improvements=(Improvement(0.125, 0.5), Improvement(0.25, 1.0)),
     )
     return replace(base, provenance=record)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import fcntl
 import glob
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +23,31 @@ _SUFFIX = ".tmp"
 
 _LOCK_SECONDS = 0.1
 """Timeout for a lock file: time for a second attempt if its holder has just removed it."""
+
+
+def read_whole(path: Path) -> bytes:
+    """Read a file that may come from a stranger.
+
+    Parameters
+    ----------
+    path : Path
+        The file. Pipes are read as well.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    OSError
+        If the file can't be read, or is a device, such as a link to `/dev/zero`, which never ends.
+    """
+    with open(path, "rb") as file:
+        kind = os.fstat(file.fileno()).st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISFIFO(kind)):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        return file.read()
 
 
 @contextmanager

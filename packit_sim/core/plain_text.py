@@ -8,14 +8,19 @@ MAX_CHARACTERS = 2000
 """Most characters of a message; of a longer one the middle is left out."""
 
 _CONTROL = {code: 0x2400 + code for code in range(0x20) if chr(code) != "\n"}
-_OTHERS = (0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
+_OTHERS = (
+    *(0x61C, 0x200B, 0x200E, 0x200F, 0x2028, 0x2029, 0xFEFF),
+    *range(0x202A, 0x202F),
+    *range(0x2060, 0x206A),
+    *range(0xD800, 0xE000),
+)
 
 _VISIBLE: dict[int, int | str] = {
     **_CONTROL,
     **dict.fromkeys([*range(0x7F, 0xA0), *_OTHERS], "\ufffd"),
 }
 """What stands for characters that command a terminal, end a line, change the direction of writing,
-or can't be encoded: pictures of the first 32, and a replacement character."""
+are invisible, or can't be encoded: pictures of the first 32, and a replacement character."""
 
 
 def plain(text: str) -> str:

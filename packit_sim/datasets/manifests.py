@@ -18,7 +18,13 @@ from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError
-from packit_sim.core.files import followed, remove_unfinished, replace_text, replacing
+from packit_sim.core.files import (
+    followed,
+    read_whole,
+    remove_unfinished,
+    replace_text,
+    replacing,
+)
 from packit_sim.core.version import __version__
 from packit_sim.datasets.packs import FORMAT, LibraryRef
 from packit_sim.datasets.provenance import Count
@@ -79,7 +85,7 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
             If the file can't be read or is not a manifest; the message does not name the file.
         """
         try:
-            data = path.read_bytes()
+            data = read_whole(path)
         except OSError as error:
             raise PackFormatError(str(error.strerror)) from None
         found = typed_json.decode(data, cls, PackFormatError, "a manifest")

@@ -13,6 +13,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import read_whole
 from packit_sim.datasets.provenance import Count
 
 MAX_COMPRESSION = 1032
@@ -98,7 +99,7 @@ class Minari:
             which may run any function.
         """
         with readable(folder):
-            data = (folder / _METADATA).read_bytes()
+            data = read_whole(folder / _METADATA)
             typed_json.decode(data, _Metadata, RecordingError, "the metadata")
             file = folder / _DATA
             with self._h5py.File(file, "r") as content:

@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.errors import PackItError
+from packit_sim.core.files import read_whole
 
 SETTINGS_FILE = "settings.json"
 CURVE_FILE = "curve.json"
@@ -91,7 +92,7 @@ _Curve = Annotated[tuple[CurvePoint, ...], Meta(min_length=1)]
 
 def _read(file: Path, kind: Any, what: str, when: str) -> Any:
     try:
-        return typed_json.decode(file.read_bytes(), kind, CurveError, what)
+        return typed_json.decode(read_whole(file), kind, CurveError, what)
     except OSError as error:
         raise CurveError(
             f"{file.parent} is not the folder of a training: {file.name} can't be read: "

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from trimesh import transformations
 
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.rotations import MATRICES
 
@@ -15,6 +17,9 @@ Quaternion = tuple[float, float, float, float]
 
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 """No rotation."""
+
+_UNIT_SLACK = 1e-3
+"""Largest error of a unit quaternion's length: others may round what they write."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +32,20 @@ class Pose:
         The translation, in box units.
     wxyz : Quaternion
         The rotation as a unit quaternion w, x, y, z, viser's and trimesh's order.
+
+    Raises
+    ------
+    ArgumentError
+        If it is not a unit quaternion, within `_UNIT_SLACK`.
     """
 
     position: Floats
     wxyz: Quaternion = UPRIGHT
+
+    def __post_init__(self) -> None:
+        length = math.hypot(*self.wxyz)
+        if not abs(length - 1) <= _UNIT_SLACK:
+            raise ArgumentError(f"a quaternion of length {length:.6g} is no rotation: it must be 1")
 
     @classmethod
     def from_xyzw(cls, position: Floats, xyzw: Quaternion) -> Pose:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from packit_sim.core.errors import PackFormatError
+from packit_sim.core.files import read_whole
 from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 
 
@@ -18,7 +19,7 @@ def read_bytes(path: Path) -> bytes:
             "`packit pack` packs meshes at their real sizes"
         )
     try:
-        return path.read_bytes()
+        return read_whole(path)
     except (OSError, ValueError) as error:
         problem = error.strerror if isinstance(error, OSError) else error
         raise PackFormatError(f"data can't be read from {path}: {problem}") from None

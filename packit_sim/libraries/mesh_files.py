@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import stat
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -125,9 +126,13 @@ def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
     if suffix not in SUFFIXES:
         raise MeshError(f"{file}: not a mesh file: its name must end in {', '.join(SUFFIXES)}")
     try:
-        size = file.stat().st_size
-        if size > mesh_limits.MAX_BYTES:
-            raise MeshError(f"{size:,} bytes are too many: at most {mesh_limits.MAX_BYTES:,}")
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise MeshError("it is not a regular file")
+        if status.st_size > mesh_limits.MAX_BYTES:
+            raise MeshError(
+                f"{status.st_size:,} bytes are too many: at most {mesh_limits.MAX_BYTES:,}"
+            )
         content = file.read_bytes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked

@@ -11,6 +11,7 @@ from msgspec import Struct
 from packit_sim.core import typed_json
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError
+from packit_sim.core.files import read_whole
 from packit_sim.libraries import mesh_files, splits
 from packit_sim.libraries.mesh_files import RawMesh
 from packit_sim.libraries.sources import Candidate, Source
@@ -196,7 +197,7 @@ def _names(taxonomy: Path) -> dict[str, str]:
     if not taxonomy.exists():
         return {}
     try:
-        synsets = typed_json.decode(taxonomy.read_bytes(), list[_Synset], LibraryError, "it")
+        synsets = typed_json.decode(read_whole(taxonomy), list[_Synset], LibraryError, "it")
     except (OSError, LibraryError) as error:
         raise LibraryError(f"{taxonomy}: can't be read as ShapeNet's taxonomy: {error}") from None
     return {one.synsetId: one.name.split(",")[0].strip().replace(" ", "-") for one in synsets}

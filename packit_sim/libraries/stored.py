@@ -23,7 +23,7 @@ from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import LibraryError, MeshError, located
-from packit_sim.core.files import exchange
+from packit_sim.core.files import exchange, read_whole
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
@@ -311,7 +311,7 @@ def _raw(file: Path) -> RawMesh:
 def _read(file: Path, kind: type[T]) -> T:
     """Read a file of this format, or raise LibraryError that names it and the wrong field."""
     try:
-        data = file.read_bytes()
+        data = read_whole(file)
     except OSError as error:
         raise LibraryError(f"{file}: can't be read as a shape library: {error.strerror}") from error
     with located(f"{file}: damaged", LibraryError):

@@ -6,6 +6,7 @@ The check is independent of every search. It decides about original meshes at th
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from packit_sim.nesting.checked_meshes import checked_mesh
 from packit_sim.nesting.containers import Container
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.placements import Placement
+
+MAX_PROBLEMS = 1000
+"""The check ends after so many problems: n items at one place have n² / 2."""
 
 MAX_SHRINKAGE = 1e-3
 """Largest tolerance of an item, relative to the longest side of its bounding box."""
@@ -170,10 +174,20 @@ def problems(
     Returns
     -------
     list of str
-        A sentence for each problem; empty if the packing is valid.
+        A sentence for each problem, and after `MAX_PROBLEMS` one that there may be more; empty if
+        the packing is valid.
     """
-    bodies = list(bodies)
-    found = [sentence for body in bodies for sentence in outside(body, container)]
+    found = list(islice(_problems(list(bodies), container, clearance, obstacles), MAX_PROBLEMS))
+    if len(found) == MAX_PROBLEMS:
+        found.append(f"there may be more: the check ended after {MAX_PROBLEMS} problems")
+    return found
+
+
+def _problems(
+    bodies: Sequence[Body], container: Container, clearance: float, obstacles: Sequence[Body]
+) -> Iterator[str]:
+    for body in bodies:
+        yield from outside(body, container)
     low, high = (np.array([getattr(b, end) for b in bodies]) for end in ("low", "high"))
     boxes = np.array([body.box for body in bodies])
     for n, one in enumerate(bodies[:-1]):
@@ -181,8 +195,7 @@ def problems(
         gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
         near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
         for m in np.flatnonzero(near).tolist():
-            found += conflicts(one, bodies[n + 1 + m], clearance)
+            yield from conflicts(one, bodies[n + 1 + m], clearance)
     for obstacle in obstacles:
         for body in bodies:
-            found += conflicts(obstacle, body, clearance)
-    return found
+            yield from conflicts(obstacle, body, clearance)

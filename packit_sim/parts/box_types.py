@@ -12,7 +12,7 @@ from packit_sim.core.length_units import Unit
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.parts.units import lengths
 
-_NAMED = re.compile(r"(?:(?P<name>[^:=]+):)?(?P<size>[^:=]+?)(?:=(?P<count>\d+))?")
+_NAMED = re.compile(r"(?:(?P<name>[^:=]+):)?(?P<size>[^:=]+?)(?:=(?P<count>\d{1,30}))?")
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
+import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.typed_json import refuse_long_integers
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.units import check_unit
 
@@ -109,13 +111,17 @@ def _csv_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
         raise ArgumentError(f"{path}: it is not CSV: {error}") from None
     for row in rows:
         if None in row:
-            raise ArgumentError(f"{path}: {row[None]} is more than the {len(row) - 1} fields")
+            raise ArgumentError(
+                f"{path}: {reprlib.repr(row[None])} is more than the {len(row) - 1} fields"
+            )
         entry = {(name or "").strip(): value for name, value in row.items()}
         if any(isinstance(value, str) and value.strip() for value in entry.values()):
             yield {name: v for name, v in entry.items() if v is not None and v != ""}
 
 
 def _json_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
+    with located(path, ArgumentError):
+        refuse_long_integers(text, ArgumentError)
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -133,11 +139,12 @@ def _fields(where: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in entry.items():
         if name not in _FIELDS:
             raise ArgumentError(
-                f"{where}: field {name!r} is not known: choose from {', '.join(_FIELDS)}"
+                f"{where}: field {reprlib.repr(name)} is not known: "
+                f"choose from {', '.join(_FIELDS)}"
             )
         is_wrong = isinstance(value, bool) and name != "no_stack"
         if isinstance(value, (list, dict)) or value is None or is_wrong:
-            raise ArgumentError(f"{where}: {name} {value!r} is not possible")
+            raise ArgumentError(f"{where}: {name} {reprlib.repr(value)} is not possible")
         try:
             if isinstance(value, float) and _FIELDS[name] is int and int(value) != value:
                 raise ValueError
@@ -146,7 +153,7 @@ def _fields(where: str, entry: Mapping[str, Any]) -> dict[str, Any]:
             raise ArgumentError(f"{where}: {error}") from None
         except (TypeError, ValueError, OverflowError):
             what = "yes or no" if name == "no_stack" else "a number"
-            raise ArgumentError(f"{where}: {name} {value!r} is not {what}") from None
+            raise ArgumentError(f"{where}: {name} {reprlib.repr(value)} is not {what}") from None
     if not found.get("file"):
         raise ArgumentError(f"{where}: it has no file")
     if found.get("count", 1) < 0:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
+from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.caches import cached_property
 from packit_sim.engine.collision_meshes import LooseMesh
@@ -119,11 +120,13 @@ def _read(part: Part) -> trimesh.Trimesh:
         return trimesh.Trimesh(part.mesh.vertices, part.mesh.faces)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
-        source: Any = part.file
-        if part.file.suffix.lower() == ".obj":  # trimesh would cut polygons wrongly
-            source = io.BytesIO(simple_faces(part.file.read_bytes()))
-        kind = part.file.suffix.lower()[1:]
-        scene = trimesh.load_scene(source, file_type=kind, skip_materials=True)
+        content, kind = part.file.read_bytes(), part.file.suffix.lower()[1:]
+        if kind == "obj":  # trimesh would cut polygons wrongly
+            content = simple_faces(content)
+        resolver = FilePathResolver(str(part.file.parent)) if kind == "gltf" else None
+        scene = trimesh.load_scene(
+            io.BytesIO(content), file_type=kind, resolver=resolver, skip_materials=True
+        )
         if part.node is not None:
             graph = scene.graph
             below = [node for node in graph.nodes_geometry if part.node in _path(graph, node)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,9 @@ from msgspec import Meta, Struct, field
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
 from packit_sim.core.files import replace_text, replacing
-from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.plain_text import plain, plain_logger
 from packit_sim.core.version import __version__
+from packit_sim.libraries.data_files import read_bytes
 from packit_sim.nesting.lengths import PoseRows
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import obj_text
@@ -65,9 +67,9 @@ class _RecordedPart(Struct):
 class _RecordedBoxes(Struct):
     """What resumes the search; other fields are ignored."""
 
-    searches: Annotated[int, Meta(ge=0)]
-    items: tuple[_RecordedPart, ...]
+    items: Annotated[tuple[_RecordedPart, ...], Meta(min_length=1)]
     box_names: tuple[str, ...] = field(name="box names")
+    searches: Annotated[int, Meta(ge=0, le=10**9)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +155,7 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
         "parts": [
             {
                 "name": each.part.name,
-                "file": None if each.part.file is None else str(each.part.file),
+                "file": None if each.part.file is None else plain(str(each.part.file)),
                 "count": each.part.count,
                 "deviation": each.deviation,
                 "volume": each.volume,
@@ -229,26 +231,38 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         raise ArgumentError(f"{folder} is a file: choose a folder")
     if not file.exists():
         return None
-    data = file.read_bytes()
+    data = read_bytes(file)
     try:
-        digest = typed_json.decode(data, _RecordedTask, PackFormatError).task
+        digest = typed_json.decode(data, _RecordedTask, PackFormatError, "a packing").task
     except PackFormatError:
         raise ArgumentError(f"{file} is not of `packit pack`: choose another folder") from None
     if digest != task.digest:
         _log.info("%s is of another task: it will be replaced", file)
         return None
     try:
-        record = typed_json.decode(data, _RecordedBoxes, PackFormatError, "the record")
+        record = typed_json.decode(data, _RecordedBoxes, PackFormatError, "a packing")
         return Earlier(_boxes(record, task), record.searches)
-    except (PackItError, LookupError) as error:
+    except PackItError as error:
         _log.warning("%s is not used: %s", file, error)
         return None
 
 
 def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
-    """Return the boxes of a record, if they are valid packings of the task."""
+    """Return the boxes of a record; raise PackFormatError if they are not packings of the task."""
     numbers = {each.part.name: n for n, each in enumerate(task.parts)}
     types = {box.name: box for box in task.boxes}
+    parts = Counter(item.name for item in record.items)
+    boxes = Counter(record.box_names)
+    strange = [repr(name) for name in parts if name not in numbers]
+    strange += [repr(name) for name in boxes if name not in types]
+    if strange:
+        raise PackFormatError(f"the task has no {strange[0]}")
+    if any(k > task.parts[numbers[name]].part.count for name, k in parts.items()):
+        raise PackFormatError("it has more parts than there are")
+    if any(box.count is not None and boxes[box.name] > box.count for box in task.boxes):
+        raise PackFormatError("it has more boxes than there are")
+    if {item.box for item in record.items} != set(range(len(record.box_names))):
+        raise PackFormatError(f"its parts are not in each of its {len(record.box_names)} boxes")
     back = [np.linalg.inv(each.frame) for each in task.parts]
     placements: list[list[Placement]] = [[] for _ in record.box_names]
     for item in record.items:
@@ -259,12 +273,6 @@ def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
         box = types[name]
         packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
         if problems := packing.problems():
-            raise ArgumentError(problems[0])
+            raise PackFormatError(problems[0])
         found.append(FilledBox(box, packing))
-    counts = task.counts([one for own in placements for one in own])
-    if any(k > task.parts[n].part.count for n, k in counts.items()):
-        raise ArgumentError("it has more parts than there are")
-    for box in task.boxes:
-        if box.count is not None and record.box_names.count(box.name) > box.count:
-            raise ArgumentError("it has more boxes than there are")
     return tuple(found)

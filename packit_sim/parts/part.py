@@ -14,6 +14,7 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import UP_AXES
 from packit_sim.nesting import rotation_sets
@@ -24,6 +25,17 @@ UPRIGHT = "upright"
 
 MAX_COUNT = 10_000
 """Most of one part."""
+
+VALUES = Range(0, 1e12)
+
+MASSES = Range(1e-9, 1e12)
+"""Grams: sums of such masses, and means by them, are precise."""
+
+DENSITIES = Range(1e-9, 1e6)
+"""Grams per cubic centimetre."""
+
+_MAX_NAME = 100
+"""Most bytes of a name that becomes part of a file's name, which has at most 255."""
 
 _UP = {
     "x": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
@@ -50,13 +62,13 @@ class Part:
     Parameters
     ----------
     name : str
-        Its name, in tables and files.
+        Its name, in tables and files; control characters are replaced.
     mesh : trimesh.Trimesh
         The mesh, in the coordinates of its file.
     count : int
         How many of it to pack, 1 to `MAX_COUNT`.
     value : float, optional
-        Its value, at least 0, for the objective "value"; without one it counts as 1 there.
+        Its value, one of `VALUES`, for the objective "value"; without one it counts as 1 there.
     rotations : str
         How it may turn, from its orientation in the file: fixed, yaw-N, axis-N, cube, free, or
         upright.
@@ -104,15 +116,16 @@ class Part:
     node: str | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "name", plain_line(self.name))
         where = f"part {self.name!r}:"
         count = as_integer(f"{where} count", self.count)
         check_range(f"{where} count", count, Range(1, MAX_COUNT))
         as_integer(f"{where} priority", self.priority)
         if self.value is not None:
-            check_range(f"{where} value", self.value, Range(0, ends="[)"))
-        for name in ("mass", "density", "unit_cm"):
+            check_range(f"{where} value", self.value, VALUES)
+        for name, valid in (("mass", MASSES), ("density", DENSITIES), ("unit_cm", POSITIVE)):
             if getattr(self, name) is not None:
-                check_range(f"{where} {name}", getattr(self, name), POSITIVE)
+                check_range(f"{where} {name}", getattr(self, name), valid)
         if self.max_load is not None:
             check_range(f"{where} max_load", self.max_load, Range(0, ends="[)"))
         if self.up not in UP_AXES:
@@ -151,7 +164,8 @@ class Part:
     @property
     def file_name(self) -> str:
         """Its name without what files can't have in theirs."""
-        return re.sub(r"[^\w.+-]+", "-", self.name).strip(".-") or "part"
+        name = re.sub(r"[^\w.+-]+", "-", self.name).encode()[:_MAX_NAME].decode(errors="ignore")
+        return name.strip(".-") or "part"
 
     def __repr__(self) -> str:
         return f"Part({self.name!r}, {len(self.mesh.faces)} triangles, count={self.count})"

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
-from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
+from packit_sim.nesting.lengths import LENGTHS
 from packit_sim.parts.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.part import Part, rotation_set
 from packit_sim.parts.units import check_unit
 
-_COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d+)")
+_COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30})")
 
 _PLATES = (".3mf",)
 """Suffixes of files whose scenes are plates of separate parts, unless `split` says otherwise."""
@@ -117,13 +118,14 @@ def find_parts(
     parts: list[Part] = []
     problems: list[UnreadFile] = []
     notes: list[str] = []
+    read_once = cache(_raw_parts)  # a manifest may name a file many times
     for source in sources:
         if isinstance(source, Part):
             parts.append(source)
             continue
         for row in _rows(source):
             try:
-                parts += _parts(row, settings, notes)
+                parts += _parts(row, settings, notes, read_once)
             except (MeshError, OSError) as error:
                 reason = str(error).removeprefix(f"{row.file}: ")
                 problems.append(UnreadFile(str(row.file), reason))
@@ -185,22 +187,29 @@ def _folder_files(path: Path) -> list[Path]:
     return [Path(folder.candidate(id).source) for id in folder.categories]
 
 
-def _parts(row: ManifestRow, settings: ReadSettings, notes: list[str]) -> list[Part]:
+def _raw_parts(file: Path, split: bool) -> tuple[RawPart, ...]:
+    if not file.exists():
+        raise MeshError("there is no such file")
+    return tuple(read_parts(file)) if split else (RawPart("", read(file)),)
+
+
+def _parts(
+    row: ManifestRow,
+    settings: ReadSettings,
+    notes: list[str],
+    read_once: Callable[[Path, bool], tuple[RawPart, ...]],
+) -> list[Part]:
     """Read the parts of a file."""
     suffix = row.file.suffix.lower()
-    if not row.file.exists():
-        raise MeshError("there is no such file")
     split = suffix in _PLATES if settings.split is None else settings.split
-    if split:
-        raw_parts = read_parts(row.file)
-    else:
-        raw = read(row.file)
-        raw_parts = [RawPart("", raw)]
-        if raw.parts > 1:
-            notes.append(
-                f"{row.file.name}: its {raw.parts} meshes are packed as one part "
-                "(--split packs each by itself)"
-            )
+    raw_parts = read_once(row.file, split)
+    if not split and raw_parts[0].raw.parts > 1:
+        note = (
+            f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
+            "(--split packs each by itself)"
+        )
+        if note not in notes:
+            notes.append(note)
     found = []
     for each in raw_parts:
         options = {"rotations": settings.rotations, **row.settings}
@@ -227,7 +236,8 @@ def _unit(unit_cm: float | None, assumed: str) -> tuple[Unit, float | None]:
     """Return the name of a file's unit, and its length in cm if no name fits."""
     if unit_cm is None:
         return check_unit(assumed), None
-    check_range("the file's unit", unit_cm, POSITIVE, "cm")
+    if unit_cm not in LENGTHS:
+        raise MeshError(f"its unit of length is {unit_cm!r} cm: it must be {LENGTHS}")
     for name, centimetres in UNITS_CM.items():
         if abs(centimetres / unit_cm - 1) < 1e-9:
             return name, None

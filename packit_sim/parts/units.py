@@ -11,7 +11,7 @@ from packit_sim.core.length_units import UNITS_CM, Unit
 UNITS: tuple[Unit, ...] = get_args(Unit)
 """The names of the units of length."""
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 
 _LENGTHS = re.compile(rf"({_NUMBER}(?:\s*[xX*]\s*{_NUMBER})*)\s*([a-zA-Zµ\"']*)")
 

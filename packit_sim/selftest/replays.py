@@ -13,6 +13,7 @@ import trimesh
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.files import read_whole
 from packit_sim.core.version import __version__
 from packit_sim.engine.feasibility import is_inside
 from packit_sim.geometry.items import PlacedItem
@@ -117,7 +118,7 @@ def read_replay(file: Path) -> tuple[str, Case]:
         If the file does not contain a case.
     """
     with located(file, SelftestError):
-        replay = typed_json.decode(file.read_bytes(), _Replay, SelftestError, "a replay")
+        replay = typed_json.decode(read_whole(file), _Replay, SelftestError, "a replay")
         if replay.check not in CHECKS:
             raise SelftestError(f"no check {replay.check!r}: choose from {', '.join(CHECKS)}")
         if min(replay.seed, default=-1) < 0:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError, located
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import read_whole, replace_text
 from packit_sim.core.version import __version__
 from packit_sim.selftest.tally import Difference
 
@@ -166,7 +166,7 @@ class Totals:
     def read(cls, file: Path) -> Totals:
         """Read the totals of a file. Raises SelftestError if it is no such file."""
         with located(file, SelftestError):
-            return typed_json.decode(file.read_bytes(), cls, SelftestError, "the totals")
+            return typed_json.decode(read_whole(file), cls, SelftestError, "the totals")
 
     def add(self, seed: int, outcome: CaseOutcome, replay: str) -> None:
         """Add what a case counted."""

@@ -199,7 +199,10 @@ class _Handler(BaseHTTPRequestHandler):
             raise RequestError("not a host of this server", HTTPStatus.FORBIDDEN)
         if not is_own_page(self.headers.get_all("Origin") or [], hosts, self.own_host):
             raise RequestError("not a page of this server", HTTPStatus.FORBIDDEN)
-        url = urlsplit(self.path)
+        try:
+            url = urlsplit(self.path)
+        except ValueError:
+            raise RequestError("not an address of this server") from None
         folder = url.path[: url.path.rfind("/") + 1]
         name = url.path[len(folder) :]
         route = self.own_routes.get((self.command, url.path))

@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replacing
 from packit_sim.core.length_units import Unit
+from packit_sim.core.plain_text import plain_line
 from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import ReadSettings, find_parts, with_own_names
@@ -21,6 +22,9 @@ MOST_BYTES = 256 * 2**20
 MOST_FILES = 500
 
 MOST_BYTES_TOGETHER = 2 * 2**30
+
+_MAX_NAME = 200
+"""Most bytes of a file's name; file systems allow 255, with what temporary files add."""
 
 _CHUNK = 2**20
 
@@ -85,7 +89,9 @@ class Uploads:
         ArgumentError
             If it is no mesh file, is too large, or can't be read.
         """
-        name = PureWindowsPath(PurePosixPath(name).name).name
+        name = PureWindowsPath(PurePosixPath(plain_line(name)).name).name
+        if len(name.encode()) > _MAX_NAME:
+            raise ArgumentError(f"{name:.40}: a name has at most {_MAX_NAME} bytes")
         suffix = PurePosixPath(name).suffix.lower()
         if suffix not in SUFFIXES:
             raise ArgumentError(f"{name}: choose a mesh file ({', '.join(SUFFIXES)})")

@@ -36,7 +36,7 @@ from packit_sim.workbench.http_server import (
     WebAnswer,
     WebRequest,
 )
-from packit_sim.workbench.uploads import MOST_BYTES, Uploads
+from packit_sim.workbench.uploads import MOST_BYTES, MOST_FILES, Uploads
 
 _MOST_JSON = 2**20
 
@@ -66,7 +66,7 @@ class _Order(Struct, forbid_unknown_fields=True):
 
     box: str
     unit: str
-    files: list[_Asked]
+    files: Annotated[list[_Asked], Meta(max_length=MOST_FILES)]
     objective: Goal = "volume"
     clearance: str = "0"
     wall_clearance: str = "0"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from safetensors.numpy import save
 
 from packit_agents.placements.network_kernels import score
 from packit_agents.placements.placement_features import FEATURES
+from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError, located
 from packit_sim.core.files import replacing
 
@@ -128,7 +130,10 @@ class PlacementNetwork:
         try:
             with safe_open(path, framework="numpy") as file:
                 metadata = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+                slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
+                found = {name: tuple(each.get_shape()) for name, each in slices.items()}
+                kinds = {name: each.get_dtype() for name, each in slices.items()}
+                tensors = {name: file.get_tensor(name) for name in found if kinds[name] == "F32"}
         except (SafetensorError, OSError) as error:
             raise PlacementWeightsError(
                 f"{path} holds no weights, or is damaged: {error}"
@@ -138,16 +143,20 @@ class PlacementNetwork:
                 f"{path} is of format {metadata.get('format')!r}: this agent reads {FORMAT!r}"
             )
         with located(f"{path} has metadata that are damaged", PlacementWeightsError):
-            features = json.loads(metadata["features"])
-            provenance = json.loads(metadata["provenance"])
+            features = typed_json.decode(
+                metadata.get("features", ""), list[str], PlacementWeightsError, "features"
+            )
+            provenance = typed_json.decode(
+                metadata.get("provenance", ""), dict[str, Any], PlacementWeightsError, "provenance"
+            )
         if features != list(FEATURES):
             raise PlacementWeightsError(f"{path} was trained with other features than these")
-        bias = tensors.get("first.bias")
-        width = 0 if bias is None else len(bias)
-        found = {name: tensor.shape for name, tensor in tensors.items()}
+        width = math.prod(found.get("first.bias", ()))
         if found != cls.shapes(width):
             raise PlacementWeightsError(f"{path} holds other tensors than those of such a network")
-        for name, tensor in tensors.items():
-            if tensor.dtype != np.float32 or not np.isfinite(tensor).all():
+        for name in found:
+            if name not in tensors or not np.isfinite(tensors[name]).all():
                 raise PlacementWeightsError(f"{path}: {name!r} holds no finite float32 numbers")
+        if not tensors["scale"].all():
+            raise PlacementWeightsError(f"{path}: 'scale' has a 0, by which features are divided")
         return cls(tensors, provenance)

@@ -1,0 +1,111 @@
+"""Readers of people's own parts: manifests, records of packings, and orders of the workbench."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import TYPE_CHECKING
+
+from trimesh import creation
+
+from campaigns.fuzzing import file_changes, world
+from campaigns.fuzzing.json_changes import json_tree
+from campaigns.fuzzing.reader import Reader
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.plain_text import plain_line
+from packit_sim.parts.box_types import box_types
+from packit_sim.parts.pack import pack
+from packit_sim.parts.packing_record import RECORD, read_earlier, write_record
+from packit_sim.parts.part import Part
+from packit_sim.parts.part_files import find_parts
+from packit_sim.parts.task import PackSettings
+from packit_sim.parts.units import check_unit, lengths
+from packit_sim.workbench.workbench import _Order
+
+if TYPE_CHECKING:
+    from packit_sim.parts.packed import PackedParts
+
+_ROWS = (
+    {"file": "box.stl", "count": 2, "value": 1.5, "rotations": "yaw-4", "priority": 1, "mass": 20},
+    {"file": "box.stl", "name": "lid", "density": 7.8, "no_stack": "yes", "max_load": 0},
+    {"file": "../parts/box.stl", "unit": "in", "count": 0},
+)
+
+
+def _manifests() -> list[bytes]:
+    return [json.dumps(each).encode() for each in (_ROWS, {"parts": _ROWS})]
+
+
+def _tables() -> list[bytes]:
+    names = list(dict.fromkeys(name for row in _ROWS for name in row))
+    rows = [names, *([str(row.get(name, "")) for name in names] for row in _ROWS)]
+    return ["\n".join(separator.join(row) for row in rows).encode() for separator in ",;\t"]
+
+
+def _read_manifest(suffix: str, data: bytes) -> None:
+    world.written("parts/box.stl", world.exported(creation.box((1, 2, 3)), "stl"))
+    found = find_parts([world.written(f"parts/manifest{suffix}", data)])
+    for part in found.parts:
+        assert plain_line(part.name) == part.name
+        part.digest.encode()
+        assert "/" not in part.file_name and len(part.file_name.encode()) < 200
+    for problem in found.problems:
+        str(problem).encode("utf-8", "surrogatepass")
+
+
+@cache
+def _packed() -> PackedParts:
+    parts = [Part(f"cube {n}", creation.box((n, n, n)), count=2) for n in (2, 3)]
+    settings = PackSettings(workers=1, iterations=50)
+    return pack(parts, (9.0, 8.0, 7.0), settings=settings)
+
+
+def _records() -> list[bytes]:
+    packed = _packed()
+    folder = world.folder() / "record-seed"
+    write_record(packed, folder, [])
+    data = (folder / RECORD).read_bytes()
+    return [data.replace(packed.task.digest.encode(), world.COMPUTED)]
+
+
+def _read_record(data: bytes) -> None:
+    task = _packed().task
+    forged = data.replace(world.COMPUTED, task.digest.encode())
+    read_earlier(world.written(f"record/{RECORD}", forged).parent, task)
+    write_record(_packed(), world.folder() / "record", [])
+
+
+def _orders() -> list[bytes]:
+    files = [{"number": 1, "count": 2, "rotations": "cube"}]
+    order = {"box": "A:30 x 2.5e1x.2in=2", "unit": "mm", "files": files, "clearance": "0.5mm"}
+    return [json.dumps(order | {"seconds": 1.5, "seed": 3, "locked": [0, 2]}).encode()]
+
+
+def _read_order(data: bytes) -> None:
+    order = typed_json.decode(data, _Order, ArgumentError, "the request")
+    unit = check_unit(order.unit)
+    box_types(order.box, unit, 1)
+    for text in (order.clearance, order.wall_clearance):
+        lengths(text, 1, unit)
+
+
+READERS = (
+    Reader(
+        "parts-json",
+        "manifests of parts: JSON",
+        _manifests,
+        lambda data: _read_manifest(".json", data),
+        json_tree,
+    ),
+    Reader(
+        "parts-csv",
+        "manifests of parts: CSV",
+        _tables,
+        lambda data: _read_manifest(".csv", data),
+        file_changes.tokens,
+    ),
+    Reader("records", "packings that a search resumes", _records, _read_record, json_tree),
+    Reader("orders", "orders of the workbench", _orders, _read_order, json_tree),
+)
+"""The readers of this module."""
