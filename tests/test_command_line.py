@@ -46,6 +46,19 @@ def options(command: Any) -> dict[str, Any]:
     return {name: one for one in command.params for name in one.opts if name.startswith("-")}
 
 
+DIFFERENT = {
+    "--agent",  # one, or several
+    "--backend",  # threads, or processes
+    "--clearance",  # with a unit, or in that of an instance
+    "--items",  # a number, or a range
+    "--json",  # a file, or the output
+    "--rotations",  # names of sets, of which the game has two
+    "--size",  # one side, or two
+    "--up",  # checked by the option, or with the part
+}
+"""Options whose values have another type in some command; what they mean is the same."""
+
+
 def test_the_version_is_printed() -> None:
     assert packit("--version") == Ran(0, f"packit {__version__}\n", "")
 
@@ -97,6 +110,7 @@ def test_one_word_has_one_meaning() -> None:
     }
     for count in ("--tasks", "--limit", "--packs"):
         assert kinds[count] == {int}
+    assert {option for option, found in kinds.items() if len(found) > 1} <= DIFFERENT
     assert kinds["--dataset"] == kinds["--history-dataset"] == {str}
     sizes = {n: options(c)["--size"] for n, c in commands().items() if "--size" in options(c)}
     assert len(sizes) == 4 and all("pixels" in one.help for one in sizes.values())
@@ -328,7 +342,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_decomposition_of_shapes_has_its_own_bar(few: Path) -> None:
-    pieces = ("--pieces", "bisection")
+    pieces = ("--decomposition", "bisection")
     first, second = (packit("score", few, *pieces) for _ in range(2))
     assert first.returncode == second.returncode == 0, first.stderr
     shown = [line.split()[0] for line in first.stdout.splitlines() if "━" in line]
@@ -348,7 +362,7 @@ def test_an_error_is_not_glued_to_the_progress_bar(
         raise PhysicsError("nothing moves")
 
     monkeypatch.setattr(physics_commands, "pack_quality", broken)
-    monkeypatch.setattr(sys, "argv", ["packit", "score", str(few), "--pieces", "bisection"])
+    monkeypatch.setattr(sys, "argv", ["packit", "score", str(few), "--decomposition", "bisection"])
     monkeypatch.setattr(sys, "stderr", sys.stdout)  # as a terminal shows both
     with pytest.raises(SystemExit):
         main()
@@ -392,8 +406,8 @@ def test_environments_find_the_library_of_a_dataset(own: Path, meshes: Path) -> 
         ("reproduce table1 --quick", "matplotlib", "report"),
         ("report few.jsonl --out x.html", "matplotlib", "report"),
         ("generate --out x --backend ray", "ray", "cluster"),
-        ("score few.jsonl --pieces bisection", "pybullet", "physics"),
-        ("evaluate few.jsonl --physics --pieces bisection", "pybullet", "physics"),
+        ("score few.jsonl --decomposition bisection", "pybullet", "physics"),
+        ("evaluate few.jsonl --physics --decomposition bisection", "pybullet", "physics"),
     ],
 )
 def test_a_missing_package_names_its_extra_before_any_work(

@@ -150,14 +150,14 @@ def test_evaluate_prints_scores_and_stores_them(played, tmp_path, monkeypatch) -
     packit("evaluate", *common)
     (plain,) = {is_judged(one, "bisection") for one in read_results(file)}
     assert not plain
-    shown = packit("evaluate", *common, "--scores", "--pieces", "bisection")
+    shown = packit("evaluate", *common, "--scores", "--decomposition", "bisection")
     heading = re.compile(r"density +reward +stable +insertable +floating")
     assert heading.search(shown) and "boxes of 2 tasks" in shown
     mean = sum(one.played.scores["stable"] for one in read_results(file)) / 2
     assert f"{mean:.3f}" in shown.partition("insertable")[2]
     before = file.read_bytes()
     monkeypatch.setattr(judging, "_judged", None)
-    again = packit("evaluate", *common, "--scores", "--pieces", "bisection")
+    again = packit("evaluate", *common, "--scores", "--decomposition", "bisection")
     assert heading.search(again) and file.read_bytes() == before
     assert not heading.search(packit("evaluate", *common)) and file.read_bytes() == before
 

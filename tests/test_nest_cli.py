@@ -45,7 +45,7 @@ def test_an_instance_is_packed_written_and_verified(instance) -> None:
 def test_a_built_in_instance_is_known_by_its_name(tmp_path) -> None:
     out = tmp_path / "solution.json"
     name = "Stoyan et al. 2005/Example1"
-    packit("nest", name, "--time", 0.001, "--workers", 1, "--rotations", "axis-4", "--out", out)
+    packit("nest", name, "--time", "0.001s", "--workers", 1, "--rotations", "axis-4", "--out", out)
     assert json.loads(out.read_text())["instancePath"] == f"{name}.json"
 
 

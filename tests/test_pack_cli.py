@@ -7,6 +7,7 @@ import pytest
 from trimesh import creation
 
 from packit_sim.cli import pack_command
+from packit_sim.cli.console import read_seconds
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts import instructions
 from tests.runs import packit
@@ -42,12 +43,12 @@ def test_a_folder_is_packed_and_described(parts, tmp_path) -> None:
     ("text", "seconds"), [("60", 60), ("60s", 60), ("1.5min", 90), ("1h", 3600), ("2m", 120)]
 )
 def test_times_have_units(text, seconds) -> None:
-    assert pack_command._seconds(text) == seconds
+    assert read_seconds(text) == seconds
 
 
 def test_times_that_are_not_possible_are_named() -> None:
     with pytest.raises(ArgumentError, match="'soon'"):
-        pack_command._seconds("soon")
+        read_seconds("soon")
 
 
 def test_ctrl_c_before_the_first_packing_ends_the_command(parts, tmp_path, monkeypatch) -> None:

@@ -392,7 +392,7 @@ def test_evaluations_with_physics_are_stored_resumed_and_drawn(tmp_path) -> None
     outside = (ItemRecord("ball", 0.05), ItemRecord("cube", 0.02), ItemRecord("ring", 0.05))
     library = LibraryRef.of(ShapeLibrary.open(zoo))
     write_packs(packs, [Pack(library, CELLS, (), 0.0, outside=outside)] * 2)
-    common = ("evaluate", packs, "--library", zoo, "--out", out, "--pieces", "bisection")
+    common = ("evaluate", packs, "--library", zoo, "--out", out, "--decomposition", "bisection")
     agents = ("largest-first/aligned/blbf", "smallest-first/aligned/blbf")
     packit(*common, "--physics", "--agent", agents[0], "--tasks", 1)
     first = read_results(out)

@@ -58,8 +58,8 @@ def test_the_command_judges_what_agents_packed(tmp_path: Path) -> None:
     ]
     write_packs(tmp_path / "packs.jsonl", packs)
     out = tmp_path / "scores.json"
-    arguments = ["score", str(tmp_path / "packs.jsonl"), "--pieces", "bisection", "--out", str(out)]
-    done = CliRunner().invoke(app, arguments)
+    arguments = ["score", str(tmp_path / "packs.jsonl"), "--decomposition", "bisection"]
+    done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
     assert done.exit_code == 0, done.output
     mine, yours = json.loads(out.read_text())["each"]
     assert (mine["by"], mine["reward"], yours["by"]) == ("mine", 0.75, "yours")

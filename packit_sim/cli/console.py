@@ -92,7 +92,7 @@ DatasetArgument = Annotated[
     ),
 ]
 SplitOption = Annotated[Split | None, typer.Option(help="Split of the dataset.")]
-PiecesOption = Annotated[
+DecompositionOption = Annotated[
     Method, typer.Option(help="Method that decomposes shapes into convex pieces.")
 ]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Number of workers; 0: one per core.")]
@@ -100,6 +100,21 @@ _WHERE = typer.Option(help="Where the workers run: on this machine, or a Ray clu
 BackendOption = Annotated[BackendName, _WHERE]
 SearchBackendOption = Annotated[SearchBackend, _WHERE]
 AddressOption = Annotated[str | None, typer.Option(help="Address of the Ray cluster's head.")]
+TimeOption = Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")]
+
+
+def read_seconds(text: str) -> float:
+    """Read seconds, such as "60" or "60s", or minutes, such as "5min"."""
+    number = text.strip()
+    factor = 1.0
+    for suffix, seconds in (("min", 60.0), ("s", 1.0), ("m", 60.0), ("h", 3600.0)):
+        if number.endswith(suffix):
+            number, factor = number.removesuffix(suffix), seconds
+            break
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ArgumentError(f"--time {text!r} is not possible: seconds, such as 60s") from None
 
 
 def open_library(library: str | None, dataset: str, split: str | None = None) -> ShapeLibrary:

@@ -16,7 +16,7 @@ from packit_sim.cli.console import (
     BackendOption,
     DatasetArgument,
     DatasetLibraryOption,
-    PiecesOption,
+    DecompositionOption,
     SeedOption,
     SplitOption,
     WorkersOption,
@@ -92,7 +92,7 @@ def evaluate_command(
         bool,
         typer.Option("--scores", help="Also score stability, insertability and floating items."),
     ] = False,
-    pieces: PiecesOption = METHODS[0],
+    decomposition: DecompositionOption = METHODS[0],
     workers: WorkersOption = 0,
     backend: BackendOption = "loky",
     address: AddressOption = None,
@@ -107,10 +107,10 @@ def evaluate_command(
     """
     if scores and physics:
         raise ArgumentError("--scores and --physics exclude each other: items already settled")
-    decomposition = DecompositionSettings(method=pieces)
+    settings = DecompositionSettings(method=decomposition)
     if scores or physics:
-        require(decomposition)
-    world = PhysicsSettings(decomposition=decomposition) if physics else None
+        require(settings)
+    world = PhysicsSettings(decomposition=settings) if physics else None
     rules = Rules(easy, kinematic, world, buffer=buffer, rotations=rotations)
     agents = [Agent.from_name(name) for name in dict.fromkeys(agent or HEURISTICS)]
     opened = open_library(library, dataset, split)
@@ -122,12 +122,12 @@ def evaluate_command(
     with stoppable(hint), Workers(workers, backend, address) as processes:
         if (physics or scores) and backend == "loky":  # a cluster's machines have other caches
             shapes = [item.shape for task in wanted for item in task.items]
-            decompose_shown(shapes, decomposition, workers)
+            decompose_shown(shapes, settings, workers)
         rollouts = evaluate_shown(
             agents, wanted, seed, rules, workers=processes, file=out, numbers=numbers
         )
         if scores:
-            rollouts = judge_shown(rollouts, opened, pieces, workers=processes, file=out)
+            rollouts = judge_shown(rollouts, opened, decomposition, workers=processes, file=out)
     show_agents(agent.name for agent in agents)
     table = score_table([Score.of(agent.name, rollouts) for agent in agents])
     table.caption = (

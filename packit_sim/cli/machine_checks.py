@@ -59,7 +59,7 @@ BASE = {
 """The distributions that everything needs, by the name that is imported."""
 
 PURPOSES = {
-    "coacd": "convex pieces for physics; without it: --pieces bisection",
+    "coacd": "convex pieces for physics; without it: --decomposition bisection",
     "imageio_ffmpeg": "MP4 films; GIF films need nothing",
     "matplotlib": "plots",
     "minari": "recorded demonstrations",

@@ -12,10 +12,12 @@ from packit_sim.cli.console import (
     AddressOption,
     SearchBackendOption,
     SeedOption,
+    TimeOption,
     WorkersOption,
     console,
     prepare_folder,
     progress_bars,
+    read_seconds,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
 from packit_sim.core.errors import ArgumentError
@@ -41,7 +43,7 @@ def nest_command(
         str,
         typer.Option(help="Rotations of the items: fixed, yaw-N, axis-N, cube or free."),
     ] = "cube",
-    time: Annotated[float, typer.Option(help="Seconds to search.")] = 60.0,
+    time: TimeOption = "60",
     iterations: Annotated[
         int | None,
         typer.Option(
@@ -78,6 +80,7 @@ def nest_command(
     Example: packit nest parts.json --clearance 1 --out solution.json --packing packing.json
     """
     rotation_sets.check(rotations)
+    seconds = read_seconds(time)
     for file in (out, packing):
         if file is not None:
             if file.is_dir():
@@ -99,7 +102,7 @@ def nest_command(
         found = nest(
             types,
             container,
-            time=time,
+            time=seconds,
             seed=seed,
             clearance=clearance,
             callback=show,

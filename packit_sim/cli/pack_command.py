@@ -11,13 +11,14 @@ from packit_sim.cli.console import (
     AddressOption,
     SearchBackendOption,
     SeedOption,
+    TimeOption,
     WorkersOption,
     console,
     prepare_folder,
     progress_bars,
+    read_seconds,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
-from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
@@ -82,10 +83,11 @@ def pack_command(
     up: Annotated[
         str | None, typer.Option(help="Axis that points up in all files: x, y or z.")
     ] = None,
-    split: Annotated[
+    separate: Annotated[
         bool | None,
         typer.Option(
-            "--split/--whole", help="Pack each part of a file's scene by itself; default: of 3MF."
+            "--separate/--joined",
+            help="Pack each part of a file's scene by itself; default: of 3MF.",
         ),
     ] = None,
     accuracy: Annotated[
@@ -99,7 +101,7 @@ def pack_command(
     film: Annotated[
         bool, typer.Option("--film", help="Also write a film of each box as it is packed (GIF).")
     ] = False,
-    time: Annotated[str, typer.Option(help="Seconds to search, such as 60 or 60s.")] = "60",
+    time: TimeOption = "60",
     iterations: Annotated[
         int | None,
         typer.Option(
@@ -139,7 +141,7 @@ def pack_command(
         keep_out=keep_out or (),
         fixed=fixed or (),
         unit=length,
-        reading=ReadSettings(unit, up, rotations, split),
+        reading=ReadSettings(unit, up, rotations, separate),
         workers=workers,
         backend=backend,
         address=address,
@@ -152,7 +154,7 @@ def pack_command(
         def show(better: PackedParts, _: float) -> None:
             progress.update(bar, advance=1, note=_note(better))
 
-        found = pack(parts, box, objective, _seconds(time), seed, out, show, settings)
+        found = pack(parts, box, objective, read_seconds(time), seed, out, show, settings)
     console.print(found.table(), markup=False, highlight=False, soft_wrap=True)
     print_written(out, f": {found.count} parts")
     if instructions:
@@ -171,17 +173,3 @@ def _note(packed: PackedParts) -> str:
     if packed.task.objective == "height":
         text += f", height {packed.height:.5g} {packed.task.unit}"
     return text + (f", {len(packed.boxes)} boxes" if len(packed.boxes) > 1 else "")
-
-
-def _seconds(text: str) -> float:
-    """Read seconds, such as "60" or "60s", or minutes, such as "5min"."""
-    number = text.strip()
-    factor = 1.0
-    for suffix, seconds in (("min", 60.0), ("s", 1.0), ("m", 60.0), ("h", 3600.0)):
-        if number.endswith(suffix):
-            number, factor = number.removesuffix(suffix), seconds
-            break
-    try:
-        return float(number) * factor
-    except ValueError:
-        raise ArgumentError(f"--time {text!r} is not possible: seconds, such as 60s") from None

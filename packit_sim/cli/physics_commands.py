@@ -12,7 +12,7 @@ from rich.markup import escape
 from packit_sim.cli.console import (
     DatasetArgument,
     DatasetLibraryOption,
-    PiecesOption,
+    DecompositionOption,
     SplitOption,
     console,
     decompose_shown,
@@ -82,7 +82,7 @@ def score_command(
     moves: Annotated[
         int, typer.Option(min=1, help="Maximum number of straight moves to insert an item.")
     ] = MOVES,
-    pieces: PiecesOption = METHODS[0],
+    decomposition: DecompositionOption = METHODS[0],
     out: OutOption = None,
 ) -> None:
     """Score packs: whether they are stable under gravity, and whether their items can be inserted.
@@ -93,7 +93,7 @@ def score_command(
 
     Example: packit score results.jsonl --limit 10
     """
-    settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
+    settings = PhysicsSettings(decomposition=DecompositionSettings(method=decomposition))
     check_range("distance", distance, POSITIVE)
     require(settings.decomposition)
 

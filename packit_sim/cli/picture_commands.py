@@ -62,7 +62,7 @@ CameraOption = Annotated[
 ]
 SizeOption = Annotated[str, typer.Option(help="Size in pixels: SIDE or WIDTHxHEIGHT.")]
 BackgroundOption = Annotated[str, typer.Option(help="Background: a colour's name, or #rrggbb.")]
-BoxOption = Annotated[BoxStyle | None, typer.Option(help="Style of the box; ghost: of glass.")]
+BoxStyleOption = Annotated[BoxStyle | None, typer.Option(help="Style of the box; ghost: of glass.")]
 ExplodeOption = Annotated[
     float, typer.Option(min=0.0, help="Move the items apart by this share of their distances.")
 ]
@@ -95,7 +95,7 @@ def render_command(
     camera: CameraOption = "iso",
     size: SizeOption = "512",
     background: BackgroundOption = USUAL_BACKGROUND,
-    box: BoxOption = None,
+    box_style: BoxStyleOption = None,
     explode: ExplodeOption = 0.0,
     cut: CutOption = None,
     color: ColorOption = "item",
@@ -115,7 +115,7 @@ def render_command(
     width, height = _size(size)
     opened = _opened(library, dataset, split)
     shown, layout, coloring = _shown(dataset, split, pack, as_task, opened, category, id, color)
-    style: BoxStyle = box or ("none" if dataset is None else "edges")
+    style: BoxStyle = box_style or ("none" if dataset is None else "edges")
     look = _look(camera, background, style, explode, cut, coloring)
     prepare_folder(out)
     with stoppable(NOTHING_WRITTEN), Scene(shown) as scene:
@@ -152,7 +152,7 @@ def film_command(
     fps: Annotated[int, typer.Option(min=1, max=100, help="Frames per second.")] = 25,
     size: SizeOption = "960x540",
     background: BackgroundOption = USUAL_BACKGROUND,
-    box: BoxOption = None,
+    box_style: BoxStyleOption = None,
     explode: ExplodeOption = 0.0,
     cut: CutOption = None,
     color: ColorOption = "item",
@@ -167,7 +167,7 @@ def film_command(
     width, height = _size(size)
     opened = _opened(library, dataset, split)
     shown, _, coloring = _shown(dataset, split, pack, False, opened, None, None, color)
-    look = _look(camera, background, box or "edges", explode, cut, coloring)
+    look = _look(camera, background, box_style or "edges", explode, cut, coloring)
     if camera == TURNTABLE:
         frames = list(films.turning(shown, max(1, round((seconds or 8.0) * fps)), look))
     else:

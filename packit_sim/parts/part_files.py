@@ -206,7 +206,7 @@ def _parts(
     if not split and raw_parts[0].raw.parts > 1:
         note = (
             f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
-            "(--split packs each by itself)"
+            "(--separate packs each by itself)"
         )
         if note not in notes:
             notes.append(note)

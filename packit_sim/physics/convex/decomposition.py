@@ -187,7 +187,8 @@ def _version(settings: DecompositionSettings) -> str:
     if settings.method != "coacd":
         return ""
     with needed_for(
-        "convex pieces", "choose bisection (`--pieces bisection`, or method='bisection' in Python)"
+        "convex pieces",
+        "choose bisection (`--decomposition bisection`, or method='bisection' in Python)",
     ):
         return metadata.version("coacd")
 
