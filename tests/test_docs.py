@@ -277,6 +277,7 @@ def test_the_command_reference_has_every_command_and_its_examples_are_valid() ->
         parse(shlex.split(example))
     sections = re.findall(r"^### packit (.*)$", text, flags=re.MULTILINE)
     usages = re.findall(r"^\*\*Usage:\*\* `packit (.*?) \[OPTIONS\]", text, flags=re.MULTILINE)
+    assert "...." not in text
     assert sections == usages and len(set(sections)) == len(sections) > 20
 
 

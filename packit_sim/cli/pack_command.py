@@ -32,7 +32,7 @@ def pack_command(
     parts: Annotated[
         list[str],
         typer.Argument(
-            metavar="PARTS...",
+            metavar="PARTS",
             help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .json).",
         ),
     ],
