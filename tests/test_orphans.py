@@ -1,14 +1,16 @@
-"""Worker processes end when the process that started them is killed."""
+"""Worker processes end with their block, and when the process that started them is killed."""
 
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from packit_sim.core.orphans import without_interrupts
 from packit_sim.core.parallel import Workers
 
 GENERATE = """
@@ -98,6 +100,60 @@ def test_workers_end_when_their_parent_is_killed(name, tmp_path) -> None:
     finally:
         for process in filter(is_alive, begun):
             os.kill(process, signal.SIGKILL)
+
+
+def test_workers_end_with_their_block() -> None:
+    """Otherwise joblib keeps them for five minutes."""
+    with Workers(2) as workers:
+        started = {*workers.map(os.getpid, [()] * 4), *workers.as_done(os.getpid, [()] * 4)}
+        assert os.getpid() not in started
+    assert not any(map(is_alive, started))
+    with Workers(2) as workers:
+        assert not started & set(workers.map(os.getpid, [()] * 2))
+
+
+STOPPED = """
+import os, signal, time
+from packit_sim.core.parallel import Workers
+
+def arguments():
+    for n in range(4):
+        if n == 1 and {moment!r} == "while they start":
+            os.kill(os.getpid(), signal.SIGINT)
+        yield (0.2 if n == 0 else 60,)
+
+try:
+    with Workers(2) as workers:
+        for _ in workers.as_done(time.sleep, arguments()):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(60)
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
+@pytest.mark.parametrize("moment", ["while they start", "between two results"])
+def test_ctrl_c_stops_workers_without_a_word_of_theirs(moment: str) -> None:
+    command = [sys.executable, "-c", STOPPED.format(moment=moment)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "stopped\n", "")
+
+
+def test_ctrl_c_waits_for_the_end_of_a_block_whichever_thread_gets_it() -> None:
+    over = threading.Event()
+    other = threading.Thread(target=over.wait)
+    other.start()
+    seen = []
+    try:
+        with without_interrupts():
+            signal.pthread_kill(other.ident, signal.SIGINT)
+            time.sleep(0.5)
+            seen.append("the end of the block")
+    except KeyboardInterrupt:
+        seen.append("Ctrl-C")
+    over.set()
+    other.join()
+    assert seen == ["the end of the block", "Ctrl-C"]
 
 
 def blocked() -> bool:

@@ -4,9 +4,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from typing import Any
 
 CHECK_SECONDS = 0.5
 """Time between two looks at the parent."""
@@ -17,7 +18,8 @@ def without_interrupts() -> Iterator[None]:
     """Let processes and threads that start within the block ignore Ctrl-C, from their first line.
 
     A terminal sends Ctrl-C to all processes of a command: the one that started the others ends
-    them, while they would print tracebacks.
+    them, while they would print tracebacks. Here it takes effect after the block, also if another
+    thread of this process gets it.
 
     Yields
     ------
@@ -25,11 +27,25 @@ def without_interrupts() -> Iterator[None]:
         While Ctrl-C has to wait.
     """
     resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = signal.getsignal(signal.SIGINT)
+    arrived: list[int] = []
+    if is_main and callable(handler):
+        signal.signal(signal.SIGINT, lambda number, frame: arrived.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_main and callable(handler):
+            signal.signal(signal.SIGINT, handler)
+            _repeat(handler, arrived)
+
+
+def _repeat(handler: Callable[[int, Any], Any], arrived: list[int]) -> None:
+    """Handle a signal that arrived meanwhile."""
+    if arrived:
+        handler(arrived[0], None)
 
 
 def end_with(parent: int) -> None:

@@ -7,15 +7,16 @@ import os
 import pickle
 import platform
 import socket
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Literal, TypeVar, get_args
 
 import joblib
+from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import ParallelBackendBase
 
@@ -51,6 +52,8 @@ class WorkersError(PackItError, ValueError):
 
 class Workers:
     """Processes for jobs; they start with the first job and end with the `with` block.
+
+    Jobs that have not ended by then are stopped.
 
     Jobs are pure functions: a job that is lost with a machine of the cluster is repeated on another
     one, as soon as there is one.
@@ -90,6 +93,8 @@ class Workers:
             self._settings |= {"initializer": end_with, "initargs": (os.getpid(),)}
         self._ahead = self.count * (2 if is_ray and count == 0 else 1)
         self._parallel: joblib.Parallel | None = None
+        self._unfinished: list[Generator[Any, None, None]] = []
+        self._is_started = False
 
     def map(self, function: Callable[..., _T], arguments: Iterable[tuple[Any, ...]]) -> list[_T]:
         """Return the function's results for all arguments, in their order."""
@@ -120,8 +125,20 @@ class Workers:
         """Start jobs, with the workers if there are none yet, and yield their results."""
         with _reporting_killed_workers():
             with without_interrupts():
+                self._is_started = True
                 results = parallel(joblib.delayed(function)(*each) for each in arguments)
-            yield from results
+                self._unfinished.append(results)
+            try:
+                for result in results:  # noqa: UP028 - it would close them, with a warning
+                    yield result
+            finally:
+                self._end(results)
+
+    def _end(self, results: Generator[Any, None, None]) -> None:
+        """Stop the jobs that have not ended."""
+        self._unfinished.remove(results)
+        with suppress(KeyboardInterrupt):
+            results.throw(KeyboardInterrupt())
 
     def _announce(self) -> None:
         """Announce the compilation here: workers would print into the progress bars."""
@@ -132,10 +149,26 @@ class Workers:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        if self._parallel is not None:
-            self._parallel.__exit__(*raised)
-            self._parallel = None
-        self._leave()
+        with without_interrupts():
+            for results in self._unfinished.copy():
+                self._end(results)
+            if self._parallel is not None:
+                self._parallel.__exit__(*raised)
+                self._parallel = None
+            if self._is_started and self._settings["backend"] == "loky" and self.count > 1:
+                _end_idle_processes()
+                self._is_started = False
+            self._leave()
+
+
+def _end_idle_processes() -> None:
+    """End the processes that joblib keeps for five minutes, and remove their temporary folder.
+
+    A process that multiprocessing started would wait for them when it ends.
+    """
+    executor = get_reusable_executor(reuse=True)
+    end = getattr(executor, "terminate", executor.shutdown)  # joblib's, or loky's if there was none
+    end()
 
 
 class Threads:
