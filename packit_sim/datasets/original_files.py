@@ -207,16 +207,19 @@ def _scale(recorded: _Factors, field: str) -> float:
 def _rotation(recorded: _Quaternion, field: str) -> int:
     """Return the index of our rotation for a quaternion of Unity's."""
     quaternion = (recorded.x, recorded.y, recorded.z, recorded.w)
-    unity = Pose.from_xyzw(np.zeros(3), quaternion).axes
-    errors = np.abs(rotations.MATRICES - _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T)
-    worst = errors.max(axis=(1, 2))
-    nearest = int(worst.argmin())
-    if abs(math.hypot(*quaternion) - 1) > SKEW or worst[nearest] > SKEW:
-        raise PackFormatError(
-            f"field {field!r} is {quaternion}: it must be a unit quaternion of one of the "
-            f"{rotations.COUNT} rotations"
-        )
-    return nearest
+    length = math.hypot(*quaternion)
+    if abs(length - 1) <= SKEW:
+        x, y, z, w = (part / length for part in quaternion)
+        unity = Pose.from_xyzw(np.zeros(3), (x, y, z, w)).axes
+        errors = np.abs(rotations.MATRICES - _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T)
+        worst = errors.max(axis=(1, 2))
+        nearest = int(worst.argmin())
+        if worst[nearest] <= SKEW:
+            return nearest
+    raise PackFormatError(
+        f"field {field!r} is {quaternion}: it must be a unit quaternion of one of the "
+        f"{rotations.COUNT} rotations"
+    )
 
 
 def counted(number: int, one: str, many: str = "") -> str:
