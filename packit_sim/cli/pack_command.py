@@ -16,7 +16,7 @@ from packit_sim.cli.console import (
     prepare_folder,
     progress_bars,
 )
-from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.errors import ArgumentError
 from packit_sim.libraries.mesh_files import Unit
 from packit_sim.parts.pack import pack
@@ -145,8 +145,8 @@ def pack_command(
         address=address,
         iterations=iterations,
     )
-    prepare_folder(out / "packing.json")
-    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+    with stoppable(RESUMABLE), progress_bars() as progress:
+        prepare_folder(out / "packing.json")
         bar = progress.add_task("packing", total=None, note="reading the parts")
 
         def show(better: PackedParts, _: float) -> None:
