@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from packit_sim.evaluation.results import read_results
 from packit_sim.generation import jobs
 from packit_sim.libraries import importer
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.render.renderers import RENDERER_VARIABLE
 
 OUT = "out"
 """The folder of a command's output, in its workspace; `meshes` and `tasks` are next to it."""
@@ -37,6 +40,7 @@ FOREIGN = {
     ".lib.mine/new/library.json": "{}",
     "run.old/checkpoint.pt": "mine",
     "packs.manifest.json": "mine",
+    "packed.old/packing.json": "{}",
 }
 """Files of the user next to the output, some with names like those of the product."""
 
@@ -58,6 +62,11 @@ class Command:
         run.
     workers : bool
         Whether `--workers` sets the number of processes.
+    repeats : bool
+        Whether the command always ends with the same bytes; if not, the same command again begins
+        with the last answer, and may end with another that is as good.
+    cluster : bool
+        Whether the fault of a lost machine of a cluster is tried.
     """
 
     name: str
@@ -65,6 +74,8 @@ class Command:
     before: tuple[str, ...]
     check: Callable[[Path, Path], None]
     workers: bool = True
+    repeats: bool = True
+    cluster: bool = False
 
     def run(self, workers: int = 1, arguments: Iterable[str] | None = None) -> None:
         """Run the command in this process, in the working directory, up to its `sys.exit`."""
@@ -90,6 +101,7 @@ def make_quick() -> None:
 
     New processes for the meshes would take seconds to start.
     """
+    os.environ[RENDERER_VARIABLE] = "software"  # forked processes can't use EGL
     torch.set_num_threads(1)
     for module in (jobs, results_store, training):
         vars(module)["CHECKPOINT_SECONDS"] = -1.0
@@ -148,6 +160,14 @@ def _check_reproduction(folder: Path, whole: Path) -> None:
     _check_pictures(made)
 
 
+def _check_packing(folder: Path, whole: Path) -> None:
+    """A packing that holds: of two parts, which was there before, or of all three."""
+    file = folder / "packed" / "packing.json"
+    report = verify_packing(file)
+    assert report.holds, report.problems[0]
+    assert len(json.loads(file.read_text())["items"]) in (2, 3), "parts are lost"
+
+
 def _check_pictures(folder: Path) -> None:
     for file in folder.glob("*.png"):
         with Image.open(file) as picture:
@@ -168,13 +188,21 @@ _EVOLVE = (
 )
 _PLAY = ("tasks.jsonl", "--out", f"{OUT}/res.jsonl", "--agent", "random/aligned/blbf")
 _IMPORT = ("--out", f"{OUT}/lib", "--all")
+_PACK = (
+    *("--box", "4x4x4mm", "--out", f"{OUT}/packed"),
+    *("--iterations", "20", "--workers", "1"),
+)
 
 COMMANDS = {
     each.name: each
     for each in (
-        Command("generate", (*_EVOLVE, "2"), (*_EVOLVE, "1"), _check_packs),
+        Command("generate", (*_EVOLVE, "2"), (*_EVOLVE, "1"), _check_packs, cluster=True),
         Command(
-            "evaluate", (*_PLAY, "--agent", "largest-first/aligned/blbf"), _PLAY, _check_results
+            "evaluate",
+            (*_PLAY, "--agent", "largest-first/aligned/blbf"),
+            _PLAY,
+            _check_results,
+            cluster=True,
         ),
         Command(
             "train",
@@ -198,6 +226,14 @@ COMMANDS = {
             (),
             _check_reproduction,
         ),
+        Command(
+            "pack",
+            ("meshes", *_PACK),
+            ("fewer", *_PACK),
+            _check_packing,
+            workers=False,
+            repeats=False,
+        ),
     )
 }
-"""The commands by name. `evaluate`, `generate` and `shapes import` have output to lose."""
+"""The commands by name. `generate`, `evaluate`, `shapes import` and `pack` have output to lose."""

@@ -253,16 +253,21 @@ class Bench:
         again = self.start().end()
         if again.code != 0:
             yield f"the same command again failed: {_short(again)}"
-        found = contents(self.folder)
-        differ = [
-            name for name in {**found, **self._wanted} if found.get(name) != self._wanted.get(name)
-        ]
+        differ = self._differences()
         if again.code == 0 and differ:
-            yield f"after the same command again, these files differ: {', '.join(sorted(differ))}"
+            yield f"after the same command again, these files differ: {', '.join(differ)}"
         for name, content in FOREIGN.items():
             file = self.folder / name
             if not file.is_file() or file.read_text() != content:
                 yield f"the foreign file {name} was changed"
+
+    def _differences(self) -> list[str]:
+        """List the files that are not those of an undisturbed run."""
+        found, wanted = contents(self.folder), self._wanted
+        if self.command.repeats:
+            return sorted(n for n in found.keys() | wanted.keys() if found.get(n) != wanted.get(n))
+        self.command.check(self.folder, self._whole)
+        return sorted(found.keys() ^ wanted.keys())
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -17,14 +17,14 @@ from PIL import Image
 from trimesh import creation
 
 from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, BusyError
 from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts import box_pictures, exports, packing_search
 from packit_sim.parts import prepared as prepared_module
 from packit_sim.parts.original_check import check_originals
-from packit_sim.parts.packing_record import read_earlier
+from packit_sim.parts.packing_record import own_folder, read_earlier
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
 from packit_sim.parts.supports import stacking
@@ -375,6 +375,15 @@ def test_an_earlier_packing_that_is_not_valid_is_not_used(tmp_path) -> None:
         (tmp_path / "packing.json").write_text(foreign)
         with pytest.raises(ArgumentError, match="choose another folder"):
             pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
+
+
+def test_two_processes_do_not_pack_into_one_folder(tmp_path) -> None:
+    with own_folder(tmp_path), pytest.raises(BusyError, match="is at work there"):
+        pack([cube()], (20, 20, 20), out=tmp_path, settings=QUICK)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ArgumentError, match="file is a file: choose a folder"):
+        pack([cube()], (20, 20, 20), out=tmp_path / "file", settings=QUICK)
 
 
 def test_a_box_is_shown_on_a_page() -> None:

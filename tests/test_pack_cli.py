@@ -56,7 +56,7 @@ def test_ctrl_c_before_the_first_packing_ends_the_command(parts, tmp_path, monke
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pack_command, "pack", interrupted)
-    with pytest.raises(AssertionError, match="stopped: nothing is written"):
+    with pytest.raises(AssertionError, match="stopped: repeat the command"):
         packit("pack", parts, "--box", "1x1x1", "--out", tmp_path / "out")
 
 

@@ -18,7 +18,7 @@ from packit_sim.cli.console import (
     progress_bars,
     read_seconds,
 )
-from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
+from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packed import PackedParts
@@ -147,8 +147,8 @@ def pack_command(
         address=address,
         iterations=iterations,
     )
-    prepare_folder(out / "packing.json")
-    with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
+    with stoppable(RESUMABLE), progress_bars() as progress:
+        prepare_folder(out / "packing.json")
         bar = progress.add_task("packing", total=None, note="reading the parts")
 
         def show(better: PackedParts, _: float) -> None:

@@ -14,7 +14,7 @@ from packit_sim.nesting.rotation_sets import FIXED
 from packit_sim.parts.answers import Answer
 from packit_sim.parts.box_types import BoxType, box_types
 from packit_sim.parts.packed import LeftOut, PackedParts
-from packit_sim.parts.packing_record import read_earlier
+from packit_sim.parts.packing_record import Earlier, own_folder, read_earlier
 from packit_sim.parts.packing_search import PackingSearch
 from packit_sim.parts.part import Part
 from packit_sim.parts.part_files import Reading, UnreadFile, find_parts
@@ -68,6 +68,8 @@ def pack(
     ------
     ArgumentError
         If an argument is not possible, or no part can be read or fits.
+    BusyError
+        If another process packs into the same folder.
     NestingError
         If no valid packing was found.
     """
@@ -96,29 +98,28 @@ def pack(
         *_mesh_notes(task),
         *unit_notes(fitting, task.boxes, task.margin, task.unit),
     ]
-    earlier = None if out is None else read_earlier(Path(out), task)
-    searches = 1 if earlier is None else earlier.searches + 1
 
-    def packed(answer: Answer) -> PackedParts:
-        return PackedParts(
-            task,
-            answer.boxes,
-            tuple(left_out + _not_placed(task, answer, gone)),
-            reading.problems,
-            tuple(notes),
-            searches,
-        )
+    def search(earlier: Earlier | None = None) -> PackedParts:
+        searches = 1 if earlier is None else earlier.searches + 1
 
-    def better(answer: Answer) -> None:
-        if callback is not None:
-            callback(packed(answer), clock.perf_counter() - start)
+        def packed(answer: Answer) -> PackedParts:
+            out = tuple(left_out + _not_placed(task, answer, gone))
+            return PackedParts(task, answer.boxes, out, reading.problems, tuple(notes), searches)
 
-    search = PackingSearch(task, start + time, seed + searches - 1, callback=better)
-    if earlier is not None:
-        search.best = Answer.of(task, earlier.boxes)
-        better(search.best)
-    found = packed(search.run().in_order(task))
-    if out is not None:
+        def better(answer: Answer) -> None:
+            if callback is not None:
+                callback(packed(answer), clock.perf_counter() - start)
+
+        found = PackingSearch(task, start + time, seed + searches - 1, callback=better)
+        if earlier is not None:
+            found.best = Answer.of(task, earlier.boxes)
+            better(found.best)
+        return packed(found.run().in_order(task))
+
+    if out is None:
+        return search()
+    with own_folder(Path(out)):
+        found = search(read_earlier(Path(out), task))
         found.export(out)
     return found
 

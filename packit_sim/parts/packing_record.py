@@ -6,7 +6,8 @@ import json
 import re
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +17,7 @@ from msgspec import Meta, Struct, field
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
-from packit_sim.core.files import replace_text, replacing
+from packit_sim.core.files import claimed, replace_text, replacing
 from packit_sim.core.plain_text import plain, plain_logger
 from packit_sim.core.version import __version__
 from packit_sim.libraries.data_files import read_bytes
@@ -206,6 +207,34 @@ def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
     return path
 
 
+@contextmanager
+def own_folder(folder: Path) -> Iterator[None]:
+    """Keep other processes from packing into a folder while the block runs.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it is created.
+
+    Yields
+    ------
+    None
+        While the folder is locked.
+
+    Raises
+    ------
+    ArgumentError
+        If it is a file.
+    BusyError
+        If another process packs into it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ArgumentError(f"{folder} is a file: choose a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder / ".lock", folder):
+        yield
+
+
 def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
     """Read the packing of the same task in a folder.
 
@@ -227,8 +256,6 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         If the folder has a file of this name that is something else: it would be replaced.
     """
     file = folder / RECORD
-    if folder.exists() and not folder.is_dir():
-        raise ArgumentError(f"{folder} is a file: choose a folder")
     if not file.exists():
         return None
     data = read_bytes(file)
