@@ -134,9 +134,12 @@ except KeyboardInterrupt:
 
 @pytest.mark.parametrize("moment", ["while they start", "between two results"])
 def test_ctrl_c_stops_workers_without_a_word_of_theirs(moment: str) -> None:
+    """On a busy machine joblib's tracker of resources may warn of a lock that is gone already."""
     command = [sys.executable, "-c", STOPPED.format(moment=moment)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "stopped\n", "")
+    of_tracker = ("resource_tracker", "warnings.warn(")
+    said = [line for line in done.stderr.splitlines() if not any(w in line for w in of_tracker)]
+    assert (done.returncode, done.stdout, said) == (0, "stopped\n", [])
 
 
 def test_ctrl_c_waits_for_the_end_of_a_block_whichever_thread_gets_it() -> None:
