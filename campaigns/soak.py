@@ -140,10 +140,11 @@ def play(
 def growth(samples: Sequence[Sample], name: str) -> tuple[float, float, float]:
     """Fit the growth of a measure per 10,000 episodes after the warm-up: slope, 95% interval."""
     steady = samples[round(len(samples) * WARM_UP) :]
-    blocks = np.array_split(np.array([[one["episode"], one[name]] for one in steady]), BLOCKS)
+    count = min(BLOCKS, len(steady))
+    blocks = np.array_split(np.array([[one["episode"], one[name]] for one in steady]), count)
     means = np.array([block.mean(axis=0) for block in blocks])
     fit = linregress(means[:, 0], means[:, 1])
-    half = float(t.ppf(0.975, BLOCKS - 2) * fit.stderr)
+    half = float(t.ppf(0.975, count - 2) * fit.stderr)
     slope = float(fit.slope)
     return slope * 1e4, (slope - half) * 1e4, (slope + half) * 1e4
 

@@ -50,6 +50,11 @@ def test_growth_is_found(growth: float, flat: bool) -> None:
     assert soak.is_flat(samples, soak.MEMORY) == soak.is_flat(samples, "descriptors") == flat
 
 
+def test_few_samples_are_fitted_one_by_one() -> None:
+    slope, low, high = soak.growth(made_up(1.0)[:9], soak.MEMORY)
+    assert low <= slope <= high and slope == pytest.approx(100, abs=50)
+
+
 def test_samples_are_tabulated_and_drawn(tmp_path: Path) -> None:
     results = {
         "samples": {"software": [{**dict.fromkeys(soak.COUNTS, 3), **one} for one in made_up(1.0)]}
