@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,6 +19,8 @@ from trimesh import creation
 from packit_agents.learning import training
 from packit_agents.learning.checkpoints import read_checkpoint
 from packit_agents.learning.weights import read_weights
+from packit_agents.placements import champion_training
+from packit_agents.placements.network import PlacementNetwork
 from packit_sim.cli.app import main
 from packit_sim.datasets.pack_files import dataset_file, read_packs
 from packit_sim.evaluation import results_store
@@ -91,7 +94,11 @@ def prepare_inputs(workspace: Path) -> None:
         for n in range(meshes):
             creation.box((1, 1 + 0.3 * n, 2)).export(workspace / folder / f"box-{n}.stl")
     lines = dataset_file("starter").read_text().splitlines(keepends=True)
-    (workspace / "tasks.jsonl").write_text("".join(sorted(lines, key=len)[:2]))  # few items
+    few = "".join(sorted(lines, key=len)[:2])  # few items
+    (workspace / "tasks.jsonl").write_text(few)
+    (workspace / "splits").mkdir()
+    for split in ("train", "validation"):
+        (workspace / "splits" / f"{split}.jsonl").write_text(few)
     history = dataset_file("everyday-v1-history", "test").read_text().splitlines(keepends=True)
     (workspace / "history.jsonl").write_text("".join(history[:2]))
 
@@ -105,6 +112,9 @@ def make_quick() -> None:
     torch.set_num_threads(1)
     for module in (jobs, results_store, training):
         vars(module)["CHECKPOINT_SECONDS"] = -1.0
+    vars(champion_training)["PlacementTrainingSettings"] = partial(
+        champion_training.PlacementTrainingSettings, drawn=2, plays=2, width=2, validate_every=1
+    )
     fork = multiprocessing.get_context("fork")
     forking = SimpleNamespace(get_context=lambda method: fork)
     vars(importer)["multiprocessing"] = forking
@@ -135,6 +145,18 @@ def _check_training(folder: Path, whole: Path) -> None:
         read_weights(file)
     read_checkpoint(run / "checkpoint.pt", torch.device("cpu"))
     _check_pictures(run)
+
+
+def _check_champion(folder: Path, whole: Path) -> None:
+    """Any of the files of a training of the champion."""
+    run = folder / "champion"
+    curves = [each / "champion" / "curve.json" for each in (folder, whole)]
+    found, wanted = (json.loads(file.read_text()) if file.exists() else [] for file in curves)
+    assert found == wanted[: len(found)], "the curve is another"
+    if (run / "settings.json").exists():
+        assert json.loads((run / "settings.json").read_text())
+    for file in run.glob("*.safetensors"):
+        PlacementNetwork.read(file)
 
 
 def _check_library(folder: Path, whole: Path) -> None:
@@ -210,6 +232,12 @@ COMMANDS = {
             (),
             _check_training,
             workers=False,
+        ),
+        Command(
+            "train-champion",
+            ("--train-on", "splits", "--tasks", "2", "--rounds", "2", "--out", f"{OUT}/champion"),
+            (),
+            _check_champion,
         ),
         Command(
             "shapes import",

@@ -13,9 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from campaigns import injector
+from campaigns import injector, ray_nodes
 from campaigns.fault_commands import OUT
 from campaigns.fault_trials import Bench, Ended, Running, contents, members
+from campaigns.ray_nodes import RayCluster
 from packit_sim.core.memory import limit_memory
 
 Trial = Callable[[], Iterator[str]]
@@ -210,6 +211,25 @@ def _kill_worker(leader: int) -> None:
         os.kill(max(found), signal.SIGKILL)
 
 
+def _lost_machine(bench: Bench, rng: np.random.Generator) -> Trials:
+    """Kill one of the two machines of a Ray cluster at a random moment."""
+
+    def trial(cluster: RayCluster, seconds: float) -> Iterator[str]:
+        cluster.refill()
+        running = bench.start_anew("--backend", "ray", "--address", cluster.address)
+        if not running.wait(seconds):
+            cluster.lose()
+        ended = running.end()
+        if ended.code != 0:
+            yield "the command did not end"
+        yield from bench.problems(ended, lambda ended: None)
+
+    if bench.command.cluster and ray_nodes.is_available():
+        with ray_nodes.ray_cluster() as cluster:
+            for seconds in rng.uniform(1, 5, MOMENTS):
+                yield f"after {seconds:.3f} s", partial(trial, cluster, seconds)
+
+
 def _little_memory(bench: Bench, rng: np.random.Generator) -> Trials:
     """Limit the address space to little more than the process has.
 
@@ -236,6 +256,9 @@ FAULTS = {
     "folder of another user": Fault("one line with the path, nothing is written", _other_user),
     "two processes": Fault("one ends, the other too or refuses in one line", _two_processes),
     "worker killed": at_a_moment(_kill_worker, partial(refused, named="worker"), KEPT),
+    "machine of a cluster lost": Fault(
+        "its jobs are repeated on another one: the command ends with the same files", _lost_machine
+    ),
     "Ctrl-C with workers": at_a_moment(
         lambda leader: os.killpg(leader, signal.SIGINT), stopped, f"{KEPT}, no process is left"
     ),

@@ -219,6 +219,12 @@ class Bench:
 
         return Running(work)
 
+    def start_anew(self, *options: str) -> Running:
+        """Start the command with further options in a new interpreter: Ray can't be forked."""
+        words = [*self.command.name.split(), *self.command.arguments, *options]
+        command = [sys.executable, "-m", "packit_sim", *words]
+        return Running(lambda: os.execv(sys.executable, command))
+
     def changes(self) -> int:
         """Count how often an undisturbed run changes the folder."""
         self.restore()

@@ -13,13 +13,14 @@ import pytest
 
 pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra learn")
 
-from campaigns import fault_trials, injector
+from campaigns import fault_kinds, fault_trials, injector
 from campaigns.common import read_results, table_in_page
-from campaigns.fault_commands import OUT, Command
+from campaigns.fault_commands import COMMANDS, OUT, Command
 from campaigns.fault_kinds import FAULTS
 from campaigns.fault_trials import Bench, Running
 from campaigns.faults import table, tried
 from packit_sim.core.files import replace_text, replacing
+from packit_sim.render.renderers import RENDERER_VARIABLE
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -72,6 +73,19 @@ def test_a_planted_defect_is_found(
     count, problems = tried(bench, FAULTS["kill -9"], seed=0)
     assert count == bench.changes() >= 2
     assert any(problem in each for each in problems) if problem else not problems
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_machine_of_a_cluster_may_be_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ray", reason="the extra `cluster` is not installed")
+    monkeypatch.setattr(fault_kinds, "MOMENTS", 2)
+    monkeypatch.setenv(RENDERER_VARIABLE, "software")
+    monkeypatch.chdir(tmp_path)
+    bench = Bench(COMMANDS["evaluate"], tmp_path)
+    assert tried(bench, FAULTS["machine of a cluster lost"], seed=0) == (2, [])
 
 
 def leave_one() -> None:
