@@ -135,28 +135,27 @@ def _check_results(folder: Path, whole: Path) -> None:
 
 def _check_training(folder: Path, whole: Path) -> None:
     """Any of the files of a training."""
-    run = folder / "run"
-    curves = [each / "run" / "curve.json" for each in (folder, whole)]
-    found, wanted = (json.loads(file.read_text()) if file.exists() else [] for file in curves)
-    assert found == wanted[: len(found)], "the curve is another"
-    if (run / "settings.json").exists():
-        assert json.loads((run / "settings.json").read_text())
-    for file in run.glob("*.safetensors"):
-        read_weights(file)
+    run = _check_run(folder, whole, "run", read_weights)
     read_checkpoint(run / "checkpoint.pt", torch.device("cpu"))
     _check_pictures(run)
 
 
 def _check_champion(folder: Path, whole: Path) -> None:
     """Any of the files of a training of the champion."""
-    run = folder / "champion"
-    curves = [each / "champion" / "curve.json" for each in (folder, whole)]
+    _check_run(folder, whole, "champion", PlacementNetwork.read)
+
+
+def _check_run(folder: Path, whole: Path, name: str, read: Callable[[Path], object]) -> Path:
+    """Check what all trainings write: a curve, settings and weights; return the run's folder."""
+    run = folder / name
+    curves = [each / name / "curve.json" for each in (folder, whole)]
     found, wanted = (json.loads(file.read_text()) if file.exists() else [] for file in curves)
     assert found == wanted[: len(found)], "the curve is another"
     if (run / "settings.json").exists():
         assert json.loads((run / "settings.json").read_text())
     for file in run.glob("*.safetensors"):
-        PlacementNetwork.read(file)
+        read(file)
+    return run
 
 
 def _check_library(folder: Path, whole: Path) -> None:

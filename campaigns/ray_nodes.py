@@ -1,4 +1,4 @@
-"""A Ray cluster on this machine, in a process of its own, whose machines can be lost."""
+"""A Ray cluster on this machine, in a separate process, whose machines can be lost."""
 
 from __future__ import annotations
 

@@ -46,13 +46,11 @@ def fine_cells(occupancy: Occupancy) -> np.ndarray:
 def fine_cells_by_place(occupancy: Occupancy) -> tuple[np.ndarray, np.ndarray]:
     """The outer and the inner fine cells of the whole box: bool [x, y, z]."""
     nx, ny, nz = grid_nodes(occupancy.cells)
-    outer, inner = (
-        unpack(words.reshape(nz, nx, ny).transpose(1, 2, 0)) for words in occupancy.bricks.T
-    )
-    x, y, z = np.indices(outer.shape)
-    page = occupancy.page[((z >> 2) * nx + (x >> 2)) * ny + (y >> 2)]
-    fine = occupancy.fine[page, 16 * (x & 3) + 4 * (y & 3) + (z & 3)]
-    fine[inner], fine[~outer] = np.uint64(2**64 - 1), 0
+    inner = unpack(occupancy.bricks[:, 1].reshape(nz, nx, ny).transpose(1, 2, 0))
+    x, y, z = np.indices(inner.shape)
+    brick = ((z >> 2) * nx + (x >> 2)) * ny + (y >> 2)
+    fine = fine_cells(occupancy)[brick, 16 * (x & 3) + 4 * (y & 3) + (z & 3)]
+    fine[inner] = np.uint64(2**64 - 1)
     return unpack(fine[..., 0]), unpack(fine[..., 1])
 
 

@@ -4,10 +4,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
-from typing import Any
 
 CHECK_SECONDS = 0.5
 """Time between two looks at the parent."""
@@ -39,13 +38,8 @@ def without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         if is_main and callable(handler):
             signal.signal(signal.SIGINT, handler)
-            _repeat(handler, arrived)
-
-
-def _repeat(handler: Callable[[int, Any], Any], arrived: list[int]) -> None:
-    """Handle a signal that arrived meanwhile."""
-    if arrived:
-        handler(arrived[0], None)
+            if arrived:
+                handler(arrived[0], None)
 
 
 def end_with(parent: int) -> None:

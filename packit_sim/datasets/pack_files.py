@@ -6,11 +6,12 @@ import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import LibraryError, PackFormatError, located
 from packit_sim.datasets.manifests import Manifest, find_manifest, write_described
 from packit_sim.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.libraries.data_files import numbered_lines, read_bytes
-from packit_sim.libraries.library import ShapeLibrary, assets_folder, builtin_names
+from packit_sim.libraries.library import ShapeLibrary, builtin_names
 from packit_sim.libraries.splits import SPLITS
 
 STARTER_PACKS = "starter"

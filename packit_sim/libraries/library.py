@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from packit_sim.core.assets import assets_folder as assets_folder
+from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder

@@ -95,9 +95,7 @@ class BinsSearch(NestSearch):
         new, old, own = attempt.least, best.poses, self._staying
         inside, turned, places = new.inside.copy(), new.turned.copy(), new.places.copy()
         inside[own], turned[own], places[own] = 1, old.turned[own], old.places[own]
-        found = self._solution(Poses(inside, turned, places), self._boxes)
-        if found.score < best.score:
-            self.adopt(problem, found)
+        self._offer(problem, self._solution(Poses(inside, turned, places), self._boxes))
 
     def _solution(self, poses: Poses, boxes: Floats) -> Solution:
         """Return the solution in the boxes that are used."""

@@ -144,8 +144,9 @@ class CheckedMesh:
 
     def _holds_part(self, other: CheckedMesh, vertices: Floats) -> bool:
         order, starts = other._vertices_by_part
-        low = np.minimum.reduceat(vertices[order], starts)
-        high = np.maximum.reduceat(vertices[order], starts)
+        by_part = vertices[order]
+        low = np.minimum.reduceat(by_part, starts)
+        high = np.maximum.reduceat(by_part, starts)
         half = self.item_type.extents * self._drawn * (0.5 + 1e-9)
         if not ((-half <= low) & (high <= half)).all(axis=1).any():  # most pairs: spares shells
             return False

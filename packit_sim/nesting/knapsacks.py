@@ -85,7 +85,7 @@ class KnapsackSearch(NestSearch):
         self._failures += 1
         if value > most:
             self._good, self._failures = poses, 0
-            self._offer(problem, best)
+            self._offer(problem, self._solution(poses))
         is_good = value >= (1 - _WORSE * self._choices.random()) * most
         self._current = poses if is_good else self._good
         if self._failures > _FAILURES and not self._has_all:
@@ -97,14 +97,7 @@ class KnapsackSearch(NestSearch):
         self._failures = 0
         self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
         self._current = self._good
-        if self.best is not None:
-            self._offer(problem, self.best)
-
-    def _offer(self, problem: Problem, best: Solution) -> None:
-        """Take over the present box if it is the best."""
-        found = self._solution(self._good)
-        if found.score < best.score:
-            self.adopt(problem, found)
+        self._offer(problem, self._solution(self._good))
 
     def _value(self, poses: Poses) -> float:
         return float(self._task.values[self._packed(poses)].sum())

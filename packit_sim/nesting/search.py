@@ -67,9 +67,7 @@ class NestSearch(ABC):
         """
         if not self._is_begun:
             self._is_begun = True
-            first = self._constructed(problem)
-            if self.best is None or first.score < self.best.score:
-                self.adopt(problem, first)
+            self._offer(problem, self._constructed(problem))
         while self.best is not None and not (self.is_done or budget.is_spent):
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
@@ -95,6 +93,11 @@ class NestSearch(ABC):
             The solution.
         """
         self.best = solution
+
+    def _offer(self, problem: Problem, solution: Solution) -> None:
+        """Take over a solution if it is the best so far."""
+        if self.best is None or solution.score < self.best.score:
+            self.adopt(problem, solution)
 
     def restart(self) -> None:
         """Forget what was found, which is not valid: begin again with a construction."""

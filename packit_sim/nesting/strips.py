@@ -93,8 +93,8 @@ class StripSearch(NestSearch):
             self._has_space = True
             self._current = attempt.least
             self._height = self._height_of(problem, attempt.least)
-            if self._has_all and self._height < best.score[0]:
-                self.adopt(problem, self._solution(problem, attempt.least))
+            if self._has_all:
+                self._offer(problem, self._solution(problem, attempt.least))
         else:
             self._failed = attempt.least
             if self._has_space:
@@ -132,9 +132,7 @@ class StripSearch(NestSearch):
         assert self._current is not None
         boxes = self._boxes(self._task.size[2])
         poses = filled(problem, self._task, self._current, boxes, self._task.order, self._rng)
-        found = self._solution(problem, poses)
-        if self.best is None or found.score < self.best.score:
-            self.adopt(problem, found)
+        self._offer(problem, self._solution(problem, poses))
 
     def _solution(self, problem: Problem, poses: Poses) -> Solution:
         height = self._height_of(problem, poses)

@@ -103,8 +103,9 @@ def pack(
         searches = 1 if earlier is None else earlier.searches + 1
 
         def packed(answer: Answer) -> PackedParts:
-            out = tuple(left_out + _not_placed(task, answer, gone))
-            return PackedParts(task, answer.boxes, out, reading.problems, tuple(notes), searches)
+            missing = tuple(left_out + _not_placed(task, answer, gone))
+            unread = reading.problems
+            return PackedParts(task, answer.boxes, missing, unread, tuple(notes), searches)
 
         def better(answer: Answer) -> None:
             if callback is not None:

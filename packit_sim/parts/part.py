@@ -12,7 +12,7 @@ import trimesh
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
@@ -131,10 +131,8 @@ class Part:
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)
-        try:
+        with located(f"part {self.name!r}", ArgumentError):
             object.__setattr__(self, "rotations", rotation_set(self.rotations))
-        except ArgumentError as error:
-            raise ArgumentError(f"{where} {error}") from None
 
     def frame(self, unit: Unit) -> Floats:
         """Return the matrix (4, 4) from the file's coordinates to a unit of length with z up."""
