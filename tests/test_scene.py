@@ -446,3 +446,48 @@ def test_accepted_items_do_not_interpenetrate() -> None:
         found = scene.penetrations()
     assert len(box.placed) > 10 and len(found) > 10
     assert max(found.values()) <= CONTACT_TOLERANCE
+
+
+def test_egl_frees_its_memory() -> None:
+    if bullet.egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    command = [sys.executable, "-c", GROWTH]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    assert abs(int(done.stdout.splitlines()[-1])) < 1e6  # it kept 13 MB of OBJ files
+
+
+GROWTH = """
+import ctypes, gc
+import numpy as np, trimesh
+from packit_sim.geometry.poses import Pose
+from packit_sim.render.bullet import EglWorld
+
+class MemoryInUse(ctypes.Structure):
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    _fields_ = [(name, ctypes.c_size_t) for name in names.split()]
+
+mallinfo2 = ctypes.CDLL(None).mallinfo2
+mallinfo2.restype = MemoryInUse
+ball = trimesh.creation.icosphere(subdivisions=5)
+used = []
+for _ in range(5):
+    world = EglWorld()
+    for scale in (0.1, 0.2, 0.3, 0.4):
+        world.add_body(world.add_visual(ball, scale, (1, 0, 0)), Pose(np.zeros(3)))
+    world.close()
+    gc.collect()
+    used.append(mallinfo2().uordblks)
+print(used[-1] - used[1])
+"""
+
+
+def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    if bullet.egl_problem() is not None:
+        pytest.skip("EGL does not start here")
+    monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
+    with Scene(three_items()) as scene:
+        before = scene.snapshot(64, 64).image
+        assert isinstance(scene._world, bullet.EglWorld)
+        empty = trimesh.Trimesh(np.zeros((0, 3)), np.zeros((0, 3), int), process=False)
+        scene._world.add_body(scene._world.add_visual(empty, 1.0, (1, 0, 0)), Pose(np.zeros(3)))
+        assert np.array_equal(scene.snapshot(64, 64).image, before)

@@ -19,7 +19,7 @@ from packit_sim.core.errors import PhysicsError
 from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.obj_text import UNIT, objects
+from packit_sim.geometry.bullet_meshes import UNIT, obj
 from packit_sim.geometry.poses import Pose
 from packit_sim.physics.convex.pieces import MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
@@ -127,7 +127,7 @@ class World:
         properties = MassProperties.of(pieces)
         own = [((p.vertices - properties.center) @ properties.axes, p.faces) for p in pieces]
         path = self._folder / f"{len(self._items)}.obj"
-        path.write_text(objects(own, 1.0))
+        path.write_text(obj(own, 1.0))
         with quiet():
             shape = self._pybullet.createCollisionShape(
                 self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client

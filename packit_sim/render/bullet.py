@@ -25,8 +25,8 @@ import trimesh
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
+from packit_sim.geometry.bullet_meshes import UNIT, collada, convex_pieces, obj
 from packit_sim.geometry.items import ItemInBox
-from packit_sim.geometry.obj_text import UNIT, convex_pieces, drawn, objects
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item
 from packit_sim.render.coloring import Color
@@ -100,8 +100,8 @@ class BulletClient:
     def _on_release() -> None:
         """Free what the world holds besides the connection."""
 
-    def _write(self, text: str) -> str:
-        path = self.folder / f"{len(os.listdir(self.folder))}.obj"
+    def _write(self, text: str, suffix: str) -> str:
+        path = self.folder / f"{len(os.listdir(self.folder))}{suffix}"
         path.write_text(text)
         return str(path)
 
@@ -150,7 +150,7 @@ class ContactWorld(BulletClient):
         """Look up the collision shape of an item's convex pieces, created if new."""
         key = item.shape.digest, item.scale
         if key not in self._pieces:
-            text = objects(convex_pieces(item.shape.mesh), item.scale)
+            text = obj(convex_pieces(item.shape.mesh), item.scale)
             self._pieces[key] = self._add(text)
         return self._pieces[key]
 
@@ -158,15 +158,15 @@ class ContactWorld(BulletClient):
         """Look up the collision shape of an item's surface, created if new."""
         key, mesh = (item.shape.digest, item.scale), item.shape.mesh
         if key not in self._meshes:
-            text = objects([(mesh.vertices, mesh.faces)], item.scale)
+            text = obj([(mesh.vertices, mesh.faces)], item.scale)
             self._meshes[key] = self._add(text, concave=True)
         return self._meshes[key]
 
-    def _add(self, obj: str, concave: bool = False) -> int:
+    def _add(self, text: str, concave: bool = False) -> int:
         """Create a collision shape of OBJ text: its surface, or each object's convex hull."""
         number: int = self._pybullet.createCollisionShape(
             self._pybullet.GEOM_MESH,
-            fileName=self._write(obj),
+            fileName=self._write(text, ".obj"),
             flags=self._pybullet.GEOM_FORCE_CONCAVE_TRIMESH if concave else 0,
             physicsClientId=self.number,
         )
@@ -238,8 +238,8 @@ class EglWorld(BulletClient):
             )
         number: int = self._pybullet.createVisualShape(
             self._pybullet.GEOM_MESH,
-            fileName=self._write(drawn(mesh, scale)),
-            rgbaColor=(*color, 1.0),  # else PyBullet takes the OBJ's material, which is white
+            fileName=self._write(collada(mesh, scale), ".dae"),
+            rgbaColor=(*color, 1.0),
             specularColor=(0.05, 0.05, 0.05),
             physicsClientId=self.number,
         )
