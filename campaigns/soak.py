@@ -6,7 +6,7 @@
 Each renderer has a separate process, EGL a twelfth of the episodes. A process opens and closes an
 environment for every 100 episodes: the 550 tasks of `everyday-v1` with shapes or all choices
 drawn at random, and fresh tasks; each episode ends with a picture of 64 x 64 pixels. A sample is
-taken whenever everything is closed. A run is repeated as a whole; it can't be resumed. Writes
+taken whenever everything is closed. Three caches that fill slowly have smaller budgets. A run is repeated as a whole; it can't be resumed. Writes
 `campaigns/results/soak.json`, and a plot; --table also writes the table of the page.
 """
 
@@ -30,6 +30,7 @@ from scipy.stats import linregress, t
 from benchmarks.common import PICTURES, machine, markdown_table, resident_memory, write_json
 from campaigns.common import argument_parser, read_results, write_into_page
 from packit_sim import ShapeLibrary
+from packit_sim.core import caches
 from packit_sim.core.silence import quiet
 from packit_sim.core.version import __version__
 from packit_sim.datasets.pack_files import load_tasks
@@ -67,6 +68,10 @@ COUNTS = ("descriptors", "threads", "clients", "temporary files")
 """Counts are flat if the second half of the samples after the warm-up never exceeds the first."""
 
 MEMORY = "memory, MB"
+
+BUDGETS = {"collisions": 2_000, "pairs that met": 500, "item features": 4 << 20}
+"""Budgets of the caches that fill slowly: less than their own, so that all are full after the
+warm-up."""
 
 CONTENTS: tuple[dict[str, Any], ...] = (
     *[{"rotation": "aligned", "location": "blbf"}] * 7,
@@ -206,6 +211,8 @@ def main() -> None:
     parser.add_argument("--renderer", choices=RENDERERS, help=SUPPRESS)
     arguments = parser.parse_args()
     if arguments.renderer:
+        for name, budget in BUDGETS.items():
+            caches.limit(name, budget)
         library = ShapeLibrary.open("everyday")
         tasks = [task for split in SPLITS for task in load_tasks("everyday-v1", library, split)]
         for one in islice(play(tasks, arguments.seed), arguments.episodes // INTERVAL):
