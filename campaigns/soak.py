@@ -6,8 +6,9 @@
 Each renderer has a separate process, EGL a twelfth of the episodes. A process opens and closes an
 environment for every 100 episodes: the 550 tasks of `everyday-v1` with shapes or all choices
 drawn at random, and fresh tasks; each episode ends with a picture of 64 x 64 pixels. A sample is
-taken whenever everything is closed. Three caches that fill slowly have smaller budgets. A run is repeated as a whole; it can't be resumed. Writes
-`campaigns/results/soak.json`, and a plot; --table also writes the table of the page.
+taken whenever everything is closed. Three caches that fill slowly have smaller budgets. A run is
+repeated as a whole; it can't be resumed. Writes `campaigns/results/soak.json`, and a plot; --table
+also writes the table of the page.
 """
 
 from __future__ import annotations

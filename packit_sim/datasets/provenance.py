@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal, NamedTuple, TypeAlias
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct, field, structs
 
 from packit_sim.datasets.densification_settings import DensificationSettings
 from packit_sim.datasets.evolution_settings import EvolutionSettings
@@ -193,6 +193,10 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     weights: str | None = None
     scores: Mapping[str, int | float] = {}
     pieces: Method | None = None
+
+    def __post_init__(self) -> None:
+        if self.rules == PACKIT:  # msgspec leaves out the default itself, not what equals it
+            structs.force_setattr(self, "rules", PACKIT)
 
     @property
     def producer(self) -> str:
