@@ -352,15 +352,19 @@ def test_an_operating_system_error_names_the_file(
     assert capfd.readouterr().err == "error: packs.jsonl: No space left on device\n"
 
 
-def test_ctrl_c_ends_with_code_130(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_with_one_line(
+    workplace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     def stopped(*arguments: object) -> None:
         raise KeyboardInterrupt
 
     for name in ("generate", "_shown"):
         monkeypatch.setattr(f"packit_sim.cli.generation_commands.{name}", stopped)
         assert run("generate --out x", monkeypatch) == 130
+        assert capfd.readouterr().out.endswith("stopped: repeat the command to resume\n")
     monkeypatch.setattr("packit_sim.cli.dataset_commands.statistics.take", stopped)
     assert run("datasets stats starter", monkeypatch) == 130
+    assert capfd.readouterr().out == "stopped: the command is not finished\n"
 
 
 def test_a_bug_still_gives_a_traceback(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from packit_sim.cli.figure_commands import figures_command
 from packit_sim.cli.generation_commands import generate_command
 from packit_sim.cli.help import document
 from packit_sim.cli.nest_command import nest_command
+from packit_sim.cli.output import stoppable
 from packit_sim.cli.pack_command import pack_command
 from packit_sim.cli.physics_commands import compact_command, score_command
 from packit_sim.cli.picture_commands import export_command, film_command, render_command
@@ -56,15 +57,19 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 """The commands in the order of use, by their panels in `--help`; those of others follow."""
 
 
-class InOrderOfUse(TyperGroup):
-    """The commands, in the order of `COMMANDS`."""
+class Commands(TyperGroup):
+    """The commands, in the order of `COMMANDS`; Ctrl-C ends each with a line."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         known = [name for names in COMMANDS.values() for name in names if name in self.commands]
         return known + sorted(self.commands.keys() - set(known))
 
+    def invoke(self, ctx: Any) -> Any:
+        with stoppable("the command is not finished"):
+            return super().invoke(ctx)
 
-app = typer.Typer(cls=InOrderOfUse, no_args_is_help=True, add_completion=False)
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False)
 
 
 def _panel(name: str) -> str:

@@ -52,15 +52,16 @@ def train_champion_command(
         tasks=tasks or default.tasks,
         rounds=rounds or default.rounds,
     )
-    training = PlacementTraining(settings, out)
-    with stoppable(RESUMABLE), Workers(workers) as processes, progress_bars() as progress:
-        bar = progress.add_task("training", total=settings.rounds, note="")
+    with stoppable(RESUMABLE):
+        training = PlacementTraining(settings, out)
+        with Workers(workers) as processes, progress_bars() as progress:
+            bar = progress.add_task("training", total=settings.rounds, note="")
 
-        def show(at: RoundResult) -> None:
-            note = f"return {at.reward:.3f}, best {at.best.validation.mean:.3f}"
-            progress.update(bar, completed=at.rounds, note=note)
+            def show(at: RoundResult) -> None:
+                note = f"return {at.reward:.3f}, best {at.best.validation.mean:.3f}"
+                progress.update(bar, completed=at.rounds, note=note)
 
-        training.run(processes, show)
+            training.run(processes, show)
     best = training.best
     console.print(
         f"best after {best.steps} rounds: Average Reward {best.validation.mean:.3f} in validation; "
