@@ -141,7 +141,10 @@ def _content(file: Path) -> bytes:
 
 def _without_times(value: Any) -> Any:
     if isinstance(value, dict):
-        return {name: _without_times(v) for name, v in value.items() if name not in TIMES}
+        known = {name: _without_times(v) for name, v in value.items() if name not in TIMES}
+        if "improvements" in known:
+            known["improvements"] = [total for _, total in known["improvements"]]
+        return known
     return [_without_times(each) for each in value] if isinstance(value, list) else value
 
 

@@ -18,6 +18,7 @@ from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.media import export
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.render.coloring import ByNumber, by_item
+from tests.read_3mf import bodies
 from tests.zoo import BALL, BOWL, CUBE, RING, cube_of
 
 UNIT = 100.0
@@ -118,6 +119,16 @@ def test_3mf_is_as_its_specification_says(written: Callable[[str], Path]) -> Non
         corners = np.array([[int(t.get(v)) for v in ("v1", "v2", "v3")] for t in triangles])
         assert corners.min() >= 0 and corners.max() < len(vertices)
         assert (np.diff(np.sort(corners, axis=1), axis=1) > 0).all()
+
+
+def test_3mf_is_read_as_slicers_do(written: Callable[[str], Path]) -> None:
+    found, box = bodies(written(".3mf")), packed()
+    assert list(found) == export.names(box.placed)
+    for triangles, placed in zip(found.values(), box.placed, strict=True):
+        expected = UNIT * (placed.item.mesh.triangles + placed.center)
+        assert triangles.shape == expected.shape
+        for extreme in (np.min, np.max, np.mean):
+            assert np.allclose(extreme(triangles, (0, 1)), extreme(expected, (0, 1)), atol=1e-3)
 
 
 def test_stl_is_one_mesh_in_millimetres(written: Callable[[str], Path]) -> None:

@@ -28,6 +28,7 @@ from packit_sim.parts.packing_record import own_folder, read_earlier
 from packit_sim.parts.part_files import ReadSettings
 from packit_sim.parts.prepared import prepare
 from packit_sim.parts.supports import stacking
+from tests.read_3mf import bodies
 
 QUICK = PackSettings(workers=1, iterations=300)
 
@@ -81,6 +82,20 @@ def test_lengths_have_the_unit_of_the_box(folder) -> None:
     assert counts(packed) == {"angle": 2, "ring": 2, "bar": 3}
     volumes = {part.part.name: part.volume for part in packed.task.parts}
     assert volumes["bar"] == pytest.approx(1 * 0.25 * 0.25 * 2.54**3)
+
+
+def test_3mf_is_read_as_slicers_do(folder) -> None:
+    packed = packed_bins(folder)
+    found = bodies(folder / "out" / "packing.3mf")
+    assert [name.split()[1] for name in found] == [
+        packed.part(one).part.name for _, one in packed.placements
+    ]
+    for triangles, (_, one) in zip(found.values(), packed.placements, strict=True):
+        pose = packed.pose(one)
+        expected = packed.part(one).part.mesh.triangles @ pose[:3, :3].T + pose[:3, 3]
+        for extreme in (np.min, np.max, np.mean):
+            own = extreme(expected, (0, 1))
+            assert extreme(triangles, (0, 1)) * 0.1 == pytest.approx(own, abs=2e-5)
 
 
 @pytest.mark.parametrize("suffix", ["3mf", "glb", "stl"])

@@ -14,7 +14,8 @@ FAKE = """
 import json, sys
 from pathlib import Path
 out = Path(sys.argv[sys.argv.index("--out") + 1])
-text = json.dumps({"seconds": SECONDS, "value": VALUE})
+found = {"seconds": SECONDS, "improvements": [[SECONDS, 0.5]], "value": VALUE}
+text = json.dumps(found)
 (out if out.suffix else out.with_suffix(".jsonl")).write_text(text)
 """
 
