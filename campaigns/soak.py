@@ -13,6 +13,8 @@ also writes the table of the page.
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import json
 import os
 import subprocess
@@ -68,7 +70,18 @@ interval."""
 COUNTS = ("descriptors", "threads", "clients", "temporary files")
 """Counts are flat if the second half of the samples after the warm-up never exceeds the first."""
 
-MEMORY = "memory, MB"
+RESIDENT = "resident memory, MB"
+
+IN_USE = "memory in use, MB"
+"""What was allocated and not freed: the allocator keeps more, because what is free is scattered."""
+
+MEMORIES = (RESIDENT, IN_USE)
+
+MALLINFO2 = (
+    *("arena", "chunks", "small chunks", "mapped regions", "mapped", "unused", "free small"),
+    *("used", "free", "top"),
+)
+"""The fields of glibc's `struct mallinfo2`, all of type size_t."""
 
 BUDGETS = {"collisions": 2_000, "pairs that met": 500, "item features": 4 << 20}
 """Budgets of the caches that fill slowly: less than their own, so that all are full after the
@@ -84,12 +97,28 @@ CONTENTS: tuple[dict[str, Any], ...] = (
 Sample = Mapping[str, float]
 
 
+class _MemoryInUse(ctypes.Structure):
+    """What glibc says of its allocator: struct mallinfo2."""
+
+    _fields_ = tuple((name, ctypes.c_size_t) for name in MALLINFO2)
+
+
+def memory_in_use() -> int:
+    """Measure the memory that is allocated and can still be reached, in bytes."""
+    gc.collect()
+    mallinfo2 = ctypes.CDLL(None).mallinfo2
+    mallinfo2.restype = _MemoryInUse
+    found = mallinfo2()
+    return int(found.used + found.mapped)
+
+
 def sample(episode: int) -> Sample:
     """Measure what this process holds."""
     process = Path("/proc/self")
     return {
         "episode": episode,
-        MEMORY: round(resident_memory() / 1e6, 1),
+        RESIDENT: round(resident_memory() / 1e6, 1),
+        IN_USE: round(memory_in_use() / 1e6, 1),
         "descriptors": len(os.listdir(process / "fd")) - 1,  # that of the listing
         "threads": len(os.listdir(process / "task")),
         "clients": sum(map(pybullet.isConnected, range(1024))),
@@ -158,7 +187,7 @@ def growth(samples: Sequence[Sample], name: str) -> tuple[float, float, float]:
 def is_flat(samples: Sequence[Sample], name: str) -> bool:
     """Whether a measure meets its bar, `MEMORY_BAR` or that of `COUNTS`."""
     steady = [one[name] for one in samples[round(len(samples) * WARM_UP) :]]
-    if name == MEMORY:
+    if name in MEMORIES:
         return growth(samples, name)[2] < MEMORY_BAR * float(np.median(steady))
     half = len(steady) // 2
     return max(steady[half:]) <= max(steady[:half])
@@ -169,7 +198,7 @@ def table(results: Mapping[str, Any]) -> str:
     rows = []
     for renderer, samples in results["samples"].items():
         first = samples[round(len(samples) * WARM_UP)]
-        for name in (MEMORY, *COUNTS):
+        for name in (*MEMORIES, *COUNTS):
             change = "none"
             if len({one[name] for one in samples[round(len(samples) * WARM_UP) :]}) > 1:
                 change = "{:+.1f} ({:+.1f} to {:+.1f})".format(*growth(samples, name))
@@ -188,8 +217,10 @@ def draw(results: Mapping[str, Any], path: Path) -> None:
             plots.COLORS, results["samples"].items(), strict=False
         ):
             at = [one["episode"] for one in samples]
-            ax.plot(at, [one[MEMORY] for one in samples], color=color, label=renderer)
-        ax.set(xlabel="episodes", ylabel="resident memory, MB", title="Memory of one process")
+            for name, style in zip(MEMORIES, ("-", ":"), strict=True):
+                label = f"{renderer}, {name.removesuffix(', MB')}"
+                ax.plot(at, [one[name] for one in samples], style, color=color, label=label)
+        ax.set(xlabel="episodes", ylabel="MB", title="Memory of one process")
         ax.set_ylim(bottom=0)
         ax.legend()
 

@@ -38,7 +38,11 @@ def test_episodes_are_played_and_everything_is_closed(
 def made_up(growth: float) -> list[soak.Sample]:
     """100 samples with so many MB and descriptors more in each."""
     return [
-        {"episode": 100 * n, soak.MEMORY: 1000 + growth * n + n % 3, "descriptors": 3 + growth * n}
+        {
+            "episode": 100 * n,
+            **dict.fromkeys(soak.MEMORIES, 1000 + growth * n + n % 3),
+            "descriptors": 3 + growth * n,
+        }
         for n in range(1, 101)
     ]
 
@@ -46,12 +50,12 @@ def made_up(growth: float) -> list[soak.Sample]:
 @pytest.mark.parametrize(("growth", "flat"), [(0.0, True), (1.0, False)])
 def test_growth_is_found(growth: float, flat: bool) -> None:
     samples = made_up(growth)
-    assert soak.growth(samples, soak.MEMORY)[0] == pytest.approx(100 * growth, abs=1)
-    assert soak.is_flat(samples, soak.MEMORY) == soak.is_flat(samples, "descriptors") == flat
+    assert soak.growth(samples, soak.RESIDENT)[0] == pytest.approx(100 * growth, abs=1)
+    assert soak.is_flat(samples, soak.RESIDENT) == soak.is_flat(samples, "descriptors") == flat
 
 
 def test_few_samples_are_fitted_one_by_one() -> None:
-    slope, low, high = soak.growth(made_up(1.0)[:9], soak.MEMORY)
+    slope, low, high = soak.growth(made_up(1.0)[:9], soak.RESIDENT)
     assert low <= slope <= high and slope == pytest.approx(100, abs=50)
 
 
@@ -60,7 +64,7 @@ def test_samples_are_tabulated_and_drawn(tmp_path: Path) -> None:
         "samples": {"software": [{**dict.fromkeys(soak.COUNTS, 3), **one} for one in made_up(1.0)]}
     }
     table = soak.table(results)
-    assert "| software | 10,000 | memory, MB | 1035 | 1101 | +" in table
-    assert table.count("| none | yes |") == len(soak.COUNTS) - 1 and table.count("**no**") == 2
+    assert "| software | 10,000 | resident memory, MB | 1035 | 1101 | +" in table
+    assert table.count("| none | yes |") == len(soak.COUNTS) - 1 and table.count("**no**") == 3
     soak.draw(results, tmp_path / "soak.png")
     assert (tmp_path / "soak.png").stat().st_size > 1000

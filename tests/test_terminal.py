@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,20 @@ def test_only_the_expected_error_of_a_thread_is_not_printed(
     assert threading.excepthook is threading.__excepthook__
     shown = capfd.readouterr().err
     assert "a defect" in shown and "disk full" not in shown
+
+
+def test_a_thread_may_end_after_its_owner_with_the_same_error(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    def fail() -> None:
+        time.sleep(0.1)
+        raise OSError("disk full")
+
+    @quiet_threads(OSError)
+    def owner() -> None:
+        threading.Thread(target=fail).start()
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="full"):
+        owner()
+    assert capfd.readouterr().err == ""

@@ -63,7 +63,13 @@ def quiet_threads(error: type[Exception]) -> Iterator[None]:
             shown(ended)
 
     threading.excepthook = hook
+    before = threading.enumerate()
     try:
         yield
+    except error:
+        for thread in threading.enumerate():
+            if thread not in before:
+                thread.join(1.0)  # it may be about to end with the same error
+        raise
     finally:
         threading.excepthook = shown
