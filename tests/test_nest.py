@@ -34,8 +34,8 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
+from packit_sim.nesting import build, strips
 from packit_sim.nesting import nest as nest_module
-from packit_sim.nesting import strips
 from packit_sim.nesting.nest import NestingError
 from packit_sim.nesting.packing_files import verify_packing
 from packit_sim.nesting.problem import Problem
@@ -698,3 +698,18 @@ def test_arguments_that_are_not_possible_are_one_error(changed, kind, message) -
     with pytest.raises(kind, match=message) as raised:
         nest(**arguments)
     assert "\n" not in str(raised.value)
+
+
+def cup() -> trimesh.Trimesh:
+    """A cone with a wall of 0.4 along z, open above; in another one, it is 0.4 higher."""
+    profile = [(0, 0), (1.5, 0), (3, 4), (3, 4.4), (1.5, 0.4), (0, 0.4)]
+    return creation.revolve(profile, sections=48)
+
+
+@pytest.mark.parametrize(("few", "most"), [(build.FEW, 1.1), (0, 1.4)])
+def test_equal_cups_are_stacked(monkeypatch: pytest.MonkeyPatch, few: int, most: float) -> None:
+    """Close by exact fields; if there were too many of them, still inside each other."""
+    monkeypatch.setattr(build, "FEW", few)
+    cups = of(cup(), "cup", demand=5, rotations="axis-4")
+    packing = nest([cups], (6.01, 6.01, OPEN), settings=quick(150))
+    assert packing.height < most * (4.4 + 4 * 0.4)

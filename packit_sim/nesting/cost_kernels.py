@@ -8,6 +8,7 @@ from packit_sim.nesting.field_kernels import SCALE
 from packit_sim.nesting.overlap_kernels import (
     add_field,
     gradient,
+    in_conflict,
     interpolated,
     node_of,
     refine_node,
@@ -23,6 +24,13 @@ CROSSING = 2.0
 """Voxels of depth by fields from which on these count, and not points.
 
 Points that are deep in a thin item do not say how far the way out is.
+"""
+
+
+DOUBT = 0.3
+"""Voxels of depth by points up to which the surfaces decide whether an item is inside a hollow one.
+
+Fields are too coarse for a place that is hardly larger than what it holds.
 """
 
 
@@ -146,12 +154,17 @@ def distance_of(problem, state, i, o, p, j):
         return NO_LIMIT, 0.0, 0.0, 0.0
     per_step = 1 / (SCALE * lookup.voxel)
     gx, gy, gz = x * per_step, y * per_step, z * per_step
-    if not problem.refined and distance >= -CROSSING:
+    by_points = not problem.refined and distance >= -CROSSING
+    may_be_inside = distance < -CROSSING and (lookup.hollow[first] or lookup.hollow[other])
+    if by_points or may_be_inside:
         turn = problem.relative_turns[rel]
-        distance, gx, gy, gz = least_distance(problem.distances, first, other, turn, sx, sy, sz)
+        least, px, py, pz = least_distance(problem.distances, first, other, turn, sx, sy, sz)
         per_voxel = 1 / lookup.voxel
-        distance = (distance - lookup.clearance) * per_voxel
-        gx, gy, gz = gx * per_voxel, gy * per_voxel, gz * per_voxel
+        least = (least - lookup.clearance) * per_voxel
+        if by_points:
+            distance, gx, gy, gz = least, px * per_voxel, py * per_voxel, pz * per_voxel
+        elif least > -DOUBT and not in_conflict(problem, first, other, rel, sx, sy, sz, True):
+            distance, gx, gy, gz = max(least, 0.0), 0.0, 0.0, 0.0
     a, b = state.types[i], state.types[j]
     turn, sign = lookup.turns[o], -1.0
     if a > b or (a == b and i > j):

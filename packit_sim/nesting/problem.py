@@ -136,6 +136,8 @@ class Lookup(NamedTuple):
         bounding box in the mesh's own frame, for all rotations.
     sizes : ndarray
         (t,) float64, factors of costs.
+    hollow : ndarray
+        (t,) bool, whether a type fills so little of its convex hull that others may be inside.
     numbers : ndarray
         (t, t, r) int64, numbers of fields by types and relative rotation; -1: none yet.
     fields : ndarray
@@ -158,6 +160,7 @@ class Lookup(NamedTuple):
     relative: Any
     boxes: Any
     sizes: Any
+    hollow: Any
     numbers: Any
     fields: Any
     values: Any
