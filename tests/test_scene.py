@@ -491,3 +491,13 @@ def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> N
         empty = trimesh.Trimesh(np.zeros((0, 3)), np.zeros((0, 3), int), process=False)
         scene._world.add_body(scene._world.add_visual(empty, 1.0, (1, 0, 0)), Pose(np.zeros(3)))
         assert np.array_equal(scene.snapshot(64, 64).image, before)
+
+
+def test_contacts_leave_nothing_in_the_shapes() -> None:
+    box = three_items()
+    meshes = [placed.item.shape.mesh for placed in box.placed]
+    for mesh in meshes:
+        mesh._cache.clear()
+    with Scene(box) as scene:
+        scene.penetrations()
+    assert all("triangles" not in mesh._cache.cache for mesh in meshes)

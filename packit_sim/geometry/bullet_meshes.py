@@ -35,6 +35,7 @@ their vertices."""
 
 def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:
     """Split a mesh's surface into convex pieces: vertices (n, 3) and faces (m, 3) of each."""
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)  # its caches are freed
     pieces: list[tuple[Rows, Rows]] = []
     for part in mesh.split(only_watertight=False, repair=False):
         with np.errstate(divide="ignore", invalid="ignore"):  # of a part without volume
