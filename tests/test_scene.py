@@ -18,6 +18,7 @@ from PIL import Image
 
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
+from packit_sim.geometry.bullet_meshes import convex_pieces
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.poses import Pose
 from packit_sim.geometry.shapes import Item, Shape
@@ -493,11 +494,8 @@ def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> N
         assert np.array_equal(scene.snapshot(64, 64).image, before)
 
 
-def test_contacts_leave_nothing_in_the_shapes() -> None:
-    box = three_items()
-    meshes = [placed.item.shape.mesh for placed in box.placed]
-    for mesh in meshes:
-        mesh._cache.clear()
-    with Scene(box) as scene:
-        scene.penetrations()
-    assert all("triangles" not in mesh._cache.cache for mesh in meshes)
+def test_convex_pieces_leave_nothing_in_the_mesh() -> None:
+    mesh = trimesh.util.concatenate([BOWL.mesh, BALL.mesh])
+    mesh._cache.clear()
+    assert len(convex_pieces(mesh)) > 1
+    assert "face_adjacency" not in mesh._cache.cache
