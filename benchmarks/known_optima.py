@@ -135,10 +135,11 @@ def measure(case: Case, seconds: float, seed: int, workers: int) -> dict[str, An
         packing came, and the number of problems that the check finds.
     """
     found = threading.Event()
-    last = [0.0]
+    last = 0.0
 
     def better(packed: PackedParts, at: float) -> None:
-        last.append(at)
+        nonlocal last
+        last = at
         if case.is_reached(packed):
             found.set()
 
@@ -148,7 +149,7 @@ def measure(case: Case, seconds: float, seed: int, workers: int) -> dict[str, An
         "value": case.value(packed),
         "optimum": case.optimum,
         "reached": case.is_reached(packed),
-        "seconds": round(last[-1], 1),
+        "seconds": round(last, 1),
         "problems": len(packed.verify()),
     }
 

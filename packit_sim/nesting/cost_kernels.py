@@ -26,7 +26,6 @@ CROSSING = 2.0
 Points that are deep in a thin item do not say how far the way out is.
 """
 
-
 DOUBT = 0.3
 """Voxels of depth by points up to which the surfaces decide whether an item is inside a hollow one.
 
