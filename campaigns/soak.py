@@ -3,7 +3,7 @@
     .venv/bin/python -m campaigns.soak --episodes 12000    (about 40 minutes of one core)
     .venv/bin/python -m campaigns.soak --table
 
-Each renderer has a separate process, EGL a twelfth of the episodes. A process opens and closes an
+Each renderer has a separate process, EGL a quarter of the episodes. A process opens and closes an
 environment for every 100 episodes: the 550 tasks of `everyday-v1` with shapes or all choices
 drawn at random, and fresh tasks; each episode ends with a picture of 64 x 64 pixels. A sample is
 taken whenever everything is closed. Three caches that fill slowly have smaller budgets. A run is
@@ -48,7 +48,7 @@ from packit_sim.scene import Scene
 with quiet():  # it prints its build time
     import pybullet
 
-RENDERERS = {"software": 11 / 12, "egl": 1 / 12}
+RENDERERS = {"software": 3 / 4, "egl": 1 / 4}
 """The share of each renderer in the episodes."""
 
 INTERVAL = 100
