@@ -26,8 +26,6 @@ PAIR_CACHES = ("collisions", "no-fit tables", "pairs that met")
 
 Times = dict[str, list[float]]
 
-_TABLE = re.compile(r"(?<=<!-- results -->\n).*?(?=<!-- end of results -->)", re.DOTALL)
-
 
 def argument_parser(description: str | None, files: str = "the JSON") -> argparse.ArgumentParser:
     """Create a parser whose help is a module docstring, with the option --out."""
@@ -111,13 +109,17 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str
     return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)
 
 
-def table_in_page(page: Path) -> str:
-    """Return what a page has between the comments around its results."""
-    found = _TABLE.search(page.read_text())
+def table_in_page(page: Path, name: str = "results") -> str:
+    """Return what a page has between the comments around its results, or others of a name."""
+    found = _block(name).search(page.read_text())
     assert found is not None
     return found[0]
 
 
-def write_into_page(page: Path, table: str) -> None:
+def write_into_page(page: Path, table: str, name: str = "results") -> None:
     """Write results between these comments of a page."""
-    replace_text(page, _TABLE.sub(lambda _: table, page.read_text(), count=1))
+    replace_text(page, _block(name).sub(lambda _: table, page.read_text(), count=1))
+
+
+def _block(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(?<=<!-- {name} -->\n).*?(?=<!-- end of {name} -->)", re.DOTALL)

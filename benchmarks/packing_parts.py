@@ -6,21 +6,23 @@
 A selection has 20 to 60 shapes, whose volumes add up to 1.2 times the box's; each fits into the
 box. All packers get the same items and seek the most volume: bounding boxes (packvium), heightmaps
 and spectral packing, without a time limit, as in `benchmarks.peers`. Each packing is checked by its
-meshes; ours also by `PackedParts.verify`. Prints the ratios, and writes each result to
-`benchmarks/results/packing_parts.json` at once: what has a result is not packed again.
+meshes; ours also by `PackedParts.verify`. Writes each result to
+`benchmarks/results/packing_parts.json` at once: what has a result is not packed again; --table
+writes the table of `docs/benchmarks/parts.md`.
 """
 
 from __future__ import annotations
 
 import json
+import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.common import argument_parser, machine, write_json
+from benchmarks.common import argument_parser, machine, markdown_table, write_into_page, write_json
 from benchmarks.peers.cuboids import Cuboids
 from benchmarks.peers.heightmaps import Heightmaps
 from benchmarks.peers.posed import Peer
@@ -46,6 +48,15 @@ SIZES: tuple[Triple, ...] = (
 UNIT_MM = 300.0
 """Millimetres in a box unit."""
 
+FILE = "packing_parts.json"
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "parts.md"
+
+BLOCK = "other packers"
+"""Between these comments the page has the table."""
+
+OURS = "packit pack"
+
 VOLUME = 1.2
 """Volume of all items, relative to the box's."""
 
@@ -55,35 +66,47 @@ SPREAD = 0.5
 PEERS: tuple[Peer, ...] = (Cuboids(), Heightmaps(), Spectral())
 
 
-def selection(library: ShapeLibrary, number: int) -> Task:
-    """Draw the items of a selection, and its box.
+def selection(
+    library: ShapeLibrary,
+    seed: int,
+    cells: Triple | None = None,
+    count: int | None = None,
+    volume: float = VOLUME,
+) -> Task:
+    """Draw the items of a selection.
 
     Parameters
     ----------
     library : ShapeLibrary
         The shapes.
-    number : int
-        The number of the selection: the seed, and the box by turns.
+    seed : int
+        The seed.
+    cells : tuple of int, optional
+        The box; by default one of `SIZES`, which take turns.
+    count : int, optional
+        The number of items; by default 20 to 60.
+    volume : float
+        Their volume, relative to the box's.
 
     Returns
     -------
     Task
         The items; each fits into the box in one of the 24 rotations.
     """
-    cells = SIZES[number % len(SIZES)]
+    cells = cells or SIZES[seed % len(SIZES)]
     size = np.array(cells) * CELL
-    rng = np.random.default_rng(number)
+    rng = np.random.default_rng(seed)
     ids = list(library)
-    count = int(rng.integers(20, 61))
-    mean = VOLUME * float(size.prod()) / count
+    count = count or int(rng.integers(20, 61))
+    mean = volume * float(size.prod()) / count
     items: list[Item] = []
     while len(items) < count:
         shape = library[ids[rng.integers(len(ids))]]
-        volume = mean * float(np.exp(rng.normal(0, SPREAD)))
-        item = Item(shape, volume / shape.volume)
+        own = mean * float(np.exp(rng.normal(0, SPREAD)))
+        item = Item(shape, own / shape.volume)
         if _fits(item, size):
             items.append(item)
-    factor = VOLUME * float(size.prod()) / sum(item.volume for item in items)
+    factor = volume * float(size.prod()) / sum(item.volume for item in items)
     items = [Item(item.shape, item.scale * factor) for item in items]
     items = [item for item in items if _fits(item, size)]
     items.sort(key=lambda item: (item.shape.id, item.scale))
@@ -93,6 +116,15 @@ def selection(library: ShapeLibrary, number: int) -> Task:
 def _fits(item: Item, size: Any) -> bool:
     turned = np.array([item.turned(n).extents for n in range(24)])
     return fits(turned, size.tolist(), 0.0)
+
+
+def parts_of(task: Task) -> list[Part]:
+    """Return the items of a task as parts in millimetres; no two have the same name."""
+    parts = []
+    for n, item in enumerate(task.items):
+        mesh = item.turned(0).mesh.copy()
+        parts.append(Part(f"{n:02d} {item.shape.id}", mesh.apply_scale(UNIT_MM)))
+    return parts
 
 
 def measure(task: Task, seconds: float, workers: int) -> dict[str, Any]:
@@ -114,14 +146,10 @@ def measure(task: Task, seconds: float, workers: int) -> dict[str, Any]:
         and the problems of the packing.
     """
     space = float(np.prod(np.array(task.cells) * CELL))
-    parts = []
-    for n, item in enumerate(task.items):
-        mesh = item.turned(0).mesh.copy()
-        parts.append(Part(f"{n:02d} {item.shape.id}", mesh.apply_scale(UNIT_MM)))
     started = time.perf_counter()
     first: list[float] = []
     found = pack(
-        parts,
+        parts_of(task),
         tuple(side * CELL * UNIT_MM for side in task.cells),
         time=seconds,
         callback=lambda _, at: first.append(round(at, 2)),
@@ -129,7 +157,7 @@ def measure(task: Task, seconds: float, workers: int) -> dict[str, Any]:
     )
     numbers = [placement.type for _, placement in found.placements]
     rows: dict[str, Any] = {
-        "ours": {
+        OURS: {
             "volume": sum(task.items[n].volume for n in numbers) / space,
             "items": len(numbers),
             "seconds": time.perf_counter() - started,
@@ -151,55 +179,53 @@ def measure(task: Task, seconds: float, workers: int) -> dict[str, Any]:
     return rows
 
 
-def ratios(runs: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield each peer's name and the mean ratio of our volume to its, with the interval."""
-    for peer in PEERS:
-        sample = [run["ours"]["volume"] / run[peer.name]["volume"] for run in runs.values()]
-        yield peer.name, format_estimate(Estimate.of(sample), ".3f")
+def table(runs: Mapping[str, Mapping[str, Any]]) -> str:
+    """Tabulate the results in Markdown: a row for each packer."""
+    rows = []
+    for name in (OURS, *(peer.name for peer in PEERS)):
+        own = [run[name] for run in runs.values()]
+        ratio = [run[OURS]["volume"] / run[name]["volume"] for run in runs.values()]
+        volume = Estimate.of([each["volume"] for each in own])
+        rows.append(
+            (
+                name,
+                format_estimate(volume, ".3f"),
+                "-" if name == OURS else format_estimate(Estimate.of(ratio), ".3f"),
+                f"{statistics.fmean(each['items'] for each in own):.1f}",
+                f"{statistics.fmean(each['seconds'] for each in own):.1f}",
+                sum(each["problems"] for each in own),
+            )
+        )
+    head = ("packer", "volume packed", "ratio of ours to it", "items", "seconds", "problems")
+    return markdown_table(head, rows)
 
 
 def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--selections", type=int, default=50, help="how many selections")
     parser.add_argument("--seconds", type=float, default=60.0, help="time of our search")
-    parser.add_argument("--workers", type=int, default=0, help="processes; 0: one per core")
-    parser.add_argument(
-        "--table", action="store_true", help="print the results, and search nothing"
-    )
+    parser.add_argument("--workers", type=int, default=0, help="threads; 0: one per core")
+    parser.add_argument("--table", action="store_true", help="write the table of the page")
     arguments = parser.parse_args()
-    file: Path = arguments.out / "packing_parts.json"
+    file: Path = arguments.out / FILE
+    setting = f"{arguments.seconds:g} s, workers {arguments.workers}"
     known: dict[str, Any] = json.loads(file.read_text())["runs"] if file.exists() else {}
     library = ShapeLibrary.open(LIBRARY)
     for number in range(0 if arguments.table else arguments.selections):
-        key = f"{number}, {arguments.seconds:g} s"
+        key = f"{number}, {setting}"
         if key in known:
-            print(f"selection {key}: done before")
             continue
         task = selection(library, number)
-        known[key] = {
-            "items": len(task.items),
-            "cells": task.cells,
-            **measure(task, arguments.seconds, arguments.workers),
-        }
+        found = measure(task, arguments.seconds, arguments.workers)
+        known[key] = {"items": len(task.items), "cells": task.cells, **found}
         head = {"command": "python -m benchmarks.packing_parts", "machine": machine()}
         write_json(file, {**head, "library": library.digest, "runs": known})
-        shown = {
-            name: round(row["volume"], 3)
-            for name, row in known[key].items()
-            if name not in ("items", "cells")
-        }
-        print(f"selection {key}: {len(task.items)} items, {shown}")
-    runs = {key: run for key, run in known.items() if key.endswith(f", {arguments.seconds:g} s")}
-    if runs:
-        problems = sum(
-            run[name]["problems"]
-            for run in runs.values()
-            for name in run
-            if isinstance(run[name], dict)
-        )
-        print(f"{len(runs)} selections, {problems} problems")
-        for name, ratio in ratios(runs):
-            print(f"volume packed, relative to {name}: {ratio}")
+        shown = {name: round(row["volume"], 3) for name, row in found.items()}
+        print(f"selection {key}: {len(task.items)} items, {shown}", flush=True)
+    runs = {key: run for key, run in known.items() if key.endswith(f", {setting}")}
+    if arguments.table:
+        write_into_page(PAGE, table(runs), BLOCK)
+    print(table(runs))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,16 @@ from packit_sim.nesting.pose_kernels import take_out
 from packit_sim.nesting.problem import Problem, State, boxes_of
 from packit_sim.nesting.tasks import Poses, SearchTask
 
+_MOST_TAKEN = 4
+"""Most items that are taken out of a box to rebuild it."""
+
+_NEIGHBOURS = 0.5
+"""Share of the rebuilds that take out neighbours."""
+
+_SHUFFLE = 0.25
+"""Standard deviation by which an item's rank in the order of a rebuild changes, as a share of the
+number of items."""
+
 
 def loaded(
     problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, is_checked: bool = False
@@ -93,6 +103,47 @@ def filled(
             break
         construct(problem, state, left, boxes[k : k + 1], task.settings.construction_samples, rng)
     return Poses.of(state)
+
+
+def rebuilt(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    boxes: Floats,
+    choices: np.random.Generator,
+    rng: npt.NDArray[np.uint64],
+) -> Poses:
+    """Take out a few items, neighbours or any, and put in what fits, roughly in the task's order.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    poses : Poses
+        Where the items are, without conflicts.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    choices : numpy.random.Generator
+        Chooses the items and the order.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses, without conflicts.
+    """
+    packed = choices.permutation(np.flatnonzero(poses.inside[: task.count]))
+    if choices.random() < _NEIGHBOURS:
+        ways = poses.places[packed] - poses.places[packed[:1]]
+        packed = packed[np.linalg.norm(ways, axis=1).argsort(kind="stable")]
+    goes = packed[: 1 + choices.integers(_MOST_TAKEN)]
+    n = len(task.order)
+    ranks = np.arange(n) + choices.normal(0, _SHUFFLE * n, n)
+    order = task.order[ranks.argsort(kind="stable")]
+    return filled(problem, task, poses.changed(goes, 0), boxes, order, rng)
 
 
 def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:

@@ -9,13 +9,14 @@ from packit_sim.nesting.filling import (
     constructed,
     filled,
     least_heights,
+    rebuilt,
     repaired,
     with_random_poses,
 )
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
-from packit_sim.nesting.tasks import Poses, SearchTask, Solution
+from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
 _MOST_IN = 3
 """Most items that are put in at a time."""
@@ -42,6 +43,9 @@ _FAILURES = 30
 class KnapsackSearch(NestSearch):
     """A search for the most value in one box: exchange items, move all apart, and again.
 
+    After each exchange the box is also rebuilt as often as the exchange took passes: some items are
+    taken out, and what fits is put in without moving others.
+
     Parameters
     ----------
     task : SearchTask
@@ -55,7 +59,8 @@ class KnapsackSearch(NestSearch):
         self._boxes = boxes_of([task.size])
         self._fits = np.ones(task.count, bool)
         self._failures = 0
-        self._good = self._current = task.nowhere
+        self._good = self._current = self._rebuilt = task.nowhere
+        self._rebuilds = 0
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
@@ -68,7 +73,28 @@ class KnapsackSearch(NestSearch):
         self._fits = np.isfinite(least_heights(problem, self._task))
         solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
         self._good = self._current = self._own(solution.poses)
+        self._rebuilt = solution.poses
         return solution
+
+    def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
+        while self._rebuilds > 0 and not (self.is_done or budget.is_spent):
+            for _ in range(budget.take()):
+                self._rebuilds -= 1
+                self._rebuild_once(problem)
+
+    def _rebuild_once(self, problem: Problem) -> None:
+        """Rebuild the best box, or one that was rebuilt from it and is not much worse."""
+        assert self.best is not None
+        most = -self.best.score[0]
+        if self._value(self._rebuilt) < (1 - _WORSE) * most:
+            self._rebuilt = self.best.poses
+        poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
+        value = self._value(poses)
+        if value > most:
+            self._good, self._failures = poses, 0
+            self._offer(problem, self._solution(poses))
+        if value >= (1 - _WORSE * self._choices.random()) * most:
+            self._rebuilt = poses
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
         poses = self._exchanged(problem)
@@ -83,6 +109,7 @@ class KnapsackSearch(NestSearch):
             poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
         value = self._value(poses)
         self._failures += 1
+        self._rebuilds = attempt.passes
         if value > most:
             self._good, self._failures = poses, 0
             self._offer(problem, self._solution(poses))

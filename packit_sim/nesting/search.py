@@ -69,6 +69,7 @@ class NestSearch(ABC):
             self._is_begun = True
             self._offer(problem, self._constructed(problem))
         while self.best is not None and not (self.is_done or budget.is_spent):
+            self._rebuild(problem, budget)
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
             has_few_fields = len(problem.relative_turns) == 1  # whose values are used many times
@@ -136,6 +137,10 @@ class NestSearch(ABC):
     def _add_items(self, problem: Problem) -> None:
         """Go on with more items."""
         self._level += 1
+
+    def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
+        """Look for better solutions in another way, between attempts."""
+        return  # only some searches have one
 
     @abstractmethod
     def _constructed(self, problem: Problem) -> Solution:
