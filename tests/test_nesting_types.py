@@ -180,6 +180,19 @@ def test_a_packing_is_measured() -> None:
     assert (empty.height, empty.density, empty.boxes, empty.left_out) == (0, 0, 0, (2, 3))
 
 
+def test_a_changed_type_has_the_same_mesh() -> None:
+    one = kind()
+    volume, digest = one.volume, one.digest
+    new = one.changed(3, "yaw-4", 2.5)
+    assert (new.demand, new.rotations, new.value, new.name) == (3, "yaw-4", 2.5, one.name)
+    assert new.vertices is one.vertices and new.faces is one.faces
+    assert (vars(new)["volume"], vars(new)["digest"]) == (volume, digest)
+    assert (one.demand, one.value) == (1, None) and one.changed().rotations == one.rotations
+    for settings in ({"demand": 0}, {"rotations": "spin"}, {"value": -1.0}):
+        with pytest.raises(ArgumentError, match=r"not possible|spin"):
+            one.changed(**settings)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

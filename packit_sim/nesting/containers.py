@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from packit_sim.core.errors import ArgumentError
@@ -67,9 +67,7 @@ class BoxContainer:
                 kind = type(each).__name__
                 raise ArgumentError(f"obstacles[{number}] is of type {kind}: choose an ItemType")
         fixed = (
-            each
-            if each.demand == 1 and each.rotations == FIXED
-            else replace(each, demand=1, rotations=FIXED)
+            each if each.demand == 1 and each.rotations == FIXED else each.changed(1, FIXED)
             for each in self.obstacles
         )
         object.__setattr__(self, "obstacles", tuple(fixed))

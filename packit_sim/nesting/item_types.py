@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import operator
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +61,13 @@ class ItemType:
     file: Path | None = None
 
     def __post_init__(self) -> None:
+        self._check_settings()
+        vertices, faces = _cleaned(self.vertices, self.faces, self.name)
+        for name, array in (("vertices", vertices), ("faces", faces)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def _check_settings(self) -> None:
         try:
             demand = operator.index(self.demand)
         except TypeError:
@@ -75,10 +83,6 @@ class ItemType:
                 "at least 0, finite"
             )
         rotation_sets.check(self.rotations)
-        vertices, faces = _cleaned(self.vertices, self.faces, self.name)
-        for name, array in (("vertices", vertices), ("faces", faces)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
         object.__setattr__(self, "demand", demand)
 
     @classmethod
@@ -142,6 +146,38 @@ class ItemType:
         made = cls(item.shape.id, mesh.vertices, mesh.faces, demand, rotations, value)
         vars(made)["volume"] = item.volume
         return made
+
+    def changed(
+        self, demand: int | None = None, rotations: str | None = None, value: float | None = None
+    ) -> ItemType:
+        """Return a type of the same mesh, whose checks and measures are not repeated.
+
+        Parameters
+        ----------
+        demand : int, optional
+            Its demand; by default the same.
+        rotations : str, optional
+            Its rotations; by default the same.
+        value : float, optional
+            Its value; by default the same.
+
+        Returns
+        -------
+        ItemType
+            The new type.
+
+        Raises
+        ------
+        ArgumentError
+            If the demand, the rotations or the value are not possible.
+        """
+        new = copy(self)
+        settings = {"demand": demand, "rotations": rotations, "value": value}
+        for name, setting in settings.items():
+            if setting is not None:
+                object.__setattr__(new, name, setting)
+        new._check_settings()
+        return new
 
     @cached_property
     def low(self) -> Floats:

@@ -207,12 +207,7 @@ class PackingSearch:
         """Nest some of the parts; the packings' types are those of all parts."""
         task, settings = self.task, self.task.settings
         numbers = sorted(counts)
-        types = []
-        for n in numbers:
-            known = task.types[n]
-            own = replace(known, demand=counts[n], value=task.weights[n])
-            vars(own)["volume"] = known.volume
-            types.append(own)
+        types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
 
         def of_all(packing: Packing, _: float) -> None:
             placements = [replace(one, type=numbers[one.type]) for one in packing.placements]

@@ -179,11 +179,10 @@ class PackTask:
 
         Those of fixed parts follow.
         """
-        found = []
-        for each, weight in zip(self.parts, self.weights, strict=True):
-            own = replace(each.item_type, value=weight)
-            vars(own)["volume"] = each.volume
-            found.append(own)
+        found = (
+            each.item_type.changed(value=weight)
+            for each, weight in zip(self.parts, self.weights, strict=True)
+        )
         return (*found, *(each.item_type for each in self.fixed))
 
     @property
