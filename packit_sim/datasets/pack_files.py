@@ -73,12 +73,12 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
         if split:
             raise PackFormatError(f"{path} has no splits: there is no {split!r} in it")
         return path
-    splits = sorted(file.stem for file in path.glob("*.jsonl"))
+    splits = [file.stem for file in folder_files(path)]
     if split is None and WHOLE in splits and not set(SPLITS) & set(splits):
         split = WHOLE
     if split not in splits:
         raise PackFormatError(
-            f"{path} is a folder with the splits {', '.join(splits) or 'none'}: "
+            f"{path} is a folder with the splits {', '.join(splits)}: "
             f"{'choose one' if split is None else f'there is no {split!r}'}"
         )
     return path / f"{split}.jsonl"

@@ -22,7 +22,7 @@ from packit_sim.nesting.packing import Packing
 from packit_sim.nesting.placements import Placement
 from packit_sim.parts.answers import Answer, FilledBox
 from packit_sim.parts.box_types import BoxType
-from packit_sim.parts.part_sizes import fits, sides
+from packit_sim.parts.part_sizes import fits
 from packit_sim.parts.task import PackTask
 
 _FULL = 0.6
@@ -283,7 +283,7 @@ class PackingSearch:
         return tuple(replace(each, vertices=each.vertices - self.task.margin) for each in own)
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:
-        own = sides(self.task.parts[number])
+        own = self.task.parts[number].sides
         boxes = self.task.boxes if box is None else (box,)
         return any(fits(own, each.size, self.task.margin) for each in boxes)
 

@@ -9,7 +9,6 @@ import numpy as np
 from packit_sim.core.length_units import Unit
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.build import candidates
 from packit_sim.parts.box_types import BoxType
 from packit_sim.parts.prepared import PreparedPart
 from packit_sim.parts.units import factor
@@ -22,12 +21,6 @@ _MISTAKEN: tuple[Unit, ...] = ("mm", "in", "m")
 
 _TINY = 0.005
 """A part's longest side, relative to the box's, below which its unit is doubtful."""
-
-
-def sides(part: PreparedPart) -> Floats:
-    """Return the sides (m, 3) of a part's bounding box in each of its rotations."""
-    vertices = part.item_type.vertices
-    return np.array([np.ptp(vertices @ turn.T, axis=0) for turn in candidates(part.item_type)])
 
 
 def fits(own: Floats, size: Sequence[float], margin: float) -> bool:
@@ -57,7 +50,7 @@ def too_large(
     str or None
         The reason, which names a likely mistake of units; None if the part fits into a box.
     """
-    own = sides(part)
+    own = part.sides
     if any(fits(own, box.size, margin) for box in boxes):
         return None
     reason = f"{shown(part.item_type.extents)} {unit} is larger than "
@@ -115,7 +108,7 @@ def unit_notes(
         inch = [factor("in", part.part.unit) for part in parts]
         larger = plain_sum(p.volume * p.part.count * f**3 for p, f in zip(parts, inch, strict=True))
         is_all = all(
-            f > 1 and any(fits(sides(part) * f, box.size, margin) for box in boxes)
+            f > 1 and any(fits(part.sides * f, box.size, margin) for box in boxes)
             for part, f in zip(parts, inch, strict=True)
         )
         if is_all and larger < volume:
@@ -129,7 +122,7 @@ def unit_notes(
 
 def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: float) -> Unit | None:
     """Return a larger unit in which a part would still fit."""
-    own = sides(part)
+    own = part.sides
     for other in reversed(_MISTAKEN):
         larger = factor(other, part.part.unit)
         if larger > 1 and any(fits(own * larger, box.size, margin) for box in boxes):
