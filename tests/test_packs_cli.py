@@ -292,7 +292,10 @@ def test_what_has_no_command_says_so(evolved: Path) -> None:
     [
         (["stats", "nowhere"], "packs can't be read from nowhere: No such file"),
         (["stats", "{empty}"], "is a folder without packs: it has no .jsonl file"),
-        (["stats", "{empty}", "--split", "test"], "is a folder without packs: it has no .jsonl file"),
+        (
+            ["stats", "{empty}", "--split", "test"],
+            "is a folder without packs: it has no .jsonl file",
+        ),
         (["stats", "starter", "--split", "test"], "there is no 'test'"),
         (["stats", "starter", "--library", "{library}"], "the pack is of library"),
         (["stats", "starter", "--library", "none"], "no shape library 'none'"),
