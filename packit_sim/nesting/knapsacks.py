@@ -36,6 +36,9 @@ _WORSE = 0.02
 _REFILLED = 0.05
 """Share of the value by which it may be worse for a look at what else fits in."""
 
+_PASSES = 2
+"""Passes of an exchange in the time of a rebuild, roughly."""
+
 _FAILURES = 30
 """Exchanges without a gain after which more items are searched for."""
 
@@ -43,8 +46,10 @@ _FAILURES = 30
 class KnapsackSearch(NestSearch):
     """A search for the most value in one box: exchange items, move all apart, and again.
 
-    After each exchange the box is also rebuilt as often as the exchange took passes: some items are
-    taken out, and what fits is put in without moving others.
+    After each exchange the box is also rebuilt, at most as often as the exchange took passes: some
+    items are taken out, and what fits is put in without moving others. This gains more than
+    exchanges if few large items fit in, and next to nothing if many small ones do, so the number
+    follows from what both gained so far.
 
     Parameters
     ----------
@@ -61,6 +66,7 @@ class KnapsackSearch(NestSearch):
         self._failures = 0
         self._good = self._current = self._rebuilt = task.nowhere
         self._rebuilds = 0
+        self._gains, self._efforts = np.zeros(2), np.ones(2)  # of exchanges, and of rebuilds
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
@@ -90,8 +96,9 @@ class KnapsackSearch(NestSearch):
             self._rebuilt = self.best.poses
         poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
         value = self._value(poses)
+        self._efforts[1] += _PASSES
         if value > most:
-            self._good, self._failures = poses, 0
+            self._gains[1] += value - most
             self._offer(problem, self._solution(poses))
         if value >= (1 - _WORSE * self._choices.random()) * most:
             self._rebuilt = poses
@@ -109,22 +116,28 @@ class KnapsackSearch(NestSearch):
             poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
         value = self._value(poses)
         self._failures += 1
-        self._rebuilds = attempt.passes
         if value > most:
+            self._gains[0] += max(0.0, value + best.score[0])
             self._good, self._failures = poses, 0
             self._offer(problem, self._solution(poses))
         is_good = value >= (1 - _WORSE * self._choices.random()) * most
         self._current = poses if is_good else self._good
         if self._failures > _FAILURES and not self._has_all:
             self._add_items(problem)
+        self._efforts[0] += attempt.passes
+        exchanges, rebuilds = self._gains / self._efforts
+        share = (rebuilds / exchanges) ** 2 if exchanges > 0 else float(rebuilds > 0)
+        self._rebuilds = max(1, round(min(1.0, share) * attempt.passes / _PASSES))
 
     def _add_items(self, problem: Problem) -> None:
         """Go on with more items, and put in those that fit."""
         super()._add_items(problem)
         self._failures = 0
         self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
-        self._current = self._good
         self._offer(problem, self._solution(self._good))
+        if self._has_all and self.best is not None:
+            self._good = self.best.poses
+        self._current = self._good
 
     def _value(self, poses: Poses) -> float:
         return float(self._task.values[self._packed(poses)].sum())
