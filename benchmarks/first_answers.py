@@ -73,7 +73,8 @@ def measure(command: Sequence[str]) -> Run:
     -------
     dict
         Seconds until the packing was shown and until the command ended, the number of its parts,
-        the processor seconds, and the most resident memory in megabytes.
+        the processor seconds, and the most resident memory in megabytes. Linux counts what this
+        process had when it started the command, so the memory may be less.
 
     Raises
     ------
