@@ -36,8 +36,11 @@ _WORSE = 0.02
 _REFILLED = 0.05
 """Share of the value by which it may be worse for a look at what else fits in."""
 
-_PASSES = 2
-"""Passes of an exchange in the time of a rebuild, roughly."""
+_LEAST_REBUILT = 0.05
+"""Least time for rebuilds, as a share of the time for exchanges."""
+
+_NO_EFFORT = 1e-9
+"""Share of the search below which nothing was tried."""
 
 _FAILURES = 30
 """Exchanges without a gain after which more items are searched for."""
@@ -46,10 +49,10 @@ _FAILURES = 30
 class KnapsackSearch(NestSearch):
     """A search for the most value in one box: exchange items, move all apart, and again.
 
-    After each exchange the box is also rebuilt, at most as often as the exchange took passes: some
-    items are taken out, and what fits is put in without moving others. This gains more than
-    exchanges if few large items fit in, and next to nothing if many small ones do, so the number
-    follows from what both gained so far.
+    Between exchanges the box is also rebuilt: some items are taken out, and what fits is put in
+    without moving others. This gains more than exchanges if few large items fit in, and next to
+    nothing if many small ones do, so the time for it, at most that for exchanges, follows from
+    what both gained so far.
 
     Parameters
     ----------
@@ -65,8 +68,8 @@ class KnapsackSearch(NestSearch):
         self._fits = np.ones(task.count, bool)
         self._failures = 0
         self._good = self._current = self._rebuilt = task.nowhere
-        self._rebuilds = 0
-        self._gains, self._efforts = np.zeros(2), np.ones(2)  # of exchanges, and of rebuilds
+        self._progress = 0.0  # when a box was last rebuilt
+        self._gains, self._efforts = np.zeros(2), np.zeros(2)  # of exchanges, and of rebuilds
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a more valuable box."""
@@ -83,10 +86,25 @@ class KnapsackSearch(NestSearch):
         return solution
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
-        while self._rebuilds > 0 and not (self.is_done or budget.is_spent):
+        self._count_effort(0, budget)
+        most = self._rebuilt_share * self._efforts[0]
+        while self._efforts[1] < most and not (self.is_done or budget.is_spent):
             for _ in range(budget.take()):
-                self._rebuilds -= 1
                 self._rebuild_once(problem)
+            self._count_effort(1, budget)
+
+    def _count_effort(self, kind: int, budget: SearchBudget) -> None:
+        """Count the share of the search since the last call for exchanges (0) or rebuilds (1)."""
+        progress = budget.progress
+        self._efforts[kind] += progress - self._progress
+        self._progress = progress
+
+    @property
+    def _rebuilt_share(self) -> float:
+        """The time that rebuilds should take, as a share of the time for exchanges."""
+        exchanges, rebuilds = self._gains / np.maximum(self._efforts, _NO_EFFORT)
+        share = (rebuilds / exchanges) ** 2 if exchanges > 0 else float(rebuilds > 0)
+        return min(1.0, max(_LEAST_REBUILT, share))
 
     def _rebuild_once(self, problem: Problem) -> None:
         """Rebuild the best box, or one that was rebuilt from it and is not much worse."""
@@ -96,7 +114,6 @@ class KnapsackSearch(NestSearch):
             self._rebuilt = self.best.poses
         poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
         value = self._value(poses)
-        self._efforts[1] += _PASSES
         if value > most:
             self._gains[1] += value - most
             self._offer(problem, self._solution(poses))
@@ -124,10 +141,6 @@ class KnapsackSearch(NestSearch):
         self._current = poses if is_good else self._good
         if self._failures > _FAILURES and not self._has_all:
             self._add_items(problem)
-        self._efforts[0] += attempt.passes
-        exchanges, rebuilds = self._gains / self._efforts
-        share = (rebuilds / exchanges) ** 2 if exchanges > 0 else float(rebuilds > 0)
-        self._rebuilds = max(1, round(min(1.0, share) * attempt.passes / _PASSES))
 
     def _add_items(self, problem: Problem) -> None:
         """Go on with more items, and put in those that fit."""

@@ -45,8 +45,6 @@ class Separation:
         The poses of least overlap so far.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
-    passes : int
-        Passes so far.
     """
 
     def __init__(
@@ -60,7 +58,6 @@ class Separation:
         self._later = [items[poses.inside[items] > 0] for items in later]
         self.least = poses.changed(np.concatenate(self._later), 0) if later else poses
         self.boxes = boxes
-        self.passes = 0
         self._task = task
         self._patience = patience
         self._idle = 0
@@ -119,7 +116,6 @@ class Separation:
             if budget.is_spent:
                 return None
             passes = budget.take()
-            self.passes += passes
             overlap = separate(
                 problem,
                 self._state,
