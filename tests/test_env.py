@@ -21,9 +21,11 @@ from packit_sim.datasets.pack_files import load_tasks, write_packs
 from packit_sim.datasets.packs import Pack, Task
 from packit_sim.engine import insertion
 from packit_sim.envs.env import PackItEnv
+from packit_sim.envs.features import CubeMeans
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Stage
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.voxels import unpack
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 from tests.zoo import cube_of
@@ -353,6 +355,26 @@ def test_states_go_back_exactly_and_travel(tasks, easy, generated) -> None:
         )
     if not generated:
         assert len(pickle.dumps(env.get_state())) < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("cells", "cubes"), [((100, 100, 100), 10), ((100, 52, 24), 10), ((12, 40, 8), 8)]
+)
+def test_the_means_of_a_box_follow_its_changes(cells, cubes) -> None:
+    means, bricks = CubeMeans(cells, cubes), [count // 4 for count in cells]
+    edges = [np.arange(cubes) * count // cubes for count in cells]
+    sizes = np.ones(cells)
+    for axis, starts in enumerate(edges):
+        sizes = np.add.reduceat(sizes, starts, axis=axis)
+    before, counts = np.zeros(bricks, dtype=np.uint64), np.zeros([cubes] * 3, dtype=np.int32)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        words = rng.integers(2**64, size=bricks, dtype=np.uint64)
+        words *= rng.random(bricks) < 0.5
+        filled = unpack(words).astype(float)
+        for axis, starts in enumerate(edges):
+            filled = np.add.reduceat(filled, starts, axis=axis)
+        assert means.of_box(words, before, counts) == pytest.approx(filled / sizes)
 
 
 def test_features_are_mean_occupancies(tasks) -> None:

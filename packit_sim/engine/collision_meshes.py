@@ -16,9 +16,9 @@ from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.engine.containment import ClosedPart, PartArrays
 from packit_sim.engine.pairs import Pair, matrix
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.geometry.deviation import tree_of
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.geometry.triangle_trees import boxes_of
 
 COLLISION_MESHES_BUDGET = 400_000
 """Triangles in the process's cache of collision meshes, roughly 0.8 kB each."""
@@ -69,10 +69,9 @@ class CollisionMesh:
 
     @cached_property
     def tree(self) -> tuple[Floats, Floats, Ints]:
-        """The triangles, boxes and starts of the tree that proofs use (see `deviation.Surface`)."""
-        triangles = self._vertices[np.asarray(self._shape.mesh.faces)]
-        order, boxes, starts = tree_of(triangles)
-        return triangles[order], boxes, starts
+        """The triangles, boxes and starts of the tree that proofs use (see `triangle_trees`)."""
+        triangles = self._vertices[np.asarray(self._shape.mesh.faces)[self._shape.order]]
+        return triangles, *boxes_of(triangles)
 
     def fixed(self, rotation: int) -> fcl.CollisionObject:
         """Look up the rotated mesh that is centred on the origin."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from packit_sim.engine.containment_kernels import any_inside, holds
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.geometry.deviation import tree_of
 from packit_sim.geometry.parts import Parts
+from packit_sim.geometry.triangle_trees import boxes_of
 
 SLACK = 1e-12
 """Box units by which boxes are enlarged: more than rounding, so that they change no answer."""
@@ -35,8 +35,10 @@ class PartArrays(NamedTuple):
     ----------
     points : Floats
         (p, 3) a vertex of each part.
+    extents : Floats
+        (p, 2, 3) the lowest and the highest corner of each part's box.
     triangles : Floats
-        (m, 3, 3) corners of the closed parts' triangles, in a tree (see `deviation.Surface`).
+        (m, 3, 3) corners of the closed parts' triangles, in a tree (see `triangle_trees`).
     part : Ints
         (m,) the number of each of these triangles' part, from 0.
     boxes : Floats
@@ -46,6 +48,7 @@ class PartArrays(NamedTuple):
     """
 
     points: Floats
+    extents: Floats
     triangles: Floats
     part: Ints
     boxes: Floats
@@ -68,16 +71,18 @@ class PartArrays(NamedTuple):
             Their coordinates.
         """
         points, triangles = vertices[parts.vertices], vertices[parts.closed]
+        extents = vertices[parts.extremes, np.arange(3)]
         if len(triangles) == 0:
-            return cls(points, triangles, *_NO_TREE)
-        part = np.arange(len(parts.starts) - 1).repeat(np.diff(parts.starts))
-        order, boxes, starts = tree_of(triangles)
+            return cls(points, extents, triangles, *_NO_TREE)
+        part = np.arange(len(parts.starts) - 1).repeat(np.diff(parts.starts))[parts.order]
+        triangles = triangles[parts.order]
+        boxes, starts = boxes_of(triangles)
         boxes[1:, 0] -= SLACK
         boxes[1:, 1] += SLACK
-        return cls(points, triangles[order], part[order], boxes, starts)
+        return cls(points, extents, triangles, part, boxes, starts)
 
     def outline(self, turn: Floats) -> Floats:
-        """Compute what decides quickly that nothing is inside (see `outlines_meet`).
+        """Compute what decides quickly that nothing is inside (see `points_within`).
 
         Parameters
         ----------
@@ -87,11 +92,11 @@ class PartArrays(NamedTuple):
         Returns
         -------
         Floats
-            (2 + p, 3) the lowest and the highest corner of the box of all closed parts, NaN if
-            there are none, and the points; all rotated.
+            (1 + p, 2, 3) the lowest and the highest corner of the box of all closed parts, NaN if
+            there are none, and of each part's box; all rotated.
         """
-        box = self.boxes[1] @ turn.T
-        return np.concatenate((box.min(axis=0)[None], box.max(axis=0)[None], self.points @ turn.T))
+        corners = np.concatenate((self.boxes[1:2], self.extents)) @ turn.T
+        return np.stack((corners.min(axis=1), corners.max(axis=1)), axis=1)
 
 
 def nested(
@@ -118,8 +123,8 @@ def nested(
         Whether there is such a part.
     """
     return bool(
-        holds(other.points, *one[1:], turn, other_turn, shift)
-        or holds(one.points, *other[1:], other_turn, turn, -shift)
+        holds(other.points, *one[2:], turn, other_turn, shift)
+        or holds(one.points, *other[2:], other_turn, turn, -shift)
     )
 
 

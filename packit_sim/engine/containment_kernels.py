@@ -47,34 +47,43 @@ def holds(points, triangles, part, boxes, starts, turn, points_turn, shift):
 
 
 @kernel
-def outlines_meet(one, other, shift):
-    """Return whether a point of one of two outlines is in the box of the other.
+def points_within(points, outline, other, shift):
+    """Select the points of parts whose boxes are within the box of another surface's closed parts.
 
     Parameters
     ----------
-    one, other : ndarray
-        (2 + p, 3) float64, see `containment.PartArrays.outline`.
+    points : ndarray
+        (p, 3) float64, a vertex of each part.
+    outline, other : ndarray
+        (1 + p, 2, 3) float64, of this surface and the other (see `containment.PartArrays.outline`).
     shift : ndarray
-        (3,) float64, from the origin of the first to that of the other.
+        (3,) float64, from the origin of the other surface to that of this one.
 
     Returns
     -------
-    bool
-        Whether there is such a point. If not, no part is inside the other surface.
+    ndarray
+        (k, 3) float64. No other part is inside a closed part of the other surface.
     """
-    return _reaches(other, one, shift, 1.0) or _reaches(one, other, shift, -1.0)
+    count = 0
+    for n in range(len(points)):
+        count += _is_within(outline[n + 1], other[0], shift)
+    found = np.empty((count, 3))
+    if count:
+        count = 0
+        for n in range(len(points)):
+            if _is_within(outline[n + 1], other[0], shift):
+                found[count] = points[n]
+                count += 1
+    return found
 
 
 @kernel
-def _reaches(points, box, shift, sign):
-    """Return whether a point of an outline, moved by sign * shift, is in the box of another."""
-    for n in range(2, len(points)):
-        inside = True
-        for d in range(3):
-            inside &= box[0, d] <= points[n, d] + sign * shift[d] <= box[1, d]
-        if inside:
-            return True
-    return False
+def _is_within(box, other, shift):
+    """Return whether a box that is moved is within another."""
+    for d in range(3):
+        if not (other[0, d] <= box[0, d] + shift[d] and box[1, d] + shift[d] <= other[1, d]):
+            return False
+    return True
 
 
 @kernel

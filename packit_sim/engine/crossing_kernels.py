@@ -28,7 +28,7 @@ def relation(one, other, turn, shift, witness):
     Parameters
     ----------
     one, other : tuple
-        The triangles, boxes and starts of a tree (see `deviation.Surface`).
+        The triangles, boxes and starts of a tree (see `triangle_trees`).
     turn : ndarray
         (2, 3) int64, the rotation of the other surface: for each axis of the first, the axis of the
         other that becomes it, and 1 or -1 if it is reversed.
@@ -45,7 +45,7 @@ def relation(one, other, turn, shift, witness):
     _, boxes, starts = one
     _, other_boxes, other_starts = other
     leaves, other_leaves = len(starts) - 1, len(other_starts) - 1
-    moved = np.empty((1, 3, 3))
+    moved = np.empty((2, 3, 3))
     if witness[0] and _leaf_relation(one, other, witness, turn, shift, moved) == CROSSING:
         return CROSSING
     waiting = np.empty((_STACK, 2), np.int64)
@@ -73,22 +73,44 @@ def relation(one, other, turn, shift, witness):
 
 @kernel
 def _leaf_relation(one, other, pair, turn, shift, moved):
-    """Return the relation of the triangles in two leaves; `moved` (1, 3, 3) is overwritten."""
-    triangles, _, starts = one
+    """Return the relation of the triangles in two leaves; `moved` (2, 3, 3) is overwritten.
+
+    It holds a triangle of the other surface, moved, and the corners of its box.
+    """
+    triangles, boxes, starts = one
     others, _, other_starts = other
     leaf, other_leaf = pair[0] - len(starts) + 1, pair[1] - len(other_starts) + 1
     unsure = False
     for m in range(other_starts[other_leaf], other_starts[other_leaf + 1]):
-        for c in range(3):
-            for d in range(3):
-                moved[0, c, d] = turn[1, d] * others[m, c, turn[0, d]] + shift[d]
+        is_outside = False
+        for d in range(3):
+            axis, sign = turn[0, d], turn[1, d]
+            p = sign * others[m, 0, axis] + shift[d]
+            q = sign * others[m, 1, axis] + shift[d]
+            r = sign * others[m, 2, axis] + shift[d]
+            moved[0, 0, d], moved[0, 1, d], moved[0, 2, d] = p, q, r
+            low, high = min(p, q, r) - MARGIN, max(p, q, r) + MARGIN
+            moved[1, 0, d], moved[1, 1, d] = low, high
+            is_outside = is_outside or boxes[pair[0], 1, d] < low or high < boxes[pair[0], 0, d]
+        if is_outside:
+            continue
         for n in range(starts[leaf], starts[leaf + 1]):
-            if _apart(triangles, n, moved, 0):
+            if _is_outside(triangles, n, moved) or _apart(triangles, n, moved, 0):
                 continue
             if _cross(triangles, n, moved, 0):
                 return CROSSING
             unsure = True
     return UNSURE if unsure else APART
+
+
+@kernel
+def _is_outside(a, n, moved):
+    """Return whether triangle a[n] is outside the box in `moved` (see `_leaf_relation`)."""
+    for d in range(3):
+        p, q, r = a[n, 0, d], a[n, 1, d], a[n, 2, d]
+        if max(p, q, r) < moved[1, 0, d] or min(p, q, r) > moved[1, 1, d]:
+            return True
+    return False
 
 
 @kernel
@@ -117,12 +139,7 @@ def _boxes_apart(boxes, a, other_boxes, b, turn, shift):
 
 @kernel
 def _apart(a, n, b, m):
-    """Return whether there is a proof that triangles a[n] and b[m] are apart."""
-    for d in range(3):
-        p, q, r = a[n, 0, d], a[n, 1, d], a[n, 2, d]
-        s, t, u = b[m, 0, d], b[m, 1, d], b[m, 2, d]
-        if min(p, q, r) > max(s, t, u) + MARGIN or min(s, t, u) > max(p, q, r) + MARGIN:
-            return True
+    """Return whether there is a proof that triangles a[n] and b[m] are apart, by their planes."""
     x, y, z = _normal(a, n)
     if _separates(a, n, b, m, x, y, z):
         return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.containment_kernels import holds, outlines_meet
+from packit_sim.engine.containment_kernels import holds, points_within
 from packit_sim.engine.crossing_kernels import APART, CROSSING, relation
 
 
@@ -40,12 +40,19 @@ def relations(one, other, turn, to_first, shifts):
             for e in range(3):
                 moved[d] += to_first[d, e] * shifts[n, e]
         states[n] = relation(tree, other_tree, turn, moved, witness)
-        if states[n] != APART or not outlines_meet(outline, other_outline, shifts[n]):
+        if states[n] != APART:
             continue
-        points, triangles, part, boxes, starts = parts
-        others, other_triangles, other_part, other_boxes, other_starts = other_parts
-        if holds(others, triangles, part, boxes, starts, matrix, other_matrix, shifts[n]) or holds(
-            points,
+        points, _, triangles, part, boxes, starts = parts
+        others, _, other_triangles, other_part, other_boxes, other_starts = other_parts
+        within = points_within(others, other_outline, outline, shifts[n])
+        if len(within) and holds(
+            within, triangles, part, boxes, starts, matrix, other_matrix, shifts[n]
+        ):
+            states[n] = CROSSING
+            continue
+        within = points_within(points, outline, other_outline, -shifts[n])
+        if len(within) and holds(
+            within,
             other_triangles,
             other_part,
             other_boxes,

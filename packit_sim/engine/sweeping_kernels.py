@@ -1,4 +1,4 @@
-"""Kernels of the swept test, on the trees of two surfaces (see `deviation.Surface`).
+"""Kernels of the swept test, on the trees of two surfaces (see `triangle_trees`).
 
 A *rise* is the height of a point of the other surface above the item's point below it.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
-from packit_sim.geometry.word_kernels import lowest_bit
+from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 
 _1 = np.uint64(1)
 
@@ -27,22 +27,32 @@ def add_cells(words, bricks, corner, bins, counts):
 
 
 @kernel
-def update_counts(words, before, bins, counts):
+def update_counts(words, before, runs, counts):
     """Update the counts of cubes by the cells that changed since `before`, and then `before`."""
     nx, ny, nz = words.shape
     for z in range(nz):  # the order in which a box keeps its words
         for x in range(nx):
             for y in range(ny):
-                changed = words[x, y, z] ^ before[x, y, z]
-                if not changed:
-                    continue
-                while changed:
-                    bit = lowest_bit(changed)
-                    changed &= changed - _1
-                    change = 1 if words[x, y, z] >> np.uint64(bit) & _1 else -1
-                    counts[
-                        bins[0, 4 * x + (bit >> 4)],
-                        bins[1, 4 * y + (bit >> 2 & 3)],
-                        bins[2, 4 * z + (bit & 3)],
-                    ] += change
-                before[x, y, z] = words[x, y, z]
+                now, old = words[x, y, z], before[x, y, z]
+                if now != old:
+                    before[x, y, z] = now
+                    _add_change(now & ~old, old & ~now, runs[0, x], runs[1, y], runs[2, z], counts)
+
+
+@kernel
+def _add_change(added, removed, along_x, along_y, along_z, counts):
+    """Update the counts by the cells of a brick that were added and removed (see `_runs`)."""
+    for i in range(4):
+        if not along_x[i, 1]:
+            break
+        for j in range(4):
+            bits = along_x[i, 1] & along_y[j, 1]
+            if not bits:
+                break
+            for k in range(4):
+                inside = bits & along_z[k, 1]
+                if not inside:
+                    break
+                counts[along_x[i, 0], along_y[j, 0], along_z[k, 0]] += count_bits(
+                    added & inside
+                ) - count_bits(removed & inside)

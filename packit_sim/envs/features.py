@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import bounded_cache
 from packit_sim.envs.feature_kernels import add_cells, update_counts
-from packit_sim.geometry.bits import Words
+from packit_sim.geometry.arrays import Ints
+from packit_sim.geometry.bits import LOW, STRIDES, Words
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 
@@ -38,6 +39,7 @@ class CubeMeans:
         for axis, (ends, count) in enumerate(zip(edges, cells, strict=True)):
             self._bins[axis, :count] = np.searchsorted(ends, np.arange(count), side="right") - 1
         x, y, z = (np.diff(ends) for ends in edges)
+        self._runs = _runs(self._bins)
         self._sizes = (x[:, None, None] * y[:, None] * z).astype(np.float32)
 
     def of_item(self, item: Item) -> Means:
@@ -82,8 +84,34 @@ class CubeMeans:
         Means
             Float32 (cubes, cubes, cubes).
         """
-        update_counts(words, before, self._bins, counts)
+        update_counts(words, before, self._runs, counts)
         return counts.astype(np.float32) / self._sizes
+
+
+def _runs(bins: Ints) -> Words:
+    """Find the places of each brick that are in the same cube, along each axis.
+
+    Parameters
+    ----------
+    bins : ndarray of int64, shape (3, cells)
+        The cube of each cell along x, y and z, never decreasing.
+
+    Returns
+    -------
+    Words
+        (3, bricks, 4, 2) runs of places: the number of a cube, and the bits of a word that are in
+        it; 0 bits after the last run.
+    """
+    bricks = bins.shape[1] // 4
+    runs = np.zeros((3, bricks, 4, 2), dtype=np.uint64)
+    for axis, brick in np.ndindex(3, bricks):
+        cubes = bins[axis, 4 * brick : 4 * brick + 4]
+        for n, cube in enumerate(np.unique(cubes)):
+            bits = [
+                LOW[axis] << np.uint64(p * STRIDES[axis]) for p in np.flatnonzero(cubes == cube)
+            ]
+            runs[axis, brick, n] = cube, np.bitwise_or.reduce(bits)
+    return runs
 
 
 @bounded_cache(

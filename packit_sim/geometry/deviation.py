@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from scipy.spatial import cKDTree
 
 from packit_sim.core.errors import MeshError
-from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.deviation_kernels import bound, farthest
+from packit_sim.geometry.triangle_trees import boxes_of, tree_order
 
 RELATIVE_SLACK = 0.02
 """Relative slack of the bound: how much larger than the distance it may be."""
@@ -25,9 +24,6 @@ RELATIVE_SLACK = 0.02
 DIAGONAL_SLACK = 1e-5
 """Further slack, relative to the larger bounding box's diagonal: a tenth of the contact tolerance
 for an item as long as the box."""
-
-_PER_LEAF = 4
-"""Triangles in a leaf of a tree, at most."""
 
 
 def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
@@ -61,51 +57,15 @@ def deviation(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
     return float(high)
 
 
-def tree_of(triangles: Floats) -> tuple[Ints, Floats, Ints]:
-    """Build the tree of boxes of a surface.
-
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (n, 3, 3)
-        The corners of its triangles, at least one.
-
-    Returns
-    -------
-    order : ndarray of int64, shape (n,)
-        The numbers of the triangles, those of a leaf next to each other.
-    boxes : ndarray of float64, shape (2 leaves, 2, 3)
-        As in `Surface`.
-    starts : ndarray of int64, shape (leaves + 1,)
-        As in `Surface`.
-    """
-    order = cKDTree(triangles.mean(axis=1), leafsize=_PER_LEAF).indices  # halves recursively
-    triangles = triangles[order]
-    leaves = 1
-    while leaves * _PER_LEAF < len(triangles):
-        leaves *= 2
-    starts = np.arange(leaves + 1) * len(triangles) // leaves
-    boxes = np.empty((2 * leaves, 2, 3))
-    boxes[leaves:, 0] = np.minimum.reduceat(triangles.min(axis=1), starts[:-1])
-    boxes[leaves:, 1] = np.maximum.reduceat(triangles.max(axis=1), starts[:-1])
-    while leaves > 1:
-        children = boxes[leaves : 2 * leaves]
-        leaves //= 2
-        boxes[leaves : 2 * leaves, 0] = np.minimum(children[::2, 0], children[1::2, 0])
-        boxes[leaves : 2 * leaves, 1] = np.maximum(children[::2, 1], children[1::2, 1])
-    return order, boxes, starts
-
-
 class Surface(NamedTuple):
-    """Triangles in a complete binary tree of boxes; the children of node n are 2 n and 2 n + 1.
+    """Triangles in a tree of boxes.
 
     Attributes
     ----------
     triangles : ndarray
-        (n, 3, 3) float64, those of a leaf next to each other.
-    boxes : ndarray
-        (2 leaves, 2, 3) float64, lowest and highest corners, from the root at 1 to the leaves.
-    starts : ndarray
-        (leaves + 1,) int64, where each leaf's triangles start.
+        (n, 3, 3) float64, in the order of the tree.
+    boxes, starts : ndarray
+        See `triangle_trees.boxes_of`.
     """
 
     triangles: npt.NDArray[np.float64]
@@ -136,8 +96,8 @@ class Surface(NamedTuple):
             raise MeshError("a mesh without triangles is at no distance from anything")
         if not np.isfinite(triangles).all():
             raise MeshError("a mesh whose vertices are not finite is at no distance from anything")
-        order, boxes, starts = tree_of(triangles)
-        return cls(triangles[order], boxes, starts)
+        triangles = triangles[tree_order(triangles)]
+        return cls(triangles, *boxes_of(triangles))
 
     @property
     def diagonal(self) -> float:

@@ -1,4 +1,4 @@
-"""Kernels for distances from a surface, by its tree of boxes (see `deviation.Surface`)."""
+"""Kernels for distances from a surface, by its tree of boxes (see `triangle_trees`)."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.triangle_trees import tree_order
 
 
 class Parts(NamedTuple):
@@ -18,15 +19,21 @@ class Parts(NamedTuple):
     ----------
     vertices : Ints
         (p,) the vertex of each part that is farthest from the origin.
+    extremes : Ints
+        (p, 2, 3) the vertices of each part that are lowest and highest along x, y and z.
     closed : Ints
         (m, 3) the triangles of the closed parts, those of a part next to each other.
     starts : Ints
         (q + 1,) where the triangles of each closed part start.
+    order : Ints
+        (m,) the order of the closed parts' triangles in a tree (see `triangle_trees`).
     """
 
     vertices: Ints
+    extremes: Ints
     closed: Ints
     starts: Ints
+    order: Ints
 
     @classmethod
     def of(cls, vertices: Floats, faces: Ints) -> Parts:
@@ -48,12 +55,17 @@ class Parts(NamedTuple):
         order = np.argsort(part, kind="stable")
         distances = (vertices**2).sum(axis=1)
         corners, of_part = faces[order].ravel(), part[order].repeat(3)
+        first = np.flatnonzero(np.diff(of_part, prepend=-1))
+        last = np.flatnonzero(np.diff(of_part, append=-1))  # sorting keeps the parts' order
         by_distance = np.lexsort((corners, distances[corners], of_part))
-        last = np.flatnonzero(np.diff(of_part, append=-1))  # the sort keeps the parts' order
+        along = [corners[np.lexsort((vertices[corners, d], of_part))] for d in range(3)]
+        extremes = np.stack([[each[first], each[last]] for each in along]).transpose(2, 1, 0)
         kept = order[closed_parts(faces, part)[part[order]]]
         sizes = np.unique(part[kept], return_counts=True)[1]
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        return cls(corners[by_distance][last], faces[kept], starts)
+        closed = faces[kept]
+        farthest = corners[by_distance][last]
+        return cls(farthest, extremes, closed, starts, tree_order(vertices[closed]))
 
     @property
     def shells(self) -> list[Ints]:

@@ -18,9 +18,11 @@ import trimesh
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry import rotations
+from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.lattice import Triple, cell_box
 from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.repair import Repairs, clean_mesh, repair_mesh
+from packit_sim.geometry.triangle_trees import tree_order
 from packit_sim.geometry.voxelization import solid_volume
 from packit_sim.geometry.voxels import Voxels
 
@@ -165,6 +167,11 @@ class Shape:
     def parts(self) -> Parts:
         """The connected parts of the surface, and which of them are closed."""
         return Parts.of(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+
+    @cached_property
+    def order(self) -> Ints:
+        """The order (n,) of the triangles in a tree (see `triangle_trees`)."""
+        return tree_order(np.asarray(self.mesh.triangles))
 
     @cached_property
     def digest(self) -> str:

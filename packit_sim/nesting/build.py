@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from packit_sim.engine.containment import PartArrays
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.geometry.deviation import tree_of
 from packit_sim.geometry.parts import Parts
+from packit_sim.geometry.triangle_trees import boxes_of, tree_order
 from packit_sim.nesting import validity
 from packit_sim.nesting.distance_kernels import STEPS
 from packit_sim.nesting.item_types import ItemType
@@ -229,8 +229,8 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
             vertices * (np.maximum(each.extents - share * tolerance, 0) / each.extents)
             for share in DRAWN_IN
         )
-        order, boxes, leaves = tree_of(other[each.faces])  # around the first, which is smaller
-        faces = each.faces[order]
+        faces = each.faces[tree_order(other[each.faces])]
+        boxes, leaves = boxes_of(other[faces])  # around the first, which is smaller
         trees.append((first[faces], other[faces], boxes, leaves))
     columns = list(zip(*trees, strict=True))
     return Surfaces(np.concatenate(columns[0]), *_joined(*columns[1:]))

@@ -11,7 +11,7 @@ from packit_sim.geometry.arrays import Floats
 
 
 class Surfaces(NamedTuple):
-    """The surfaces of all types, drawn in, one after the other; see `deviation.Surface`.
+    """The surfaces of all types, drawn in, one after the other; see `triangle_trees`.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ def surfaces_cross(
     one, other : ndarray
         (n, 3, 3) float64, the corners of the triangles, each surface in its own frame.
     one_boxes, other_boxes : ndarray
-        (2 leaves, 2, 3) float64, the boxes of their trees (see `deviation.Surface`).
+        (2 leaves, 2, 3) float64, the boxes of their trees (see `triangle_trees`).
     one_starts, other_starts : ndarray
         (leaves + 1,) int64, where each leaf's triangles start.
     turn : ndarray
