@@ -70,6 +70,42 @@ def test_where_nothing_can_be_kept_it_compiles_each_time_and_says_so(
         assert done.stderr.count("compiling the placement engine") == 1
 
 
+ONE = """
+from packit_sim.core.compilation import kernel
+@kernel
+def one():
+    return {}
+"""
+
+TWO = """
+from packit_sim.core.compilation import kernel
+from packit_sim.one import one
+@kernel
+def two():
+    return one() + 1
+"""
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_changes(tmp_path: Path) -> None:
+    package = tmp_path / "packit_sim"
+    shutil.copytree(Path(packit_sim.__file__).parent / "core", package / "core")
+    (package / "__init__.py").touch()
+    (package / "two.py").write_text(TWO)
+    found = []
+    for value in (1, 1, 5):
+        (package / "one.py").write_text(ONE.format(value))
+        done = subprocess.run(
+            [sys.executable, "-c", "from packit_sim.two import two; print(two())"],
+            env=os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path)},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.append(int(done.stdout))
+    assert found == [2, 2, 6]
+
+
 MANY = """
 import sys
 from subprocess import PIPE, Popen

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +21,9 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
 
 _log = plain_logger("packit_sim")
+
+_IMPORTS = re.compile(r"^from (packit_(?:sim|agents)[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
+"""Finds the imports of a module: where from, and which names."""
 
 LOCK_SECONDS = 60.0
 """Maximum time to wait for another process that compiles; after it this process compiles too."""
@@ -43,7 +48,9 @@ def kernel(function: Callable[..., Any]) -> Any:
     Notes
     -----
     The machine code is cached next to the module, or else in the user's cache folder (or
-    `NUMBA_CACHE_DIR`). Processes that need the same kernel wait for the first one to compile it. If
+    `NUMBA_CACHE_DIR`), for as long as neither the module changes nor one that it imports: numba
+    alone would go on with machine code that contains kernels of other modules as they were.
+    Processes that need the same kernel wait for the first one to compile it. If
     no folder is writable, each process compiles again. With `NUMBA_DISABLE_JIT=1` the function is
     not compiled, so that a debugger can stop in it.
     """
@@ -73,6 +80,8 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
         compiled = numba.njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # numba found no folder that is writable
         return numba.njit(nogil=True, **options)(function)
+    if hasattr(compiled._cache, "_cache_file"):
+        compiled._cache._cache_file._source_stamp = _digest(function.__module__)
     compile_or_load = compiled.compile
 
     def alone(signature: Any) -> Any:
@@ -81,6 +90,18 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
     compiled.compile = alone
     return compiled
+
+
+@cache
+def _digest(module: str) -> str:
+    """Return a digest of the sources of a module and of all that it imports of this project."""
+    source = Path(sys.modules[module].__file__ or "").read_bytes()
+    digest = hashlib.sha256(source)
+    for package, names in _IMPORTS.findall(source.decode()):
+        for each in (package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))):
+            if each in sys.modules:
+                digest.update(_digest(each).encode())
+    return digest.hexdigest()
 
 
 def inlined(function: Callable[..., Any]) -> Any:
