@@ -139,7 +139,6 @@ class Densification:
         self._library = library
         self._rng = np.random.default_rng(seed)
         self._box = Box(self.settings.cells)
-        self._holes = Holes(self._box)
         self._volume = float(self._box.size.prod())
         fewest, most = self.settings.items
         self._count = int(self._rng.integers(fewest, most + 1))
@@ -231,7 +230,8 @@ class Densification:
         """Draw the pool: different shapes that can have the smallest volume in a full box."""
         smallest = self.settings.floor * self._volume
         shapes = [self._library[id] for id in self._library]
-        usable = [s for s in shapes if self._holes.largest_volume(s) >= smallest]
+        holes = Holes.of(self._box)
+        usable = [s for s in shapes if holes.largest_volume(s) >= smallest]
         drawn = self._rng.permutation(len(usable))[: self.settings.pool]
         if len(drawn) * self.settings.copies < self._count:
             raise DensificationError(
@@ -267,8 +267,7 @@ class Densification:
         share = self._smallest_share()
         former = self._remove()
         if len(former) == 1 and self._rng.random() < SHIFTS:
-            self._restore_box()
-            placed = self._holes.another(former[0].item, self._rng)
+            placed = self._holes().another(former[0].item, self._rng)
             self._items = before if placed is None else [*self._items, placed]
             return
         smallest = self._smallest(before, former)
@@ -318,14 +317,15 @@ class Densification:
         used = sum(placed.item.shape is shape for placed in self._items)
         if used >= self.settings.copies:
             return False
-        self._restore_box()
-        placed = self._holes.largest(shape, least, most, self._rng, PRECISION)
+        placed = self._holes().largest(shape, least, most, self._rng, PRECISION)
         if placed is not None:
             self._items.append(placed)
         return placed is not None
 
-    def _restore_box(self) -> None:
+    def _holes(self) -> Holes:
+        """Bring the box up to date, and look at it."""
         self._box.restore(BoxState(self._box.cells, tuple(self._items)))
+        return Holes.of(self._box)
 
     def _random_shape(self) -> Shape:
         return self._shapes[int(self._rng.integers(len(self._shapes)))]

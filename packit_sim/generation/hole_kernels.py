@@ -6,18 +6,63 @@ import numpy as np
 
 from packit_sim.core.compilation import kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays
+from packit_sim.geometry.word_kernels import lowest_bit
 
 _1 = np.uint64(1)
 
+_HALF = 32
+"""Half of the bits of a word: as many locations are compared at once."""
+
+_BLOCK = 256
+"""Points that are located at a time."""
+
 
 @kernel
-def find_holes(box, points, shallow, coarse, turns, limits, each, found):
+def inner_rows(bricks, ny):
+    """Sort the inner cells of a box by their places in the bricks.
+
+    Parameters
+    ----------
+    bricks : Words
+        (n, 2) uint64, the outer and inner cells of the box's bricks.
+    ny : int
+        The number of bricks in a row along y.
+
+    Returns
+    -------
+    Words
+        (n / ny, words, 64) uint64, for each row and each place in a brick whether the cell there is
+        inner: bit b of word w is about brick 32 w + b of the row, so that words overlap.
+    """
+    rows = np.zeros((len(bricks) // ny, (ny + _HALF - 1) // _HALF, 64), np.uint64)
+    for row in range(len(rows)):
+        for j in range(ny):
+            cells = bricks[row * ny + j, 1]
+            if cells:
+                word, bit = j // _HALF, j % _HALF
+                _add_column(cells, rows[row, word], bit)
+                if word:
+                    _add_column(cells, rows[row, word - 1], bit + _HALF)
+    return rows
+
+
+@kernel
+def _add_column(cells, words, bit):
+    """Set a bit of each word (64,) whose place is one of some cells."""
+    for place in range(64):
+        words[place] |= (cells >> np.uint64(place) & _1) << np.uint64(bit)
+
+
+@kernel
+def find_holes(box, rows, points, shallow, coarse, turns, limits, each, found):
     """Find placements at which no point of a shape is inside an item.
 
     Parameters
     ----------
     box : BoxArrays
         The bricks of the box.
+    rows : Words
+        Its inner cells (see `inner_rows`).
     points : ndarray
         (n, 3) float64, points of the shape relative to its centre, in fine cells.
     shallow : ndarray
@@ -39,43 +84,87 @@ def find_holes(box, points, shallow, coarse, turns, limits, each, found):
     -------
     int
         The number of placements written; the search ends when `found` is full.
+
+    Notes
+    -----
+    The first points are compared with inner cells, at up to 32 locations of a row at once. Most
+    points are never needed, so that they are located when they are.
     """
     box = BoxArrays(*box)
     at = np.empty(len(points), np.int64)
     cell = np.empty(len(points), np.uint64)
     fine = np.empty(len(points), np.uint64)
+    steps = np.empty((coarse, 2), np.int64)
     count = 0
     for turn in range(len(turns)):
         if limits[turn].min() <= 0:
             continue
         known = _locate(points, turns[turn], box.nx, box.ny, 0, coarse, at, cell, fine)
-        last = 0
+        for n in range(coarse):
+            steps[n, 0], steps[n, 1] = at[n] // box.ny, at[n] % box.ny
+        last = taker = 0
         enough = min(count + each, len(found))
         for k in range(limits[turn, 2]):
             for i in range(limits[turn, 0]):
-                for j in range(limits[turn, 1]):
+                for first in range(0, limits[turn, 1], _HALF):
                     if count == enough:
                         break
-                    start = (k * box.nx + i) * box.ny + j
-                    if _taken(box, start + at[last], cell[last], fine[last], shallow[last]):
-                        continue
-                    n = _first_taken(box, start, at, cell, fine, shallow, 0, coarse)
-                    if n < 0 and coarse < len(points):
-                        if known < len(points):
-                            known = _locate(
-                                points, turns[turn], box.nx, box.ny, coarse, len(points),
-                                at, cell, fine,
-                            )  # fmt: skip
-                        n = _first_taken(box, start, at, cell, fine, shallow, coarse, len(points))
-                    if n >= 0:
-                        last = n
-                        continue
-                    found[count, 0] = turn
-                    found[count, 1], found[count, 2], found[count, 3] = i, j, k
-                    count += 1
+                    row, most = k * box.nx + i, min(_HALF, limits[turn, 1] - first)
+                    free, last = _free(rows, row, first, most, steps, cell, last)
+                    while free and count < enough:
+                        j = first + lowest_bit(free)
+                        free &= free - _1
+                        start = row * box.ny + j
+                        if _taken(box, start + at[taker], cell[taker], fine[taker], shallow[taker]):
+                            continue
+                        n, known = _find_taken(
+                            box, start, points, shallow, coarse, turns[turn], known, at, cell, fine
+                        )
+                        if n >= 0:
+                            taker = n
+                            continue
+                        found[count, 0] = turn
+                        found[count, 1], found[count, 2], found[count, 3] = i, j, k
+                        count += 1
         if count == len(found):
             break
     return count
+
+
+@kernel
+def _free(rows, row, first, most, steps, cell, last):
+    """Return at which locations of a row no point is in an inner cell: a word of up to 32 bits.
+
+    Also returns the point after which none was left. `last` is the one of the row before, which is
+    compared first.
+    """
+    free = (_1 << np.uint64(most)) - _1
+    free &= ~_inner(rows, row + steps[last, 0], first + steps[last, 1], cell[last])
+    n = 0
+    while free and n < len(steps):
+        free &= ~_inner(rows, row + steps[n, 0], first + steps[n, 1], cell[n])
+        last = n
+        n += 1
+    return free, last
+
+
+@kernel
+def _inner(rows, row, j, place):
+    """Return whether the cells at a place in 32 bricks of a row, from number j on, are inner."""
+    return rows[row, j >> 5, place] >> np.uint64(j & 31)
+
+
+@kernel
+def _find_taken(box, start, points, shallow, coarse, turn, known, at, cell, fine):
+    """Return the first point that is inside an item, -1 if none is; and how many are located."""
+    begin, stop = 0, coarse
+    while True:
+        n = _first_taken(box, start, at, cell, fine, shallow, begin, stop)
+        if n >= 0 or stop == len(points):
+            return n, known
+        begin, stop = stop, min(stop + _BLOCK, len(points))
+        if known < stop:
+            known = _locate(points, turn, box.nx, box.ny, begin, stop, at, cell, fine)
 
 
 @kernel

@@ -18,9 +18,10 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from packit_sim.box import Box
-from packit_sim.generation.hole_kernels import find_holes
+from packit_sim.generation.hole_kernels import find_holes, inner_rows
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.bits import Words
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import FINE, STEP
 from packit_sim.geometry.shapes import Item, Shape
@@ -96,15 +97,24 @@ def shape_points(shape: Shape) -> ShapePoints:
 
 @dataclass(frozen=True)
 class Holes:
-    """The free space of a box.
+    """The free space of a box, as long as it does not change.
 
     Attributes
     ----------
     box : Box
         The box.
+    rows : Words
+        Its inner cells (see `hole_kernels.inner_rows`).
     """
 
     box: Box
+    rows: Words
+
+    @classmethod
+    def of(cls, box: Box) -> Holes:
+        """Look at a box as it is now."""
+        bricks, _, _, _, ny = box.arrays
+        return cls(box, inner_rows(bricks, ny))
 
     def largest_volume(self, shape: Shape) -> float:
         """Compute the volume of a shape whose longest side is the box's shortest."""
@@ -145,6 +155,7 @@ class Holes:
         found = np.empty((most, 4), dtype=np.int64)
         count = find_holes(
             self.box.arrays,
+            self.rows,
             own.points * (side / FINE),
             (own.depth * side < DEEP).astype(np.uint8),
             own.coarse,
