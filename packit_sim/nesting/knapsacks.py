@@ -91,6 +91,8 @@ class KnapsackSearch(NestSearch):
         while self._efforts[1] < most and not (self.is_done or budget.is_spent):
             for _ in range(budget.take()):
                 self._rebuild_once(problem)
+                if self.is_done or budget.is_spent:  # one may take a second
+                    break
             self._count_effort(1, budget)
 
     def _count_effort(self, kind: int, budget: SearchBudget) -> None:
