@@ -3,7 +3,7 @@
     .venv/bin/python -m benchmarks.densification    (an hour on one core; a stopped run resumes)
 
 Each pack is generated from validation shapes, and its task is then played by the strongest searches
-for 10 seconds of processor time each. Packs of `everyday-v1` are there for comparison. Finished
+for a minute of processor time each. Packs of `everyday-v1` are there for comparison. Finished
 packs are kept in `benchmarks/results/densification.json`, and a table is printed.
 """
 
@@ -28,12 +28,15 @@ from packit_sim.generation.densification import Densification
 
 V1 = "everyday-v1"
 
+ALIKE = {"items": (20, 20), "floor": 0.035, "largest": 0.045}
+"""Settings of packs whose items are about equally large."""
+
 KINDS: dict[str, dict[str, Any]] = {
     "default": {},
-    "floor 2%": {"floor": 0.02},
     "28 items, floor 2%": {"items": (28, 28), "floor": 0.02},
-    "tolerance 0.002": {"tolerance": 0.002},
-    "120 rounds": {"rounds": 120},
+    "alike": ALIKE,
+    "alike, tolerance 0.01": {**ALIKE, "tolerance": 0.01},
+    "alike, 180 rounds": {**ALIKE, "rounds": 180},
 }
 """Settings that differ from the default, by the name of the way."""
 
@@ -107,7 +110,7 @@ def _interval(values: list[float]) -> str:
 def main() -> None:
     parser = argument_parser(__doc__)
     parser.add_argument("--packs", type=int, default=4, help="packs of each way, from seed 0 on")
-    parser.add_argument("--seconds", type=float, default=10.0, help="processor time of a search")
+    parser.add_argument("--seconds", type=float, default=60.0, help="processor time of a search")
     parser.add_argument("--kinds", nargs="*", default=[V1, *KINDS], help="what to compare")
     arguments = parser.parse_args()
     library = ShapeLibrary.open("everyday").split("validation")

@@ -118,14 +118,19 @@ def test_a_contradiction_of_the_settings_is_reported(
 
 COMMAND = (
     *("generate", "--dense", "--items", "3", "4", "--floor", "0.08", "--pool", "6"),
-    *("--rounds", "0", "--seed", "3", "--split", "train"),
+    *("--largest", "0.4", "--tolerance", "0.01", "--rounds", "0", "--seed", "3"),
+    *("--split", "train"),
+)
+
+
+DENSE = DensificationSettings(
+    items=(3, 4), floor=0.08, largest=0.4, pool=6, rounds=0, tolerance=0.01
 )
 
 
 def test_a_dataset_has_the_same_bytes_in_a_fresh_process(library, tmp_path) -> None:
-    settings = DensificationSettings(items=(3, 4), floor=0.08, pool=6, rounds=0)
     file = tmp_path / "here" / "train.jsonl"
-    generate(GenerationJob(library, 1, 3, "train", settings=settings), file)
+    generate(GenerationJob(library, 1, 3, "train", settings=DENSE), file)
     command = [sys.executable, "-m", "packit_sim", *COMMAND, "--workers", "1", "--out"]
     subprocess.run(
         [*command, str(tmp_path / "there")], check=True, capture_output=True, env=os.environ
@@ -133,6 +138,14 @@ def test_a_dataset_has_the_same_bytes_in_a_fresh_process(library, tmp_path) -> N
     there = tmp_path / "there" / "train.jsonl"
     assert there.read_bytes() == file.read_bytes()
     assert verify(read_packs(there)[0], library) == []
+
+
+def test_no_item_is_larger_than_allowed(library) -> None:
+    settings = DensificationSettings(items=(5, 5), floor=0.1, largest=0.02, pool=8, rounds=0)
+    densification = Densification(library, 0, settings)
+    densification.step()
+    pack = densification.best
+    assert list(density_problems(pack, pack.placed(library), pack.provenance)) == []
 
 
 def test_a_job_resumes_only_with_its_settings(library, tmp_path) -> None:
@@ -148,13 +161,12 @@ def test_a_job_resumes_only_with_its_settings(library, tmp_path) -> None:
 
 
 def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_path) -> None:
-    settings = DensificationSettings(items=(3, 4), floor=0.08, pool=6, rounds=0)
     file = tmp_path / "train.jsonl"
-    generate(GenerationJob(library, 1, 3, "train", settings=settings), file)
+    generate(GenerationJob(library, 1, 3, "train", settings=DENSE), file)
     (part,) = datasheet.read(tmp_path, ShapeLibrary.open("everyday"))
     assert part.command("everyday", "here") == (
         "packit generate --dense --packs 1 --seed 3 --split train "
-        "--items 3 4 --floor 0.08 --pool 6 --rounds 0 --out here"
+        "--items 3 4 --floor 0.08 --largest 0.4 --pool 6 --rounds 0 --tolerance 0.01 --out here"
     )
     page = datasheet.page(tmp_path, [part], ShapeLibrary.open("everyday"), picture="x.png")
     assert "| floor | 0.08 |" in page
@@ -168,7 +180,7 @@ def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_pat
         ({"items": (0, 4)}, "items = (0, 4) is not possible: two numbers from 1"),
         ({"floor": 0.05}, "floor = 0.05 is not possible: above 0, and at most 0.0417 for 24 items"),
         ({"floor": 0.0}, "floor = 0.0 is not possible"),
-        ({"largest": 0.01}, "largest = 0.01 is not possible: 0.025 to 1"),
+        ({"largest": 0.0}, "largest = 0.0 is not possible: above 0, at most 1"),
         ({"pool": 23}, "pool = 23 is not possible: at least 24 for 24 items with at most 1 of a"),
         ({"copies": 0}, "copies = 0 is not possible: at least 1"),
         ({"rounds": -1}, "rounds = -1 is not possible"),

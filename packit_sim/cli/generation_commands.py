@@ -42,7 +42,7 @@ from packit_sim.libraries.splits import Split
 EVOLUTION_OPTIONS = ("population", "generations", "patience", "size_range", "search", "history")
 """Options without an effect on dense packs of large items."""
 
-DENSE_OPTIONS = ("items", "floor", "rounds")
+DENSE_OPTIONS = ("items", "floor", "largest", "tolerance", "rounds")
 """Options with an effect on dense packs of large items only."""
 
 
@@ -103,6 +103,16 @@ def generate_command(
             help="Smallest volume of an item relative to that of all items, with --dense."
         ),
     ] = DensificationSettings.floor,
+    largest: Annotated[
+        float,
+        typer.Option(help="Largest volume of an item relative to the box's, with --dense."),
+    ] = DensificationSettings.largest,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            help="Mean loss of density that a move may cause at the beginning, with --dense."
+        ),
+    ] = DensificationSettings.tolerance,
     rounds: Annotated[
         int,
         typer.Option(
@@ -172,7 +182,12 @@ def generate_command(
     settings: SearchSettings
     if dense:
         settings = DensificationSettings(
-            items=items, floor=floor, pool=pool or DensificationSettings.pool, rounds=rounds
+            items=items,
+            floor=floor,
+            largest=largest,
+            pool=pool or DensificationSettings.pool,
+            rounds=rounds,
+            tolerance=tolerance,
         )
     else:
         settings = EvolutionSettings(

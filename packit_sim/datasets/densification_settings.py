@@ -61,7 +61,7 @@ class DensificationSettings(JsonRecord):
                 0 < self.floor * most <= 1,
                 f"above 0, and at most {1 / max(most, 1):.3g} for {most} items",
             ),
-            largest=Range(self.floor, 1),
+            largest=Range(0, 1, ends="(]"),
             copies=Range(1),
             pool=(
                 self.copies * self.pool >= most,

@@ -29,6 +29,8 @@ OPTIONS = {
     "search": "--search",
     "items": "--items",
     "floor": "--floor",
+    "largest": "--largest",
+    "tolerance": "--tolerance",
     "rounds": "--rounds",
 }
 """Options of `packit generate` by the setting that they change."""

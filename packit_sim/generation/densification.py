@@ -252,7 +252,7 @@ class Densification:
 
     def _pack_loosely(self) -> None:
         """Pack items of the same volume, a smaller one each time that too few of them fit."""
-        volume = FIRST_DENSITY * self._volume / self._count
+        volume = self._volume * min(FIRST_DENSITY / self._count, self.settings.largest)
         failures = 0
         while len(self._items) < self._count:
             if not self._add(self._random_shape(), volume, volume):
