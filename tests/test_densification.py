@@ -94,6 +94,7 @@ def test_a_resumed_densification_ends_in_the_same_pack(library, undisturbed) -> 
         ({"items": (7, 9), "pool": 9}, "items, its settings say 7 to 9"),
         ({"floor": 0.16}, "of the volume, not 0.16 at least"),
         ({"largest": 0.06}, "of the box, not 0.06 at most"),
+        ({"fill": 0.02}, "of its bounding box, not 0.02 at most"),
         ({"cells": (100, 100, 104)}, "its settings say [100, 100, 104]"),
     ],
 )
@@ -118,13 +119,13 @@ def test_a_contradiction_of_the_settings_is_reported(
 
 COMMAND = (
     *("generate", "--dense", "--items", "3", "4", "--floor", "0.08", "--pool", "6"),
-    *("--largest", "0.4", "--tolerance", "0.01", "--rounds", "0", "--seed", "3"),
-    *("--split", "train"),
+    *("--largest", "0.4", "--fill", "0.5", "--tolerance", "0.01", "--rounds", "0"),
+    *("--seed", "3", "--split", "train"),
 )
 
 
 DENSE = DensificationSettings(
-    items=(3, 4), floor=0.08, largest=0.4, pool=6, rounds=0, tolerance=0.01
+    items=(3, 4), floor=0.08, largest=0.4, fill=0.5, pool=6, rounds=0, tolerance=0.01
 )
 
 
@@ -166,7 +167,8 @@ def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_pat
     (part,) = datasheet.read(tmp_path, ShapeLibrary.open("everyday"))
     assert part.command("everyday", "here") == (
         "packit generate --dense --packs 1 --seed 3 --split train "
-        "--items 3 4 --floor 0.08 --largest 0.4 --pool 6 --rounds 0 --tolerance 0.01 --out here"
+        "--items 3 4 --floor 0.08 --largest 0.4 --fill 0.5 --pool 6 --rounds 0 "
+        "--tolerance 0.01 --out here"
     )
     page = datasheet.page(tmp_path, [part], ShapeLibrary.open("everyday"), picture="x.png")
     assert "| floor | 0.08 |" in page
@@ -181,6 +183,7 @@ def test_the_datasheet_has_the_command_that_generates_the_packs(library, tmp_pat
         ({"floor": 0.05}, "floor = 0.05 is not possible: above 0, and at most 0.0417 for 24 items"),
         ({"floor": 0.0}, "floor = 0.0 is not possible"),
         ({"largest": 0.0}, "largest = 0.0 is not possible: above 0, at most 1"),
+        ({"fill": 1.1}, "fill = 1.1 is not possible: above 0, at most 1"),
         ({"pool": 23}, "pool = 23 is not possible: at least 24 for 24 items with at most 1 of a"),
         ({"copies": 0}, "copies = 0 is not possible: at least 1"),
         ({"rounds": -1}, "rounds = -1 is not possible"),
@@ -198,6 +201,18 @@ def test_a_library_needs_enough_large_shapes(library) -> None:
     few = ShapeLibrary(library.source, "train", dict.fromkeys(library.ids[5:], "left out"))
     with pytest.raises(DensificationError, match="shapes can have 5% of the box's volume: too few"):
         Densification(few, 0, replace(SMALL, items=(6, 6)))
+    with pytest.raises(DensificationError, match="of their bounding boxes"):
+        Densification(library, 0, replace(SMALL, fill=0.01))
+
+
+def test_shapes_that_fill_their_bounding_boxes_are_left_out(library) -> None:
+    settings = replace(SMALL, fill=0.3, rounds=0)
+    shapes = {item.shape for item in dense(library, settings=settings).best.items}
+    assert max(library[shape].fill for shape in shapes) <= 0.3
+    shapes = {
+        item.shape for item in dense(library, settings=replace(settings, fill=1.0)).best.items
+    }
+    assert max(library[shape].fill for shape in shapes) > 0.3
 
 
 @pytest.mark.parametrize(

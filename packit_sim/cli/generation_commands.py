@@ -42,7 +42,7 @@ from packit_sim.libraries.splits import Split
 EVOLUTION_OPTIONS = ("population", "generations", "patience", "size_range", "search", "history")
 """Options without an effect on dense packs of large items."""
 
-DENSE_OPTIONS = ("items", "floor", "largest", "tolerance", "rounds")
+DENSE_OPTIONS = ("items", "floor", "largest", "fill", "tolerance", "rounds")
 """Options with an effect on dense packs of large items only."""
 
 
@@ -107,6 +107,13 @@ def generate_command(
         float,
         typer.Option(help="Largest volume of an item relative to the box's, with --dense."),
     ] = DensificationSettings.largest,
+    fill: Annotated[
+        float,
+        typer.Option(
+            help="Largest share of its bounding box that a shape may fill, with --dense: favours "
+            "hollow and elongated ones."
+        ),
+    ] = DensificationSettings.fill,
     tolerance: Annotated[
         float,
         typer.Option(
@@ -185,6 +192,7 @@ def generate_command(
             items=items,
             floor=floor,
             largest=largest,
+            fill=fill,
             pool=pool or DensificationSettings.pool,
             rounds=rounds,
             tolerance=tolerance,

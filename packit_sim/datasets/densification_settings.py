@@ -21,6 +21,9 @@ class DensificationSettings(JsonRecord):
         The smallest volume of an item, relative to that of all items of the pack.
     largest : float
         The largest volume of an item, relative to the box's volume.
+    fill : float
+        The largest share of its bounding box that a shape may fill. That of hollow and elongated
+        shapes is small.
     pool : int
         The number of different shapes drawn, among those that can have the smallest volume. Fewer
         if the library does not have as many.
@@ -44,6 +47,7 @@ class DensificationSettings(JsonRecord):
     items: tuple[int, int] = (20, 24)
     floor: float = 0.025
     largest: float = 0.1
+    fill: float = 1.0
     pool: int = 100
     copies: int = 1
     rounds: int = 60
@@ -62,6 +66,7 @@ class DensificationSettings(JsonRecord):
                 f"above 0, and at most {1 / max(most, 1):.3g} for {most} items",
             ),
             largest=Range(0, 1, ends="(]"),
+            fill=Range(0, 1, ends="(]"),
             copies=Range(1),
             pool=(
                 self.copies * self.pool >= most,

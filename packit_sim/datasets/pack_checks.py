@@ -142,6 +142,12 @@ def density_problems(
     largest = max(volumes) / (math.prod(pack.cells) / CELLS_PER_UNIT**3)
     if largest > settings.largest * (1 + SCALE_SLACK):
         yield f"its largest item fills {largest:.4g} of the box, not {settings.largest} at most"
+    solid = max((one.item.shape for one in placed), key=lambda shape: shape.fill)
+    if solid.fill > settings.fill:
+        yield (
+            f"shape {solid.id!r} fills {solid.fill:.4g} of its bounding box, not {settings.fill} "
+            "at most"
+        )
 
 
 def puzzle_problems(pack: Pack, puzzle: Puzzle) -> Iterator[str]:

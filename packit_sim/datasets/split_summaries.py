@@ -30,6 +30,7 @@ OPTIONS = {
     "items": "--items",
     "floor": "--floor",
     "largest": "--largest",
+    "fill": "--fill",
     "tolerance": "--tolerance",
     "rounds": "--rounds",
 }

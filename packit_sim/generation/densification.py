@@ -228,15 +228,17 @@ class Densification:
 
     def _draw_shapes(self) -> list[Shape]:
         """Draw the pool: different shapes that can have the smallest volume in a full box."""
-        smallest = self.settings.floor * self._volume
+        smallest, fill = self.settings.floor * self._volume, self.settings.fill
         shapes = [self._library[id] for id in self._library]
         holes = Holes.of(self._box)
-        usable = [s for s in shapes if holes.largest_volume(s) >= smallest]
+        usable = [s for s in shapes if s.fill <= fill and holes.largest_volume(s) >= smallest]
         drawn = self._rng.permutation(len(usable))[: self.settings.pool]
         if len(drawn) * self.settings.copies < self._count:
             raise DensificationError(
                 f"{self._library.path}: {len(usable)} of {len(shapes)} shapes can have "
-                f"{100 * self.settings.floor:g}% of the box's volume: too few for "
+                f"{100 * self.settings.floor:g}% of the box's volume"
+                f"{'' if fill == 1 else f' and fill at most {fill:g} of their bounding boxes'}: "
+                "too few for "
                 f"{self._count} items with at most {self.settings.copies} of a shape"
             )
         return [usable[n] for n in drawn.tolist()]

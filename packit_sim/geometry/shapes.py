@@ -164,6 +164,11 @@ class Shape:
         return solid_volume(self.mesh.triangles)
 
     @cached_property
+    def fill(self) -> float:
+        """Volume relative to that of the bounding box."""
+        return self.volume / float(self.extents.prod())
+
+    @cached_property
     def parts(self) -> Parts:
         """The connected parts of the surface, and which of them are closed."""
         return Parts.of(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
