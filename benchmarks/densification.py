@@ -36,7 +36,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "28 items, floor 2%": {"items": (28, 28), "floor": 0.02},
     "alike": ALIKE,
     "alike, tolerance 0.01": {**ALIKE, "tolerance": 0.01},
-    "alike, fill 0.5": {**ALIKE, "fill": 0.5},
+    "hollow": {**ALIKE, "floor": 0.03, "fill": 0.5},
     "alike, 180 rounds": {**ALIKE, "rounds": 180},
 }
 """Settings that differ from the default, by the name of the way."""
