@@ -88,10 +88,10 @@ class KnapsackSearch(NestSearch):
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
         self._count_effort(0, budget)
         most = self._rebuilt_share * self._efforts[0]
-        while self._efforts[1] < most and not (self.is_done or budget.is_spent):
+        while self._efforts[1] < most and not self._is_over(budget):
             for _ in range(budget.take()):
                 self._rebuild_once(problem)
-                if self.is_done or budget.is_spent:  # one may take a second
+                if self._is_over(budget):  # one may take a second
                     break
             self._count_effort(1, budget)
 

@@ -68,7 +68,7 @@ class NestSearch(ABC):
         if not self._is_begun:
             self._is_begun = True
             self._offer(problem, self._constructed(problem))
-        while self.best is not None and not (self.is_done or budget.is_spent):
+        while self.best is not None and not self._is_over(budget):
             self._rebuild(problem, budget)
             attempt = self._attempt or self._begun(problem, self.best)
             self._attempt = attempt
@@ -94,6 +94,9 @@ class NestSearch(ABC):
             The solution.
         """
         self.best = solution
+
+    def _is_over(self, budget: SearchBudget) -> bool:
+        return self.is_done or budget.is_spent
 
     def _offer(self, problem: Problem, solution: Solution) -> None:
         """Take over a solution if it is the best so far."""
