@@ -87,6 +87,38 @@ def test_a_resumed_densification_ends_in_the_same_pack(library, undisturbed) -> 
             Densification(library, seed, settings).restore(stopped.state)
 
 
+def test_a_pack_with_items_that_stay_too_small_is_begun_again(library) -> None:
+    settings = DensificationSettings(
+        items=(6, 6), floor=0.15, largest=0.4, pool=8, rounds=2, moves=20, tolerance=0.1
+    )
+    densification = Densification(library, 1, settings)
+    states = []
+    while not densification.is_over:
+        densification.step()
+        states.append(densification.state)
+    assert [state.beginnings for state in states] == [1] * 7 + [2] * (len(states) - 7)
+    assert len(states) > 7
+    pack = densification.best
+    volumes = [placed.item.volume for placed in pack.placed(library)]
+    assert min(volumes) >= 0.15 * sum(volumes)
+    assert pack.provenance.rounds == len(states) - 8
+    resumed = Densification(library, 1, settings)
+    resumed.restore(states[6])
+    while not resumed.is_over:
+        resumed.step()
+    assert resumed.best == pack
+    assert resumed.state == densification.state
+
+
+def test_a_pack_is_given_up_after_five_beginnings(library) -> None:
+    settings = replace(SMALL, items=(6, 6), floor=0.16, rounds=2, moves=10, tolerance=0.05)
+    densification = Densification(library, 0, settings)
+    with pytest.raises(DensificationError, match=r"^seed 0: the smallest item has 1\d.\d\d% of "):
+        while not densification.is_over:
+            densification.step()
+    assert densification.state.beginnings == 5
+
+
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [

@@ -64,7 +64,10 @@ REPAIR = 5
 """Factor on the first tolerance while an item is below the floor in the second half."""
 
 MORE_ROUNDS = 3
-"""Factor on the rounds, after which a pack with an item below the floor is given up."""
+"""Factor on the rounds, after which a pack with an item below the floor is begun again."""
+
+BEGINNINGS = 5
+"""How often a pack is begun before it is given up."""
 
 PRECISION = 0.01
 """Relative precision of the largest volume of an item."""
@@ -89,6 +92,8 @@ class DensificationState(Struct, frozen=True):
         The items in the box.
     densities : list of float
         The density after each round.
+    beginnings : int
+        How often the pack was begun.
     """
 
     seed: int
@@ -96,6 +101,7 @@ class DensificationState(Struct, frozen=True):
     random: dict[str, Any]
     items: tuple[PackedItem, ...]
     densities: list[float]
+    beginnings: int = 1
 
 
 class Densification:
@@ -106,7 +112,8 @@ class Densification:
     location, that fit into the free space; or it moves an item. A move that loses volume is
     accepted with a probability that falls to 0 (simulated annealing). The number of items stays the
     same. In the second half of the rounds items below the floor are replaced first, at a greater
-    loss of volume; there are more rounds if one is left.
+    loss of volume; there are more rounds if one is left, and if that does not help, the pack is
+    begun again.
 
     The same library, seed and settings lead to the same pack, also if the densification is stopped
     and resumed.
@@ -123,7 +130,7 @@ class Densification:
     Attributes
     ----------
     densities : list of float
-        The density after the loose packing and after each round.
+        The density after the loose packing and after each round since.
 
     Raises
     ------
@@ -144,6 +151,7 @@ class Densification:
         self._count = int(self._rng.integers(fewest, most + 1))
         self._shapes = self._draw_shapes()
         self._items: list[PlacedItem] = []
+        self._beginnings = 1
         self.densities: list[float] = []
 
     @property
@@ -178,14 +186,10 @@ class Densification:
         Raises
         ------
         DensificationError
-            If an item is still too small after three times the rounds.
+            If an item is still too small after five beginnings, each of three times the rounds.
         """
         if len(self.densities) > max(1, MORE_ROUNDS * self.settings.rounds):
-            raise DensificationError(
-                f"seed {self.seed}: after {len(self.densities) - 1} rounds the smallest item has "
-                f"{100 * self._smallest_share():.2f}% of the volume, not "
-                f"{100 * self.settings.floor:g}%: choose a lower floor, fewer items or more rounds"
-            )
+            self._begin_again()
         if not self.densities:
             self._pack_loosely()
         else:
@@ -202,6 +206,7 @@ class Densification:
             random=dict(self._rng.bit_generator.state),
             items=tuple(PackedItem.of(placed) for placed in self._items),
             densities=list(self.densities),
+            beginnings=self._beginnings,
         )
 
     def restore(self, state: DensificationState) -> None:
@@ -225,6 +230,20 @@ class Densification:
             item = Item(self._library[record.shape], record.scale, record.rotation)
             self._items.append(PlacedItem(item, record.location))
         self.densities = list(state.densities)
+        self._beginnings = state.beginnings
+
+    def _begin_again(self) -> None:
+        """Empty the box, unless that was done too often."""
+        if self._beginnings == BEGINNINGS:
+            raise DensificationError(
+                f"seed {self.seed}: the smallest item has {100 * self._smallest_share():.2f}% of "
+                f"the volume, not {100 * self.settings.floor:g}%, {len(self.densities) - 1} rounds "
+                f"after the last of {BEGINNINGS} beginnings: choose a lower floor, fewer items or "
+                "more rounds"
+            )
+        self._beginnings += 1
+        self._items.clear()
+        self.densities.clear()
 
     def _draw_shapes(self) -> list[Shape]:
         """Draw the pool: different shapes that can have the smallest volume in a full box."""
