@@ -43,7 +43,10 @@ def library() -> ShapeLibrary:
 
 
 def dense(library: ShapeLibrary, seed: int = 7, settings=SMALL) -> Densification:
-    densification = Densification(library, seed, settings)
+    return finished(Densification(library, seed, settings))
+
+
+def finished(densification: Densification) -> Densification:
     while not densification.is_over:
         densification.step()
     return densification
@@ -79,9 +82,7 @@ def test_a_resumed_densification_ends_in_the_same_pack(library, undisturbed) -> 
     text = typed_json.encode(stopped.state)
     resumed = Densification(library, 7, SMALL)
     resumed.restore(typed_json.decode(text, DensificationState, ArgumentError))
-    while not resumed.is_over:
-        resumed.step()
-    assert resumed.best.to_json() == undisturbed.best.to_json()
+    assert finished(resumed).best.to_json() == undisturbed.best.to_json()
     for seed, settings in ((8, SMALL), (7, replace(SMALL, moves=9))):
         with pytest.raises(ArgumentError, match="can't be resumed"):
             Densification(library, seed, settings).restore(stopped.state)
@@ -104,9 +105,7 @@ def test_a_pack_with_items_that_stay_too_small_is_begun_again(library) -> None:
     assert pack.provenance.rounds == len(states) - 8
     resumed = Densification(library, 1, settings)
     resumed.restore(states[6])
-    while not resumed.is_over:
-        resumed.step()
-    assert resumed.best == pack
+    assert finished(resumed).best == pack
     assert resumed.state == densification.state
 
 
@@ -114,8 +113,7 @@ def test_a_pack_is_given_up_after_five_beginnings(library) -> None:
     settings = replace(SMALL, items=(6, 6), floor=0.16, rounds=2, moves=10, tolerance=0.05)
     densification = Densification(library, 0, settings)
     with pytest.raises(DensificationError, match=r"^seed 0: the smallest item has 1\d.\d\d% of "):
-        while not densification.is_over:
-            densification.step()
+        finished(densification)
     assert densification.state.beginnings == 5
 
 
