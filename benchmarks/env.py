@@ -26,11 +26,11 @@ PAPER = 0.39
 CASES: dict[str, tuple[dict[str, Any], float]] = {
     "shape selection, features": (
         {"rotation": "aligned", "location": "blbf", "observation": "features"},
-        800,
+        3000,
     ),
-    "all three sub-tasks, features": ({"observation": "features"}, 250),
+    "all three sub-tasks, features": ({"observation": "features"}, 1000),
     "all three sub-tasks, voxels": ({"observation": "voxels"}, 60),
-    "PackIt-Easy, features": ({"easy": True, "observation": "features"}, 25),
+    "PackIt-Easy, features": ({"easy": True, "observation": "features"}, 200),
     "kinematic, all three sub-tasks, features": ({"kinematic": True, "observation": "features"}, 0),
 }
 """Settings of the environment, and the aim in steps per second, 0 for none."""
