@@ -19,7 +19,7 @@ import manifold3d
 import numpy as np
 import pytest
 import trimesh
-from trimesh import creation
+from trimesh import creation, transformations
 
 from packit_sim import (
     BoxContainer,
@@ -181,6 +181,35 @@ def test_strips_are_valid_complete_and_improve(rotations) -> None:
     assert packing.left_out == (0, 0, 0, 0)
     assert all(later < earlier for earlier, later in pairwise(heights))
     assert heights[-1] == packing.height and (len(heights) > 1 or rotations == "fixed")
+
+
+def tilted(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:
+    turn = transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))
+    return mesh.copy().apply_transform(turn)
+
+
+def test_free_rotations_bring_smallest_boxes_parallel_to_the_walls() -> None:
+    box = creation.box((1, 2, 0.5))
+    types = [of(tilted(box, n), rotations="free", demand=2) for n in range(2)]
+    packing = nest(types, (2, 2, OPEN), settings=quick(100))
+    check(packing)
+    assert packing.height == pytest.approx(1, abs=1e-3)
+    again = nest(types, (2, 2, OPEN), settings=replace(quick(1), start=packing))
+    assert again.height == pytest.approx(packing.height, abs=1e-6)
+    check(again)
+    stiff = [each.changed(rotations="cube") for each in types]
+    with pytest.raises(ArgumentError, match="does not fit into a container"):
+        nest(stiff, (1.1, 2.1, 0.6), "bins", settings=quick(1))
+    assert nest(types, (1.1, 2.1, 0.6), "bins", settings=quick(1)).boxes == 4
+
+
+@pytest.mark.parametrize("thickness", [0, 1e-6])
+def test_a_tilted_plate_is_searched_as_it_is(thickness) -> None:
+    """In the frame of its smallest box it would be too flat."""
+    plate = of(tilted(creation.box((1, 1, thickness)), 0), rotations="free")
+    packing = nest([plate, of(ball(), rotations="free")], (3, 3, OPEN), settings=quick(3))
+    check(packing)
+    assert np.isin(np.abs(packing.placements[0].pose[:3, :3]).round(12), (0, 1)).all()
 
 
 def test_knapsacks_are_valid_and_gain_value() -> None:

@@ -16,7 +16,7 @@ from packit_sim.nesting import validity
 from packit_sim.nesting.distance_kernels import STEPS
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.problem import Closed, Distances, Lookup, Problem, Solids, Surfaces
-from packit_sim.nesting.rotation_sets import FREE, matrices
+from packit_sim.nesting.rotation_sets import matrices
 from packit_sim.nesting.surface_kernels import STACK
 from packit_sim.nesting.voxel_sets import enclosed, signed_distances, spread_points, turned_voxels
 
@@ -83,7 +83,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     Parameters
     ----------
     types : sequence of ItemType
-        The types of items.
+        The types of items, in the frames of the search (see `search_frames`).
     unit : float
         The longest fixed side of the container.
     clearance : float
@@ -155,11 +155,6 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     )
 
 
-def candidates(item_type: ItemType) -> Floats:
-    """Return the rotations (m, 3, 3) that are searched for a type: for `free`, the 24 of `cube`."""
-    return matrices("cube" if item_type.rotations == FREE else item_type.rotations)
-
-
 def _is_hollow(item_type: ItemType) -> bool:
     """Return whether an item fills little of its convex hull, which may be flat (QJ)."""
     return item_type.volume < HOLLOW * ConvexHull(item_type.vertices, qhull_options="QJ").volume
@@ -168,7 +163,7 @@ def _is_hollow(item_type: ItemType) -> bool:
 def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:
     """Return all rotations (m, 3, 3), the identity first, and the numbers of each type's."""
     found: list[Floats] = []
-    own = [[_number(found, turn) for turn in candidates(each)] for each in types]
+    own = [[_number(found, turn) for turn in matrices(each.rotations)] for each in types]
     return np.array(found), own
 
 

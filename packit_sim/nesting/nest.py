@@ -15,10 +15,11 @@ from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import SearchBackend, search_workers
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Item
 from packit_sim.nesting import validity
 from packit_sim.nesting.bins import BinsSearch
-from packit_sim.nesting.build import SLACK, candidates
+from packit_sim.nesting.build import SLACK
 from packit_sim.nesting.containers import BoxContainer
 from packit_sim.nesting.item_types import ItemType
 from packit_sim.nesting.knapsacks import KnapsackSearch
@@ -28,6 +29,7 @@ from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.rounds import Limits, Problems, rounds
 from packit_sim.nesting.search import NestSearch
+from packit_sim.nesting.search_frames import in_search_frame, search_frame, searched_rotations
 from packit_sim.nesting.strips import StripSearch
 from packit_sim.nesting.tasks import CLOCKS, ClockName, Poses, SearchSettings, SearchTask, Solution
 
@@ -152,7 +154,8 @@ def nest(
     _check(empty, containers)
     units = [each.longest for each in containers]
     gap = clearance and clearance + validity.tolerance(max(units), math.inf)
-    problems = Problems((*types, *empty.container.obstacles), min(units), gap)
+    searched = tuple(map(in_search_frame, types))
+    problems = Problems((*searched, *empty.container.obstacles), min(units), gap)
     task = _task(empty, containers, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
@@ -229,12 +232,12 @@ def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -
         a = placement.type
         free = np.flatnonzero((task.numbers[: task.count] == a) & (poses.inside[: task.count] == 0))
         own = problem.allowed[a, : problem.allowed_counts[a]]
-        turns = problem.lookup.turns[own]
+        turns = problem.lookup.turns[own] @ search_frame(empty.types[a])
         errors = np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2))
         if len(free) == 0 or errors.min() > POSE_SLACK:
             continue
         i = int(free[0])
-        centre = (empty.types[a].low + empty.types[a].high) / 2
+        centre = _centre(empty.types[a])
         poses.turned[i] = own[errors.argmin()]
         poses.places[i] = placement.pose[:3, :3] @ centre + placement.pose[:3, 3]
         poses.places[i, 0] += boxes[placement.box, 0]
@@ -288,7 +291,7 @@ def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
     unit = min(each.longest for each in containers)
     slack = SLACK * min(validity.tolerance(unit, each) for each in longest)
     for each in types:
-        sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in candidates(each))
+        sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in searched_rotations(each))
         if not any((side <= sizes + slack).all(axis=1).any() for side in sides):
             known = " or ".join(_size(size) for size in sizes)
             raise ArgumentError(
@@ -310,10 +313,15 @@ def _packing(problem: Problem, task: SearchTask, solution: Solution, empty: Pack
         item_type = empty.types[a]
         box = box_of(boxes, poses.places[i, 0])
         pose = np.eye(4)
-        pose[:3, :3] = problem.lookup.turns[poses.turned[i]]
-        centre = (item_type.low + item_type.high) / 2
-        pose[:3, 3] = poses.places[i] - pose[:3, :3] @ centre - (boxes[box, 0], 0, 0)
+        pose[:3, :3] = problem.lookup.turns[poses.turned[i]] @ search_frame(item_type)
+        pose[:3, 3] = poses.places[i] - pose[:3, :3] @ _centre(item_type) - (boxes[box, 0], 0, 0)
         placements.append(Placement(a, pose, int(box)))
     containers = [BoxContainer(tuple(sides)) for sides in boxes[:, 1:].tolist()]
     several = tuple(containers) if len(task.sizes) > 1 else ()
     return replace(empty, placements=tuple(placements), containers=several)
+
+
+def _centre(item_type: ItemType) -> Floats:
+    """Return the centre (3,), in the mesh's frame, of the bounding box in the search's frame."""
+    searched = in_search_frame(item_type)
+    return np.asarray((searched.low + searched.high) / 2 @ search_frame(item_type))

@@ -16,8 +16,8 @@ from packit_sim.geometry.deviation_kernels import farthest
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 from packit_sim.geometry.voxelization import solid_volume_bounds
-from packit_sim.nesting.build import candidates
 from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.search_frames import searched_rotations
 from packit_sim.parts.masses import centre_of_mass
 from packit_sim.parts.part import Part
 
@@ -87,7 +87,7 @@ class PreparedPart:
     def sides(self) -> Floats:
         """The sides (m, 3) of its bounding box in each of its rotations."""
         vertices = self.item_type.vertices
-        turns = candidates(self.item_type)
+        turns = searched_rotations(self.item_type)
         return np.array([np.ptp(vertices @ turn.T, axis=0) for turn in turns])
 
     @property
