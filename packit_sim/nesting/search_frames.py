@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from threading import RLock
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import trimesh
+from cachetools import cached
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.nesting.item_types import ItemType
@@ -17,6 +19,11 @@ SMALLER = 0.999
 FLATTEST = 1e-5
 """Smallest to largest standard deviation of vertices along an axis, so that a turned mesh is not
 flat."""
+
+
+def _itself(item_type: ItemType) -> ItemType:
+    """Return the key of the caches: a type is forgotten with its last use elsewhere."""
+    return item_type
 
 
 def search_frame(item_type: ItemType) -> Floats:
@@ -40,7 +47,6 @@ def search_frame(item_type: ItemType) -> Floats:
     return _to_smallest_box(item_type)
 
 
-@lru_cache(maxsize=1024)
 def in_search_frame(item_type: ItemType) -> ItemType:
     """Return the type as it is searched: in the frame of the search, for free rotations.
 
@@ -56,19 +62,7 @@ def in_search_frame(item_type: ItemType) -> ItemType:
     """
     if item_type.rotations != FREE:
         return item_type
-    turn = search_frame(item_type)
-    if np.array_equal(turn, np.eye(3)):
-        return item_type.changed(rotations="cube")
-    turned = ItemType(
-        item_type.name,
-        item_type.vertices @ turn.T,
-        item_type.faces,
-        item_type.demand,
-        "cube",
-        item_type.value,
-    )
-    vars(turned)["volume"] = item_type.volume
-    return turned
+    return _turned(item_type)
 
 
 def searched_rotations(item_type: ItemType) -> Floats:
@@ -89,14 +83,30 @@ def searched_rotations(item_type: ItemType) -> Floats:
     return np.asarray(matrices("cube") @ search_frame(item_type))
 
 
-@lru_cache(maxsize=1024)
-def _to_smallest_box(item_type: ItemType) -> Floats:
-    deviations = np.linalg.svd(
-        item_type.vertices - item_type.vertices.mean(axis=0), compute_uv=False
+@cached(WeakKeyDictionary(), key=_itself, lock=RLock())
+def _turned(item_type: ItemType) -> ItemType:
+    turn = _to_smallest_box(item_type)
+    if np.array_equal(turn, np.eye(3)):
+        return item_type.changed(rotations="cube")
+    turned = ItemType(
+        item_type.name,
+        item_type.vertices @ turn.T,
+        item_type.faces,
+        item_type.demand,
+        "cube",
+        item_type.value,
     )
+    vars(turned)["volume"] = item_type.volume
+    return turned
+
+
+@cached(WeakKeyDictionary(), key=_itself, lock=RLock())
+def _to_smallest_box(item_type: ItemType) -> Floats:
+    vertices = item_type.vertices
+    deviations = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     if deviations[-1] < FLATTEST * deviations[0]:
         return np.eye(3)
-    to_box, sides = trimesh.bounds.oriented_bounds(item_type.vertices)
+    to_box, sides = trimesh.bounds.oriented_bounds(vertices)
     if sides.prod() > SMALLER * item_type.extents.prod():
         return np.eye(3)
     left, _, right = np.linalg.svd(to_box[:3, :3])
