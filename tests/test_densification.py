@@ -172,10 +172,10 @@ def test_a_dataset_has_the_same_bytes_in_a_fresh_process(library, tmp_path) -> N
 
 
 def test_no_item_is_larger_than_allowed(library) -> None:
-    settings = DensificationSettings(items=(5, 5), floor=0.1, largest=0.02, pool=8, rounds=0)
-    densification = Densification(library, 0, settings)
-    densification.step()
-    pack = densification.best
+    settings = DensificationSettings(
+        items=(5, 5), floor=0.1, largest=0.02, pool=8, rounds=4, moves=25
+    )
+    pack = dense(library, 0, settings).best
     assert list(density_problems(pack, pack.placed(library), pack.provenance)) == []
 
 

@@ -298,7 +298,7 @@ class Densification:
             if self._replace(former, least, max(least, wanted - smallest)):
                 wanted -= self._items[-1].item.volume
         if len(self._items) < self._count - 1 or not (
-            self._replace(former, max(wanted, smallest), self.settings.largest * self._volume)
+            self._replace(former, max(wanted, smallest), math.inf)
             and (self._is_early or self._holds_floor or self._smallest_share() > share)
         ):
             self._items = before
@@ -336,7 +336,8 @@ class Densification:
     def _add(self, shape: Shape, least: float, most: float) -> bool:
         """Add the largest item of a shape that fits, unless the shape is in the box too often."""
         used = sum(placed.item.shape is shape for placed in self._items)
-        if used >= self.settings.copies:
+        most = min(most, self.settings.largest * self._volume)
+        if used >= self.settings.copies or least > most:
             return False
         placed = self._holes().largest(shape, least, most, self._rng, PRECISION)
         if placed is not None:
