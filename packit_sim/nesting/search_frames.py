@@ -21,11 +21,6 @@ FLATTEST = 1e-5
 flat."""
 
 
-def _itself(item_type: ItemType) -> ItemType:
-    """Return the key of the caches: a type is forgotten with its last use elsewhere."""
-    return item_type
-
-
 def search_frame(item_type: ItemType) -> Floats:
     """Return the rotation from the mesh's frame to that of the search.
 
@@ -42,9 +37,7 @@ def search_frame(item_type: ItemType) -> Floats:
     ndarray of float64, shape (3, 3)
         The rotation; the identity unless rotations are free.
     """
-    if item_type.rotations != FREE:
-        return np.eye(3)
-    return _to_smallest_box(item_type)
+    return np.eye(3) if item_type.rotations != FREE else _framed(item_type)[0]
 
 
 def in_search_frame(item_type: ItemType) -> ItemType:
@@ -60,9 +53,7 @@ def in_search_frame(item_type: ItemType) -> ItemType:
     ItemType
         The type itself, or that of the turned mesh, with the rotations `cube`.
     """
-    if item_type.rotations != FREE:
-        return item_type
-    return _turned(item_type)
+    return item_type if item_type.rotations != FREE else _framed(item_type)[1]
 
 
 def searched_rotations(item_type: ItemType) -> Floats:
@@ -78,16 +69,16 @@ def searched_rotations(item_type: ItemType) -> Floats:
     ndarray of float64, shape (n, 3, 3)
         The rotations of its set; for `free`, the 24 of `cube` after that to the search's frame.
     """
-    if item_type.rotations != FREE:
-        return matrices(item_type.rotations)
-    return np.asarray(matrices("cube") @ search_frame(item_type))
+    own = matrices(in_search_frame(item_type).rotations)
+    return np.asarray(own @ search_frame(item_type))
 
 
-@cached(WeakKeyDictionary(), key=_itself, lock=RLock())
-def _turned(item_type: ItemType) -> ItemType:
+@cached(WeakKeyDictionary(), key=lambda item_type: item_type, lock=RLock())
+def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
+    """Return the frame and the turned type; they are forgotten with the type."""
     turn = _to_smallest_box(item_type)
     if np.array_equal(turn, np.eye(3)):
-        return item_type.changed(rotations="cube")
+        return turn, item_type.changed(rotations="cube")
     turned = ItemType(
         item_type.name,
         item_type.vertices @ turn.T,
@@ -97,10 +88,9 @@ def _turned(item_type: ItemType) -> ItemType:
         item_type.value,
     )
     vars(turned)["volume"] = item_type.volume
-    return turned
+    return turn, turned
 
 
-@cached(WeakKeyDictionary(), key=_itself, lock=RLock())
 def _to_smallest_box(item_type: ItemType) -> Floats:
     vertices = item_type.vertices
     deviations = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
