@@ -1,13 +1,15 @@
-"""Conflicts of equal items, whose surfaces coincide in part or whole."""
+"""Conflicts and distances of two items by their surfaces."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import trimesh
 from trimesh import creation
+from trimesh.collision import CollisionManager
 
 from packit_sim.core.compilation import kernel
-from packit_sim.nesting import overlap_kernels
+from packit_sim.nesting import overlap_kernels, validity
 from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
 
@@ -29,7 +31,13 @@ MESHES = {
     "bowl": BOWL,
 }
 
+TRIES = 30
+
+UNIT = 10.0
+
 in_conflict = overlap_kernels.in_conflict
+cross = overlap_kernels._cross
+distance = overlap_kernels._distance
 
 
 @kernel
@@ -38,10 +46,19 @@ def conflict(problem, kind, identity, x, y, z):
     return in_conflict(problem, kind, kind, identity, x, y, z, True)
 
 
+@kernel
+def gap(problem, first, other, rel, x, y, z, limit):
+    """Return the distance of two surfaces at an offset, at most the limit; 0 if they cross."""
+    problem.shift[0], problem.shift[1], problem.shift[2] = x, y, z
+    if cross(problem, first, other, rel):
+        return 0.0
+    return distance(problem, first, other, rel, limit)
+
+
 @pytest.fixture(scope="module")
 def problem():
     types = [ItemType(name, mesh.vertices, mesh.faces) for name, mesh in MESHES.items()]
-    return build(types, 10.0, 0.0)
+    return build(types, UNIT, 0.0)
 
 
 @pytest.mark.parametrize("kind", range(len(MESHES)), ids=list(MESHES))
@@ -50,3 +67,27 @@ def test_equal_items_are_in_conflict_until_they_are_beside_each_other(problem, k
     extents = list(MESHES.values())[kind].extents
     for offset in share * extents * [[1, 0, 0], [0, 1, 0], [0, 0, 1]]:
         assert conflict(problem, kind, problem.lookup.identity, *offset) == (share < 1)
+
+
+@pytest.mark.parametrize("first", range(len(MESHES)), ids=list(MESHES))
+@pytest.mark.parametrize("other", range(len(MESHES)), ids=list(MESHES))
+def test_distances_are_those_of_fcl_and_at_most_the_limit(problem, first, other) -> None:
+    meshes = list(MESHES.values())
+    one, two = meshes[first], meshes[other]
+    drawn_in = 2 * validity.tolerance(UNIT, max(one.extents.max(), two.extents.max()))
+    rng = np.random.default_rng([first, other])
+    crossing = 0
+    for _ in range(TRIES):
+        rel = int(rng.integers(len(problem.relative_turns)))
+        shift = rng.uniform(-0.6, 0.6, 3) * (one.extents + two.extents)
+        pose = np.eye(4)
+        pose[:3, :3] = problem.relative_turns[rel]
+        pose[:3, 3] = shift - pose[:3, :3] @ two.bounds.mean(axis=0)
+        manager = CollisionManager()
+        manager.add_object("one", one.copy().apply_translation(-one.bounds.mean(axis=0)))
+        expected = max(0.0, manager.min_distance_single(two, pose))
+        found = gap(problem, first, other, rel, *shift, 1e9)
+        assert found == pytest.approx(expected, abs=drawn_in)
+        assert gap(problem, first, other, rel, *shift, 0.5) == pytest.approx(min(found, 0.5))
+        crossing += found == 0
+    assert 0 < crossing < TRIES

@@ -226,9 +226,21 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
         )
         faces = each.faces[tree_order(other[each.faces])]
         boxes, leaves = boxes_of(other[faces])  # around the first, which is smaller
-        trees.append((first[faces], other[faces], boxes, leaves))
-    columns = list(zip(*trees, strict=True))
-    return Surfaces(np.concatenate(columns[0]), *_joined(*columns[1:]))
+        trees.append((first[faces], _owned(faces), other[faces], boxes, leaves))
+    first, owned, other, boxes, leaves = zip(*trees, strict=True)
+    corners, starts, *rest = _joined(other, boxes, leaves)
+    return Surfaces(np.concatenate(first), corners, starts, np.concatenate(owned), *rest)
+
+
+def _owned(faces: Ints) -> Ints:
+    """Return bits (n,) of the edges and corners that no earlier face (n, 3) has."""
+    edges = np.sort(np.stack((faces, np.roll(faces, -1, axis=1)), axis=-1), axis=-1)
+    owned = np.zeros((len(faces), 6), np.uint8)
+    for start, parts in ((0, edges.reshape(-1, 2)), (3, faces.reshape(-1, 1))):
+        new = np.zeros(len(parts), np.uint8)
+        new[np.unique(parts, axis=0, return_index=True)[1]] = 1
+        owned[:, start : start + 3] = new.reshape(-1, 3)
+    return np.asarray(np.packbits(owned, axis=1, bitorder="little")[:, 0])
 
 
 def _closed(centred: list[Floats], parts: Sequence[Parts]) -> Closed:

@@ -155,7 +155,8 @@ def nest(
     units = [each.longest for each in containers]
     gap = clearance and clearance + validity.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
-    problems = Problems((*searched, *empty.container.obstacles), min(units), gap)
+    shares_fields = settings.iterations is None
+    problems = Problems((*searched, *empty.container.obstacles), min(units), gap, shares_fields)
     task = _task(empty, containers, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import inlined, inner_kernel
+from packit_sim.core.compilation import inlined, inner_kernel, kernel
 from packit_sim.engine.containment_kernels import holds
 from packit_sim.nesting.field_kernels import SCALE, encoded, fill_field, padding
 from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
@@ -12,7 +12,11 @@ from packit_sim.nesting.surface_kernels import surfaces_cross, surfaces_distance
 _REACH = 3.0
 """Voxels up to which nodes hold distances that surfaces have."""
 
-_BISECTIONS = 6
+_MOST_DEPTH = 3.5
+"""Voxels of depth up to which nodes are computed by the surfaces."""
+
+_PRECISION = 0.1
+"""Voxels by which a computed depth may be too large."""
 
 
 @inlined
@@ -111,6 +115,19 @@ def add_field(lookup, first, other, rel):
     return number
 
 
+@kernel
+def add_fields(lookup):
+    """Compute the fields of all pairs of types; return whether there is space for all of them."""
+    types, _, relative = lookup.numbers.shape
+    for first in range(types):
+        for other in range(first, types):
+            for rel in range(relative):
+                add_field(lookup, first, other, rel)
+                if lookup.used[2] > 0:
+                    return False
+    return True
+
+
 @inner_kernel
 def _voxels(lookup, a, rel):
     """Return the voxels (x, y, z) of a type in one of the relative rotations."""
@@ -156,19 +173,20 @@ def _node(problem, first, other, rel, field, x, y, z):
     if length == 0:
         return min(rough, -0.5 - clearance)
     ox, oy, oz = shift[0], shift[1], shift[2]
-    low, high = 0.0, 3.5
+    low, high = 0.0, _MOST_DEPTH
+    middle = min(high, max(1.0, 1.5 - rough))
     scale = voxel / length
-    for n in range(1 + _BISECTIONS):
-        middle = high if n == 0 else (low + high) * 0.5
+    while high - low > _PRECISION:
         shift[0] = ox + middle * scale * gx
         shift[1] = oy + middle * scale * gy
         shift[2] = oz + middle * scale * gz
-        if not _cross(problem, first, other, rel):
-            high = middle
-        elif n == 0:
-            return min(rough, -0.5 - clearance)
-        else:
+        if _cross(problem, first, other, rel):
             low = middle
+        else:
+            high = middle
+        middle = (low + high) * 0.5
+    if high == _MOST_DEPTH:
+        return min(rough, -0.5 - clearance)
     return -high - clearance
 
 
@@ -176,13 +194,11 @@ def _node(problem, first, other, rel, field, x, y, z):
 def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
     """Return whether items at an offset cross, are too close, or one is in the other, if it may."""
     problem.shift[0], problem.shift[1], problem.shift[2] = sx, sy, sz
-    if problem.lookup.clearance > 0:
-        limit = problem.lookup.clearance
-        return _distance(problem, first, other, rel, limit) < limit or (
-            maybe_nested and _nested(problem, first, other, rel)
-        )
-    return _cross(problem, first, other, rel) or (
-        maybe_nested and _nested(problem, first, other, rel)
+    limit = problem.lookup.clearance
+    return (
+        _cross(problem, first, other, rel)
+        or (limit > 0 and _distance(problem, first, other, rel, limit) < limit)
+        or (maybe_nested and _nested(problem, first, other, rel))
     )
 
 
@@ -208,16 +224,16 @@ def _cross(problem, first, other, rel):
 
 @inner_kernel
 def _distance(problem, first, other, rel, limit):
-    """Return the distance of the surfaces of two types at `problem.shift`, or the limit."""
-    if _cross(problem, first, other, rel):
-        return 0.0
+    """Return the distance of surfaces that don't cross at `problem.shift`, or the limit."""
     s = problem.surfaces
     a, b = first, other
     return surfaces_distance(
         s.first[s.triangle_starts[a] : s.triangle_starts[a + 1]],
+        s.owned[s.triangle_starts[a] : s.triangle_starts[a + 1]],
         s.boxes[s.box_starts[a] : s.box_starts[a + 1]],
         s.leaves[s.leaf_starts[a] : s.leaf_starts[a + 1]],
         s.other[s.triangle_starts[b] : s.triangle_starts[b + 1]],
+        s.owned[s.triangle_starts[b] : s.triangle_starts[b + 1]],
         s.boxes[s.box_starts[b] : s.box_starts[b + 1]],
         s.leaves[s.leaf_starts[b] : s.leaf_starts[b + 1]],
         problem.relative_turns[rel],

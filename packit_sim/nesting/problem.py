@@ -20,6 +20,9 @@ class Surfaces(NamedTuple):
         unequal lengths; those of type t from triangle_starts[t] on.
     triangle_starts, box_starts, leaf_starts : ndarray
         (t + 1,) int64.
+    owned : ndarray
+        (n,) uint8, bits of the edges and corners that no earlier triangle has: 1, 2, 4 for the
+        edges from each corner to the next one, 8, 16, 32 for the corners.
     boxes : ndarray
         (b, 2, 3) float64, of the trees' nodes.
     leaves : ndarray
@@ -29,6 +32,7 @@ class Surfaces(NamedTuple):
     first: Any
     other: Any
     triangle_starts: Any
+    owned: Any
     boxes: Any
     box_starts: Any
     leaves: Any
@@ -254,12 +258,16 @@ class State(NamedTuple):
 
 
 def with_own_arrays(problem: Problem) -> Problem:
-    """Return a problem that shares all but fields, counts and work arrays: for a thread."""
+    """Return a problem that shares all but counts and work arrays: for a thread."""
+    return problem._replace(**_emptied(problem, "counts", "shift", "waiting", "triangle"))
+
+
+def with_own_fields(problem: Problem) -> Problem:
+    """Return a problem that has its own, empty fields, and shares the rest."""
     lookup = problem.lookup
     fields = _emptied(lookup, "fields", "values", "used")
     fields["numbers"] = np.full_like(lookup.numbers, -1)
-    work = _emptied(problem, "counts", "shift", "waiting", "triangle")
-    return problem._replace(lookup=lookup._replace(**fields), **work)
+    return problem._replace(lookup=lookup._replace(**fields))
 
 
 def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:

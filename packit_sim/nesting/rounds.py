@@ -12,8 +12,9 @@ from itertools import count
 from packit_sim.core.parallel import Threads, Workers
 from packit_sim.nesting.build import build
 from packit_sim.nesting.item_types import ItemType
+from packit_sim.nesting.overlap_kernels import add_fields
 from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.problem import Problem, with_own_arrays
+from packit_sim.nesting.problem import Problem, with_own_arrays, with_own_fields
 from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 
@@ -38,12 +39,23 @@ class Problems:
         The longest fixed side of the container.
     clearance : float
         The distance to keep.
+    shares_fields : bool
+        Whether threads share the fields that surfaces compute, if there is space for all of them:
+        each node is then computed once, but what one thread finds depends on the others.
     """
 
-    def __init__(self, types: tuple[ItemType, ...], unit: float, clearance: float) -> None:
+    def __init__(
+        self,
+        types: tuple[ItemType, ...],
+        unit: float,
+        clearance: float,
+        shares_fields: bool = False,
+    ) -> None:
+        self.shares_fields = shares_fields
         self._arguments = types, unit, clearance
         parts = [(each.digest, each.rotations) for each in types]
-        self._digest = hashlib.sha256(repr((parts, unit, clearance)).encode()).hexdigest()
+        key = parts, unit, clearance, shares_fields
+        self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Problems) and self._digest == other._digest
@@ -54,7 +66,8 @@ class Problems:
     def get(self) -> Problem:
         """Return the problem, for this thread."""
         if getattr(_own, "problems", None) != self:
-            _own.problem = with_own_arrays(_built(self))
+            problem, has_fields = _built(self)
+            _own.problem = with_own_arrays(problem if has_fields else with_own_fields(problem))
             _own.problems = self
         problem: Problem = _own.problem
         return problem
@@ -68,8 +81,11 @@ _own = threading.local()
 
 
 @lru_cache(maxsize=1)
-def _built(problems: Problems) -> Problem:
-    return problems.build()
+def _built(problems: Problems) -> tuple[Problem, bool]:
+    """Compute a problem; return also whether it has all fields."""
+    problem = problems.build()
+    shares = problems.shares_fields and problem.refined
+    return problem, shares and bool(add_fields(problem.lookup))
 
 
 @dataclass(frozen=True)

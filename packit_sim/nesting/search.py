@@ -14,7 +14,7 @@ from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 FEWEST = 6
 """Fewest items that are searched for alone."""
 
-FIRST_LEVELS = 0.4
+FIRST_LEVELS = 0.2
 """Share of the search after which all items are searched for, at the latest."""
 
 

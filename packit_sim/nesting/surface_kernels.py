@@ -43,17 +43,17 @@ def surfaces_cross(
     top = 1
     while top:
         top -= 1
-        a, b = waiting[top]
-        if _boxes_apart(one_boxes[a], other_boxes[b], turn, shift):
+        a, b = waiting[top, 0], waiting[top, 1]
+        if _boxes_apart(one_boxes, a, other_boxes, b, turn, shift):
             continue
         if a >= one_leaves and b >= other_leaves:
             for m in range(other_starts[b - other_leaves], other_starts[b - other_leaves + 1]):
-                _transform(other[m], turn, shift, triangle)
+                _transform(other, m, turn, shift, triangle)
                 for n in range(one_starts[a - one_leaves], one_starts[a - one_leaves + 1]):
-                    if triangles_cross(one[n], triangle):
+                    if _bounds_meet(one, n, triangle) and triangles_cross(one[n], triangle):
                         return True
         elif b >= other_leaves or (
-            a < one_leaves and _diagonal(one_boxes[a]) > _diagonal(other_boxes[b])
+            a < one_leaves and _diagonal(one_boxes, a) > _diagonal(other_boxes, b)
         ):
             waiting[top] = (2 * a, b)
             waiting[top + 1] = (2 * a + 1, b)
@@ -66,85 +66,112 @@ def surfaces_cross(
 
 
 @inner_kernel
-def _diagonal(box):
-    """Return the squared diagonal of a box (2, 3)."""
-    return (
-        (box[1, 0] - box[0, 0]) ** 2 + (box[1, 1] - box[0, 1]) ** 2 + (box[1, 2] - box[0, 2]) ** 2
-    )
+def _diagonal(boxes, a):
+    """Return the squared diagonal of one of the boxes (n, 2, 3)."""
+    total = 0.0
+    for d in range(3):
+        total += (boxes[a, 1, d] - boxes[a, 0, d]) ** 2
+    return total
 
 
 @inner_kernel
-def _boxes_apart(one, other, turn, shift):
-    """Return whether the axes of the one's frame separate its box (2, 3) from the other's."""
+def _boxes_apart(one, a, other, b, turn, shift):
+    """Return whether the axes of the one's frame separate its box a from the other's b."""
     for d in range(3):
         middle = shift[d]
         half = 0.0
         for e in range(3):
-            middle += turn[d, e] * (other[0, e] + other[1, e]) * 0.5
-            half += abs(turn[d, e]) * (other[1, e] - other[0, e]) * 0.5
-        if middle - half > one[1, d] or middle + half < one[0, d]:
+            middle += turn[d, e] * (other[b, 0, e] + other[b, 1, e]) * 0.5
+            half += abs(turn[d, e]) * (other[b, 1, e] - other[b, 0, e]) * 0.5
+        if middle - half > one[a, 1, d] or middle + half < one[a, 0, d]:
             return True
     return False
 
 
 @inner_kernel
-def _transform(corners, turn, shift, out):
-    """Write the rotated and translated corners (3, 3) of a triangle to `out`."""
+def _transform(corners, m, turn, shift, out):
+    """Write the rotated and translated corners (3, 3) of triangle m to `out`."""
     for c in range(3):
+        x, y, z = corners[m, c, 0], corners[m, c, 1], corners[m, c, 2]
         for d in range(3):
-            out[c, d] = shift[d] + (
-                turn[d, 0] * corners[c, 0] + turn[d, 1] * corners[c, 1] + turn[d, 2] * corners[c, 2]
-            )
+            out[c, d] = shift[d] + (turn[d, 0] * x + turn[d, 1] * y + turn[d, 2] * z)
+
+
+@inner_kernel
+def _bounds_meet(one, n, other):
+    """Return whether the bounding boxes of triangle n and of another one (3, 3) meet."""
+    for d in range(3):
+        a, b, c = one[n, 0, d], one[n, 1, d], one[n, 2, d]
+        x, y, z = other[0, d], other[1, d], other[2, d]
+        if max(a, b, c) < min(x, y, z) or min(a, b, c) > max(x, y, z):
+            return False
+    return True
 
 
 @inner_kernel
 def triangles_cross(one, other):
     """Return whether an edge of one of two triangles (3, 3) passes through the other."""
-    for d in range(3):
-        if max(one[0, d], one[1, d], one[2, d]) < min(other[0, d], other[1, d], other[2, d]):
-            return False
-        if min(one[0, d], one[1, d], one[2, d]) > max(other[0, d], other[1, d], other[2, d]):
-            return False
+    if _is_beside(one, other) or _is_beside(other, one):
+        return False
     return _edges_pass(one, other) or _edges_pass(other, one)
+
+
+@inner_kernel
+def _is_beside(one, other):
+    """Return whether all corners of a triangle are on one side of another triangle's plane."""
+    nx, ny, nz = _normal(other)
+    s0 = _height(one, 0, other, nx, ny, nz)
+    s1 = _height(one, 1, other, nx, ny, nz)
+    s2 = _height(one, 2, other, nx, ny, nz)
+    return (s0 > 0 and s1 > 0 and s2 > 0) or (s0 < 0 and s1 < 0 and s2 < 0)
 
 
 @inner_kernel
 def _edges_pass(one, other):
     """Return whether an edge of a triangle passes through another triangle."""
-    ux, uy, uz = other[1, 0] - other[0, 0], other[1, 1] - other[0, 1], other[1, 2] - other[0, 2]
-    vx, vy, vz = other[2, 0] - other[0, 0], other[2, 1] - other[0, 1], other[2, 2] - other[0, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    s0 = _height(one[0], other[0], nx, ny, nz)
-    s1 = _height(one[1], other[0], nx, ny, nz)
-    s2 = _height(one[2], other[0], nx, ny, nz)
-    if (s0 > 0 and s1 > 0 and s2 > 0) or (s0 < 0 and s1 < 0 and s2 < 0):
-        return False
+    nx, ny, nz = _normal(other)
+    s0 = _height(one, 0, other, nx, ny, nz)
+    s1 = _height(one, 1, other, nx, ny, nz)
+    s2 = _height(one, 2, other, nx, ny, nz)
     return (
-        _passes(one[0], one[1], s0, s1, other, nx, ny, nz)
-        or _passes(one[1], one[2], s1, s2, other, nx, ny, nz)
-        or _passes(one[2], one[0], s2, s0, other, nx, ny, nz)
+        _passes(one, 0, 1, s0, s1, other, nx, ny, nz)
+        or _passes(one, 1, 2, s1, s2, other, nx, ny, nz)
+        or _passes(one, 2, 0, s2, s0, other, nx, ny, nz)
     )
 
 
 @inner_kernel
-def _height(point, origin, nx, ny, nz):
-    """Return the height of a point above a plane, times the length of its normal."""
-    return (point[0] - origin[0]) * nx + (point[1] - origin[1]) * ny + (point[2] - origin[2]) * nz
+def _normal(triangle):
+    """Return the normal (3) of a triangle, of twice the length of its area."""
+    ax, ay, az = triangle[0, 0], triangle[0, 1], triangle[0, 2]
+    ux, uy, uz = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
+    vx, vy, vz = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
 @inner_kernel
-def _passes(start, end, s, e, triangle, nx, ny, nz):
-    """Return whether a segment with ends of heights s and e passes through a triangle."""
+def _height(corners, n, triangle, nx, ny, nz):
+    """Return the height of a corner above a triangle's plane, times the length of its normal."""
+    x = corners[n, 0] - triangle[0, 0]
+    y = corners[n, 1] - triangle[0, 1]
+    z = corners[n, 2] - triangle[0, 2]
+    return x * nx + y * ny + z * nz
+
+
+@inner_kernel
+def _passes(corners, m, n, s, e, triangle, nx, ny, nz):
+    """Return whether an edge between corners of heights s and e passes through a triangle."""
     if (s > 0) == (e > 0) or s == e:
         return False
     t = s / (s - e)
-    px = start[0] + t * (end[0] - start[0])
-    py = start[1] + t * (end[1] - start[1])
-    pz = start[2] + t * (end[2] - start[2])
+    px = corners[m, 0] + t * (corners[n, 0] - corners[m, 0])
+    py = corners[m, 1] + t * (corners[n, 1] - corners[m, 1])
+    pz = corners[m, 2] + t * (corners[n, 2] - corners[m, 2])
     for c in range(3):
-        a, b = triangle[c], triangle[(c + 1) % 3]
-        ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        qx, qy, qz = px - a[0], py - a[1], pz - a[2]
+        d = (c + 1) % 3
+        ax, ay, az = triangle[c, 0], triangle[c, 1], triangle[c, 2]
+        ex, ey, ez = triangle[d, 0] - ax, triangle[d, 1] - ay, triangle[d, 2] - az
+        qx, qy, qz = px - ax, py - ay, pz - az
         side = (ey * qz - ez * qy) * nx + (ez * qx - ex * qz) * ny + (ex * qy - ey * qx) * nz
         if side < 0:
             return False
@@ -154,9 +181,11 @@ def _passes(start, end, s, e, triangle, nx, ny, nz):
 @inner_kernel
 def surfaces_distance(
     one,
+    one_owned,
     one_boxes,
     one_starts,
     other,
+    other_owned,
     other_boxes,
     other_starts,
     turn,
@@ -171,6 +200,8 @@ def surfaces_distance(
     ----------
     one, one_boxes, one_starts, other, other_boxes, other_starts, turn, shift, waiting, triangle
         As in `surfaces_cross`.
+    one_owned, other_owned : ndarray
+        (n,) uint8, which edges and corners count for each triangle (see `problem.Surfaces`).
     limit : float
         The largest distance of interest.
 
@@ -187,16 +218,18 @@ def surfaces_distance(
     best = limit * limit
     while top:
         top -= 1
-        a, b = waiting[top]
-        if _boxes_gap(one_boxes[a], other_boxes[b], turn, shift) >= best:
+        a, b = waiting[top, 0], waiting[top, 1]
+        if _boxes_gap(one_boxes, a, other_boxes, b, turn, shift) >= best:
             continue
         if a >= one_leaves and b >= other_leaves:
             for m in range(other_starts[b - other_leaves], other_starts[b - other_leaves + 1]):
-                _transform(other[m], turn, shift, triangle)
+                _transform(other, m, turn, shift, triangle)
                 for n in range(one_starts[a - one_leaves], one_starts[a - one_leaves + 1]):
-                    best = min(best, triangles_gap(one[n], triangle))
+                    if _bounds_gap(one, n, triangle) < best:
+                        gap = triangles_gap(one[n], one_owned[n], triangle, other_owned[m])
+                        best = min(best, gap)
         elif b >= other_leaves or (
-            a < one_leaves and _diagonal(one_boxes[a]) > _diagonal(other_boxes[b])
+            a < one_leaves and _diagonal(one_boxes, a) > _diagonal(other_boxes, b)
         ):
             waiting[top] = (2 * a, b)
             waiting[top + 1] = (2 * a + 1, b)
@@ -209,39 +242,58 @@ def surfaces_distance(
 
 
 @inner_kernel
-def _boxes_gap(one, other, turn, shift):
-    """Return at most the squared distance between a box and another one, rotated."""
+def _boxes_gap(one, a, other, b, turn, shift):
+    """Return at most the squared distance between the one's box a and the other's b, rotated."""
     total = 0.0
     for d in range(3):
         middle = shift[d]
         half = 0.0
         for e in range(3):
-            middle += turn[d, e] * (other[0, e] + other[1, e]) * 0.5
-            half += abs(turn[d, e]) * (other[1, e] - other[0, e]) * 0.5
-        gap = max(middle - half - one[1, d], one[0, d] - middle - half, 0.0)
+            middle += turn[d, e] * (other[b, 0, e] + other[b, 1, e]) * 0.5
+            half += abs(turn[d, e]) * (other[b, 1, e] - other[b, 0, e]) * 0.5
+        gap = max(middle - half - one[a, 1, d], one[a, 0, d] - middle - half, 0.0)
         total += gap * gap
     return total
 
 
 @inner_kernel
-def triangles_gap(one, other):
-    """Return the squared distance of two triangles (3, 3) that don't cross."""
+def _bounds_gap(one, n, other):
+    """Return the squared distance of the bounding boxes of triangle n and another one (3, 3)."""
+    total = 0.0
+    for d in range(3):
+        a, b, c = one[n, 0, d], one[n, 1, d], one[n, 2, d]
+        x, y, z = other[0, d], other[1, d], other[2, d]
+        gap = max(min(a, b, c) - max(x, y, z), min(x, y, z) - max(a, b, c), 0.0)
+        total += gap * gap
+    return total
+
+
+@inner_kernel
+def triangles_gap(one, one_owned, other, other_owned):
+    """Return the least squared distance of own edges and corners of triangles that don't cross."""
     best = 1e300
     for m in range(3):
+        if not one_owned >> m & 1:
+            continue
         for n in range(3):
-            best = min(best, segments_gap(one[m], one[(m + 1) % 3], other[n], other[(n + 1) % 3]))
+            if other_owned >> n & 1:
+                gap = edges_gap(one, m, other, n)
+                best = min(best, gap)
     for n in range(3):
-        best = min(best, _face_gap(other[n], one), _face_gap(one[n], other))
+        if other_owned >> (3 + n) & 1:
+            best = min(best, _face_gap(other, n, one))
+        if one_owned >> (3 + n) & 1:
+            best = min(best, _face_gap(one, n, other))
     return best
 
 
 @inner_kernel
-def _face_gap(point, triangle):
-    """Return the squared distance of a point above the inside of a triangle, else a large one."""
-    a, b, c = triangle[0], triangle[1], triangle[2]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    wx, wy, wz = point[0] - a[0], point[1] - a[1], point[2] - a[2]
+def _face_gap(corners, n, triangle):
+    """Return the squared distance of a corner above the inside of a triangle, else a large one."""
+    ax, ay, az = triangle[0, 0], triangle[0, 1], triangle[0, 2]
+    ux, uy, uz = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
+    vx, vy, vz = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
+    wx, wy, wz = corners[n, 0] - ax, corners[n, 1] - ay, corners[n, 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = nx * nx + ny * ny + nz * nz
     if square == 0:
@@ -255,26 +307,31 @@ def _face_gap(point, triangle):
 
 
 @inner_kernel
-def segments_gap(p, q, r, s):
-    """Return the squared distance of two segments, from p to q and from r to s."""
-    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    vx, vy, vz = s[0] - r[0], s[1] - r[1], s[2] - r[2]
-    wx, wy, wz = p[0] - r[0], p[1] - r[1], p[2] - r[2]
+def edges_gap(one, m, other, n):
+    """Return the squared distance of two triangles' edges, from corner m and n to the next one."""
+    after, other_after = (m + 1) % 3, (n + 1) % 3
+    px, py, pz = one[m, 0], one[m, 1], one[m, 2]
+    rx, ry, rz = other[n, 0], other[n, 1], other[n, 2]
+    ux, uy, uz = one[after, 0] - px, one[after, 1] - py, one[after, 2] - pz
+    vx = other[other_after, 0] - rx
+    vy = other[other_after, 1] - ry
+    vz = other[other_after, 2] - rz
+    wx, wy, wz = px - rx, py - ry, pz - rz
     a = ux * ux + uy * uy + uz * uz
     b = ux * vx + uy * vy + uz * vz
     c = vx * vx + vy * vy + vz * vz
     d = ux * wx + uy * wy + uz * wz
     e = vx * wx + vy * wy + vz * wz
     det = a * c - b * b
-    m = 0.0
+    s = 0.0
     if det > 1e-14 * a * c:
-        m = min(1.0, max(0.0, (b * e - c * d) / det))
-    n = (b * m + e) / c if c > 0 else 0.0
-    if n < 0:
-        n = 0.0
-        m = min(1.0, max(0.0, -d / a)) if a > 0 else 0.0
-    elif n > 1:
-        n = 1.0
-        m = min(1.0, max(0.0, (b - d) / a)) if a > 0 else 0.0
-    x, y, z = wx + m * ux - n * vx, wy + m * uy - n * vy, wz + m * uz - n * vz
+        s = min(1.0, max(0.0, (b * e - c * d) / det))
+    t = (b * s + e) / c if c > 0 else 0.0
+    if t < 0:
+        t = 0.0
+        s = min(1.0, max(0.0, -d / a)) if a > 0 else 0.0
+    elif t > 1:
+        t = 1.0
+        s = min(1.0, max(0.0, (b - d) / a)) if a > 0 else 0.0
+    x, y, z = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
     return x * x + y * y + z * z
