@@ -220,13 +220,13 @@ def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
 def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float) -> Surfaces:
     trees = []
     for each, vertices in zip(types, centred, strict=True):
-        first, other = (
+        smaller, larger = (
             vertices * (np.maximum(each.extents - share * tolerance, 0) / each.extents)
             for share in DRAWN_IN
         )
-        faces = each.faces[tree_order(other[each.faces])]
-        boxes, leaves = boxes_of(other[faces])  # around the first, which is smaller
-        trees.append((first[faces], _owned(faces), other[faces], boxes, leaves))
+        faces = each.faces[tree_order(larger[each.faces])]
+        tree = boxes_of(larger[faces])
+        trees.append((smaller[faces], _owned(faces), larger[faces], *tree))
     first, owned, other, boxes, leaves = zip(*trees, strict=True)
     corners, starts, *rest = _joined(other, boxes, leaves)
     return Surfaces(np.concatenate(first), corners, starts, np.concatenate(owned), *rest)

@@ -66,8 +66,8 @@ class Problems:
     def get(self) -> Problem:
         """Return the problem, for this thread."""
         if getattr(_own, "problems", None) != self:
-            problem, has_fields = _built(self)
-            _own.problem = with_own_arrays(problem if has_fields else with_own_fields(problem))
+            shared, has_fields = _built(self)
+            _own.problem = with_own_arrays(shared if has_fields else with_own_fields(shared))
             _own.problems = self
         problem: Problem = _own.problem
         return problem
