@@ -11,8 +11,8 @@ from benchmarks.common import RESULTS, table_in_page
 SHOWS_AFTER_A_SECOND = """
 import signal, time
 time.sleep(1)
-print("packing 3 of 8 parts, density 0.123", flush=True)
 try:
+    print("packing 3 of 8 parts, density 0.123", flush=True)
     signal.pause()
 except KeyboardInterrupt:
     time.sleep(1)
