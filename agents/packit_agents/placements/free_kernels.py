@@ -11,7 +11,7 @@ from packit_sim.core.compilation import kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays
 from packit_sim.engine.screening_kernels import BLOCKED, brick_offsets, state_at
 from packit_sim.geometry.bits import Words
-from packit_sim.geometry.voxel_kernels import ItemArrays
+from packit_sim.geometry.voxel_kernels import ItemArrays, turn_bricks
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 
 _1 = np.uint64(1)
@@ -43,6 +43,78 @@ class TurnedArrays(NamedTuple):
     inner: Words
     first: npt.NDArray[np.int32]
     fine: Words
+
+
+@kernel
+def turn_item(item, cells, axes, signs, swaps):
+    """Rotate an item, and keep those of its rotations in which its cells differ.
+
+    Parameters
+    ----------
+    item : ItemArrays
+        The bricks of the item before.
+    cells : ndarray
+        (n, 3) int64, cells along each axis of the rotated cell boxes.
+    axes, signs : ndarray
+        (n, 3) int64, see `rotations.AXES` and `rotations.SIGNS`.
+    swaps : Words
+        (n, m, 2) uint64, see `bits.turning_swaps`. Rows of zeros have no effect.
+
+    Returns
+    -------
+    kept : ndarray
+        (k,) int64, the rotations with other cells than those before them, as indices.
+    starts, bricks, outer, inner, first, fine : ndarray
+        The item in these rotations, see `TurnedArrays`.
+    """
+    item = ItemArrays(*item)
+    space = 0
+    for r in range(len(cells)):
+        space += ((cells[r, 0] + 3) // 4) * ((cells[r, 1] + 3) // 4) * ((cells[r, 2] + 3) // 4)
+    bricks = np.empty((space, 3), np.int16)
+    outer, inner = np.empty(space, np.uint64), np.empty(space, np.uint64)
+    first = np.empty(space, np.int32)
+    fine = np.empty((len(cells) * len(item.fine), 2), np.uint64)
+    kept, starts = np.empty(len(cells), np.int64), np.zeros(len(cells) + 1, np.int64)
+    number = 0
+    for r in range(len(cells)):
+        own = turn_bricks(item, cells[r], axes[r], signs[r], swaps[r])
+        known = False
+        for n in range(number):
+            begin, end = starts[n], starts[n + 1]
+            known = known or (
+                (cells[kept[n]] == cells[r]).all()
+                and _are_equal(outer[begin:end], own[1])
+                and _are_equal(inner[begin:end], own[2])
+                and _are_equal(bricks[begin:end].ravel(), own[0].ravel())
+            )
+        if known:
+            continue
+        begin, end = starts[number], starts[number] + len(own[1])
+        bricks[begin:end] = own[0]
+        outer[begin:end] = own[1]
+        inner[begin:end] = own[2]
+        first[begin:end] = own[3][:-1] + number * len(item.fine)
+        fine[number * len(item.fine) : (number + 1) * len(item.fine)] = own[4]
+        kept[number] = r
+        starts[number + 1] = end
+        number += 1
+    end = starts[number]
+    return (
+        kept[:number],
+        starts[: number + 1].copy(),
+        bricks[:end].copy(),
+        outer[:end].copy(),
+        inner[:end].copy(),
+        first[:end].copy(),
+        fine[: number * len(item.fine)].copy(),
+    )
+
+
+@kernel
+def _are_equal(one, other):
+    """Return whether two arrays (n,) are equal."""
+    return len(one) == len(other) and (one == other).all()
 
 
 @kernel

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from packit_agents.placements.free_kernels import TurnedArrays, remove_blocked
+from packit_agents.placements.free_kernels import TurnedArrays, remove_blocked, turn_item
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.screening import locations
 from packit_sim.geometry import rotations
-from packit_sim.geometry.bits import Words
-from packit_sim.geometry.lattice import Triple, grid_nodes
+from packit_sim.geometry.bits import Words, turning_swaps
+from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
 
@@ -32,6 +31,11 @@ ALL_ROTATIONS = tuple(range(rotations.COUNT))
 
 TURNED_BUDGET = 512 * 2**20
 """Maximum size of all cached items in their rotations, in bytes."""
+
+_TABLES = [turning_swaps(rotation) for rotation in ALL_ROTATIONS]
+_MOST_SWAPS = max(map(len, _TABLES))
+_SWAPS = np.stack([np.pad(table, ((0, _MOST_SWAPS - len(table)), (0, 0))) for table in _TABLES])
+"""The `turning_swaps` of each rotation, with rows of zeros at the end, which have no effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,29 +83,26 @@ def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedIt
     TurnedItem
         The item; without rotations if it fits in none.
     """
-    kept: dict[Any, tuple[Item, Voxels]] = {}
-    for rotation in allowed:
-        turned = item.turned(rotation)
-        if all(own <= space for own, space in zip(turned.cells, cells, strict=True)):
-            voxels = turned.voxels
-            kept.setdefault(_cells_key(voxels), (turned, voxels))
-    items, voxels_of = zip(*kept.values(), strict=True) if kept else ((), ())
-    bricks = np.cumsum([0, *(len(voxels.bricks) for voxels in voxels_of)])
-    fine = np.cumsum([0, *(len(voxels.fine) for voxels in voxels_of)])
-    empty = Voxels.of(np.empty((0, 3, 3)), (0, 0, 0)) if not kept else voxels_of[0]
+    turned = [item.turned(rotation) for rotation in allowed]
+    fitting = [
+        t for t in turned if all(own <= most for own, most in zip(t.cells, cells, strict=True))
+    ]
+    order = [t.rotation for t in fitting]
+    own_cells = np.array([t.cells for t in fitting], dtype=np.int64).reshape(-1, 3)
+    upright = item.turned(0).voxels if fitting else Voxels.of(np.empty((0, 3, 3)), (0, 0, 0))
+    kept, *voxels = turn_item(
+        upright.arrays,
+        own_cells,
+        rotations.AXES[order],
+        rotations.SIGNS[order],
+        _SWAPS[order],
+    )
+    items = tuple(fitting[n] for n in kept.tolist())
     arrays = TurnedArrays(
-        sizes=np.array([locations(cells, turned) for turned in items]).reshape(-1, 3),
-        extents=np.array([voxels.number.shape for voxels in voxels_of]).reshape(-1, 3),
-        cells=np.array([turned.cells for turned in items]).reshape(-1, 3),
-        starts=bricks,
-        bricks=_joined([voxels.bricks for voxels in voxels_of], empty.bricks),
-        outer=_joined([voxels.outer for voxels in voxels_of], empty.outer),
-        inner=_joined([voxels.inner for voxels in voxels_of], empty.inner),
-        first=_joined(
-            [voxels.first[:-1] + np.int32(n) for voxels, n in zip(voxels_of, fine, strict=False)],
-            empty.first,
-        ),
-        fine=_joined([voxels.fine for voxels in voxels_of], empty.fine),
+        np.array([locations(cells, own) for own in items], dtype=np.int64).reshape(-1, 3),
+        -(-own_cells[kept] // STEP),
+        own_cells[kept],
+        *voxels,
     )
     return TurnedItem(items, tuple(arrays))
 
@@ -210,19 +211,3 @@ class FreeSpace:
         rows = self._rows[item].copy()
         rows[rotation, k, i] &= ~(np.uint64(1) << np.uint64(j))
         self._rows[item] = rows
-
-
-def _cells_key(voxels: Voxels) -> tuple[Any, ...]:
-    """Return what is equal for equal cells, whatever the order of the bricks."""
-    filled = voxels.number >= 0
-    order = voxels.number[filled]
-    return (
-        voxels.cells,
-        filled.tobytes(),
-        voxels.outer[order].tobytes(),
-        voxels.inner[order].tobytes(),
-    )
-
-
-def _joined(arrays: list[npt.NDArray[Any]], like: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return np.concatenate([like[:0], *arrays])
