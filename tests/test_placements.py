@@ -12,7 +12,12 @@ from packit_agents.placements import placement_features as described
 from packit_agents.placements.free_kernels import corners
 from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.network import PlacementNetwork, PlacementWeightsError
-from packit_agents.placements.placement_features import FEATURES, PLACEMENT_FEATURES, placements
+from packit_agents.placements.placement_features import (
+    FEATURES,
+    PLACEMENT_FEATURES,
+    choose,
+    placements,
+)
 from packit_agents.placements.policies import PlacedLocation, PlacedRotation, PlacedShape
 from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import ScoredLayout
@@ -189,13 +194,14 @@ def test_features_are_those_of_plain_loops(seed) -> None:
     outside = np.array([False, False, False, True, True])
     found = placements(box, FreeSpace.empty(items, CELLS), outside)
     for n in rng.choice(len(found), min(6, len(found)), replace=False).tolist():
-        expected = surroundings(box, found.item(n), found.location(n))
+        placed = found.placed(n)
+        expected = surroundings(box, placed.item, placed.location)
         named = dict(zip(FEATURES, found.features[n].tolist(), strict=True))
         assert set(expected) == set(PLACEMENT_FEATURES)
         assert {k: named[k] for k in expected} == pytest.approx(expected, abs=1e-5)
         assert named["density"] == pytest.approx(box.density, abs=1e-6)
         assert np.exp(4 * named["log volume"]) * box.size.prod() == pytest.approx(
-            found.item(n).volume, rel=1e-4
+            placed.item.volume, rel=1e-4
         )
 
 
@@ -205,6 +211,47 @@ def test_equal_items_are_listed_once() -> None:
     found = placements(box, FreeSpace.empty(items, CELLS), np.ones(3, dtype=bool))
     assert set(found.items.tolist()) == {0, 2}
     assert described.placements(box, found.space, np.zeros(3, dtype=bool)).features.shape[0] == 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@examples(12)
+def test_the_volume_lost_is_that_of_the_items_without_a_location_afterwards(seed) -> None:
+    rng = np.random.default_rng(seed)
+    items = [random_item(ZOO, 0.4, rng) for _ in range(4)] + [cube_of(16), cube_of(16)]
+    box = Box(CELLS)
+    fill(box, items[:1], rng)
+    outside = np.arange(6) > 0
+    found = placements(box, FreeSpace.empty(items, CELLS), outside)
+    for n in rng.choice(len(found), min(8, len(found)), replace=False).tolist():
+        which, placed, after = int(found.items[n]), found.placed(n), Box(CELLS)
+        after.restore(box.snapshot())
+        if not after.is_feasible(placed.item, placed.location):
+            continue
+        after.place(placed.item, placed.location)
+        others = [k for k in np.flatnonzero(outside).tolist() if k != which]
+        assert found.lost(n) == pytest.approx(
+            sum(
+                items[k].volume
+                for k in others
+                if any(box.candidates(items[k].turned(r)).any() for r in range(24))
+                and not any(after.candidates(items[k].turned(r)).any() for r in range(24))
+            )
+        )
+
+
+def test_a_placement_after_which_a_large_item_still_fits_is_chosen() -> None:
+    box = Box((24, 48, 24))
+    box.place(cube_of(4), (0, 6, 0))  # to the left of it the larger cube fits, to the right not
+    items = [cube_of(24), cube_of(20)]
+    found = placements(box, FreeSpace.empty(items, box.cells), np.ones(2, dtype=bool))
+    blocking = [n for n in range(len(found)) if found.lost(n)]
+    keeping = [n for n in range(len(found)) if not found.lost(n)]
+    assert blocking and keeping
+    assert choose(found, iter([*blocking, *keeping])) == keeping[0]
+    least = min(blocking, key=found.lost)
+    assert choose(found, blocking) == least
+    assert choose(found, []) is None
+    assert found.is_feasible(keeping[0], box)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

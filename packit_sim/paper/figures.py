@@ -207,11 +207,47 @@ def draw_rollouts(
         cells = [name for row in names for name in row]
         for name, rollout, (contents, layout) in zip(cells, shown, layouts, strict=False):
             shot = _shot(contents, _WHITE, replace(layout, points=points), 3 / 2)
-            _show(axes[name], shot, f"return {math.floor(1000 * rollout.total) / 1000:.3f}")
+            _show(axes[name], shot, _return(rollout))
             packed, items = len(rollout.pack.items), len(tasks[rollout.task].items)
             axes[name].set_xlabel(f"{packed} of {items} items: {rollout.end}")
         axes[cells[0]].set_ylabel("Success", fontsize=13, fontweight="bold")
         axes[cells[4]].set_ylabel("Failure", fontsize=13, fontweight="bold")
+
+
+def draw_failures(
+    rollouts: Sequence[Rollout], tasks: Sequence[Task], library: ShapeLibrary, path: Path | str
+) -> None:
+    """Draw rollouts, the items left outside next to the box, and below them the tasks' own packs.
+
+    Parameters
+    ----------
+    rollouts : Sequence[Rollout]
+        The rollouts, one for each column.
+    tasks : Sequence[Task]
+        All tasks of the dataset.
+    library : ShapeLibrary
+        The library of their shapes.
+    path : Path | str
+        The file.
+    """
+    columns = range(len(rollouts))
+    names = [[f"{row} {n}" for n in columns] for row in ("left", "solved")]
+    with plots.drawn(path, names, 4 * len(rollouts), 7) as (figure, axes):
+        figure.set_layout_engine("constrained", h_pad=0.15, w_pad=0.15)
+        for n, rollout in enumerate(rollouts):
+            task = tasks[rollout.task]
+            contents, layout = _left(rollout, task, library)
+            shot = _shot(contents, _WHITE, layout, 3 / 2)
+            _show(axes[f"left {n}"], shot, f"Task {rollout.task}: {_return(rollout)}")
+            packed, items = len(rollout.pack.items), len(task.items)
+            axes[f"left {n}"].set_xlabel(f"{packed} of {items} items")
+            _show(axes[f"solved {n}"], _shot(task.pack.contents(library)), "Its own solution")
+            axes[f"solved {n}"].set_xlabel(f"density {task.pack.density:.2f}")
+
+
+def _return(rollout: Rollout) -> str:
+    """Write the return, never rounded up to 1."""
+    return f"return {math.floor(1000 * rollout.total) / 1000:.3f}"
 
 
 def _shot(

@@ -136,26 +136,9 @@ def remove_blocked(box, turned, rows, spans):
     box, turned = BoxArrays(*box), TurnedArrays(*turned)
     near = np.empty(rows.shape[1:], np.uint64)
     for r in range(len(turned.sizes)):
-        sizes, extents = turned.sizes[r], turned.extents[r]
-        near[:] = 0
-        for n in range(len(spans)):
-            low, high = max(spans[n, 1] - extents[1] + 1, 0), min(spans[n, 4] + 1, sizes[1])
-            if high <= low:
-                continue
-            bits = ((_1 << np.uint64(high - low)) - _1) << np.uint64(low)
-            for k in range(max(spans[n, 2] - extents[2] + 1, 0), min(spans[n, 5] + 1, sizes[2])):
-                for i in range(
-                    max(spans[n, 0] - extents[0] + 1, 0), min(spans[n, 3] + 1, sizes[0])
-                ):
-                    near[k, i] |= bits
-        begin, end = turned.starts[r], turned.starts[r + 1]
-        item = ItemArrays(
-            turned.bricks[begin:end],
-            turned.outer[begin:end],
-            turned.inner[begin:end],
-            turned.first[begin:end],
-            turned.fine,
-        )
+        sizes = turned.sizes[r]
+        _find_near(turned, r, spans, near)
+        item = _in_rotation(turned, r)
         offsets = brick_offsets(item.bricks, box.nx, box.ny)
         last_blocker = 0
         for k in range(sizes[2]):
@@ -168,6 +151,87 @@ def remove_blocked(box, turned, rows, spans):
                     state, last_blocker = state_at(box, item, offsets, start, last_blocker)
                     if state == BLOCKED:
                         rows[r, k, i] &= ~(_1 << np.uint64(j))
+
+
+@kernel
+def fits_far(turned, rows, span):
+    """Return whether an item fits at a location at which it can't meet another.
+
+    Parameters
+    ----------
+    turned : TurnedArrays
+        The item.
+    rows : Words
+        uint64 [rotation, z, x]: bit y is a location at which the item fits.
+    span : ndarray
+        (6,) int64, first and last brick along x, y and z of the other item.
+    """
+    turned = TurnedArrays(*turned)
+    near = np.empty(rows.shape[1:], np.uint64)
+    for r in range(len(turned.sizes)):
+        _find_near(turned, r, span.reshape(1, 6), near)
+        for k in range(turned.sizes[r, 2]):
+            for i in range(turned.sizes[r, 0]):
+                if rows[r, k, i] & ~near[k, i]:
+                    return True
+    return False
+
+
+@kernel
+def fits_near(box, turned, rows):
+    """Return whether an item fits at a location that the items in a box don't block.
+
+    Parameters
+    ----------
+    box : BoxArrays
+        The bricks of the box.
+    turned, rows
+        As in `fits_far`.
+    """
+    box, turned = BoxArrays(*box), TurnedArrays(*turned)
+    for r in range(len(turned.sizes)):
+        item = _in_rotation(turned, r)
+        offsets = brick_offsets(item.bricks, box.nx, box.ny)
+        last_blocker = 0
+        for k in range(turned.sizes[r, 2]):
+            for i in range(turned.sizes[r, 0]):
+                left = rows[r, k, i]
+                while left:
+                    j = lowest_bit(left)
+                    left &= left - _1
+                    start = (k * box.nx + i) * box.ny + j
+                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
+                    if state != BLOCKED:
+                        return True
+    return False
+
+
+@kernel
+def _find_near(turned, r, spans, near):
+    """Find the locations [z, x], bits y, of an item in rotation r at which it can meet others."""
+    sizes, extents = turned.sizes[r], turned.extents[r]
+    near[:] = 0
+    for n in range(len(spans)):
+        low, high = max(spans[n, 1] - extents[1] + 1, 0), min(spans[n, 4] + 1, sizes[1])
+        if high <= low:
+            continue
+        bits = ((_1 << np.uint64(high - low)) - _1) << np.uint64(low)
+        for k in range(max(spans[n, 2] - extents[2] + 1, 0), min(spans[n, 5] + 1, sizes[2])):
+            for i in range(max(spans[n, 0] - extents[0] + 1, 0), min(spans[n, 3] + 1, sizes[0])):
+                near[k, i] |= bits
+
+
+@kernel
+def _in_rotation(turned, r):
+    """Return the bricks of an item in rotation r."""
+    begin, end = turned.starts[r], turned.starts[r + 1]
+    return ItemArrays(
+        turned.bricks[begin:end],
+        turned.outer[begin:end],
+        turned.inner[begin:end],
+        turned.first[begin:end],
+        turned.fine,
+    )
 
 
 @kernel

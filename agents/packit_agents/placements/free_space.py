@@ -12,10 +12,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from packit_agents.placements.free_kernels import TurnedArrays, remove_blocked, turn_item
-from packit_sim.box import BaseBox
-from packit_sim.core.caches import bounded_cache
+from packit_agents.placements.free_kernels import (
+    TurnedArrays,
+    fits_far,
+    fits_near,
+    remove_blocked,
+    turn_item,
+)
+from packit_sim.box import BaseBox, Box
+from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.screening import locations
 from packit_sim.geometry import rotations
@@ -23,6 +30,7 @@ from packit_sim.geometry.bits import Words, turning_swaps
 from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
+from packit_sim.placement import BoxState, PlacedItem
 
 MOST_NODES = 63
 """Grid nodes along y that a row has bits for."""
@@ -105,6 +113,35 @@ def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedIt
         *voxels,
     )
     return TurnedItem(items, tuple(arrays))
+
+
+@dataclass(frozen=True, eq=False)
+class LoneItem:
+    """An item alone in a box.
+
+    Attributes
+    ----------
+    placed : PlacedItem
+        The item.
+    cells : tuple of int
+        The cells of the box along x, y and z.
+    """
+
+    placed: PlacedItem
+    cells: Triple
+
+    @property
+    def span(self) -> npt.NDArray[np.int64]:
+        """First and last brick along x, y and z: (6,)."""
+        first = np.array(self.placed.location)
+        return np.concatenate([first, first + -(-np.array(self.placed.item.cells) // STEP) - 1])
+
+    @cached_property
+    def box(self) -> Box:
+        """The box."""
+        box = Box(self.cells)
+        box.restore(BoxState(self.cells, (self.placed,)))
+        return box
 
 
 class FreeSpace:
@@ -194,6 +231,24 @@ class FreeSpace:
             remove_blocked(box.arrays, self.items[item].arrays, own, spans)
             self._rows[item], self._known[item] = own, count
         return self._rows[item]
+
+    def fits_after(self, item: int, other: LoneItem) -> bool:
+        """Return whether an item still fits somewhere after another one is added.
+
+        Parameters
+        ----------
+        item : int
+            The item, whose rows are known for the items in the box.
+        other : LoneItem
+            The other one.
+
+        Returns
+        -------
+        bool
+            False if cells block all of the item's locations.
+        """
+        arrays, rows = self.items[item].arrays, self._rows[item]
+        return bool(fits_far(arrays, rows, other.span) or fits_near(other.box.arrays, arrays, rows))
 
     def remove(self, item: int, rotation: int, location: Triple) -> None:
         """Remove a location that the meshes exclude.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,15 +12,18 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_agents.placements.free_kernels import corners, count_free
-from packit_agents.placements.free_space import FreeSpace
+from packit_agents.placements.free_space import FreeSpace, LoneItem
 from packit_agents.placements.measure_kernels import MEASURES, measure, neighbours, sum_filled
 from packit_sim.box import BaseBox
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.lattice import Triple
-from packit_sim.geometry.shapes import Item
+from packit_sim.placement import PlacedItem
 
 MOST_ITEMS = 6
 """Items whose placements are compared: the largest that fit."""
+
+MOST_LOOKED_AT = 40
+"""Feasible placements from which one is chosen after which the most volume still fits."""
 
 PLACEMENT_FEATURES = (
     *(f"contact {way}{axis}" for axis in "xyz" for way in "-+"),
@@ -68,6 +74,12 @@ class Placements:
         float32 (n, features), see `FEATURES`.
     attainable : float
         Volume of the items outside, without those that are known to fit nowhere.
+    space : FreeSpace
+        The free space of the box.
+    cells : tuple of int
+        The cells of the box along x, y and z.
+    outside : dict of int to int
+        For each item that is compared, how many equal ones are outside.
     """
 
     items: npt.NDArray[np.int64]
@@ -75,17 +87,35 @@ class Placements:
     features: npt.NDArray[np.float32]
     attainable: float
     space: FreeSpace
+    cells: Triple
+    outside: dict[int, int]
 
     def __len__(self) -> int:
         return len(self.items)
 
-    def item(self, number: int) -> Item:
-        """Return the item of a placement, in its rotation."""
-        return self.space.items[self.items[number]].items[self.corners[number, 0]]
+    def placed(self, number: int) -> PlacedItem:
+        """Return the item of a placement, in its rotation and at its location."""
+        rotation, i, j, k = self.corners[number].tolist()
+        return PlacedItem(self.space.items[self.items[number]].items[rotation], (i, j, k))
 
-    def location(self, number: int) -> Triple:
-        _, i, j, k = self.corners[number].tolist()
-        return i, j, k
+    def is_feasible(self, number: int, box: BaseBox[Any]) -> bool:
+        """Return whether the meshes allow a placement, which is removed from the space if not."""
+        placed = self.placed(number)
+        if box.is_feasible(placed.item, placed.location):
+            return True
+        rotation = int(self.corners[number, 0])
+        self.space.remove(int(self.items[number]), rotation, placed.location)
+        return False
+
+    def lost(self, number: int) -> float:
+        """Compute the volume of the items compared that would fit nowhere after a placement."""
+        other = LoneItem(self.placed(number), self.cells)
+        total = 0.0
+        for item, count in self.outside.items():
+            left = count - int(item == self.items[number])
+            if left and not self.space.fits_after(item, other):
+                total += left * self.space.items[item].items[0].volume
+        return total
 
 
 def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool_]) -> Placements:
@@ -115,7 +145,9 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     fitting = [n for n in np.flatnonzero(outside).tolist() if space.items[n].items]
     volumes = {n: space.items[n].items[0].volume for n in fitting}
     total, largest = plain_sum(volumes.values()), max(volumes.values(), default=0.0)
+    equal = Counter(id(space.items[n]) for n in fitting)
     known: set[int] = set()
+    compared: dict[int, int] = {}
     items: list[npt.NDArray[np.int64]] = []
     found, rows = [], []
     misfit = 0.0
@@ -132,6 +164,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
         if free == 0:
             misfit += volumes[n]
             continue
+        compared[n] = equal[id(turned)]
         own = corners(own_rows, turned.arrays[0])
         measured = measure(arrays, sums, near, turned.arrays, own)
         more = np.empty((len(own), len(ITEM_FEATURES)), dtype=np.float32)
@@ -153,6 +186,8 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
             np.empty((0, len(FEATURES)), np.float32),
             0.0,
             space,
+            box.cells,
+            compared,
         )
     features = np.concatenate(rows)
     filled = np.flatnonzero(np.diff(sums[-1, -1]))
@@ -169,4 +204,38 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     features = np.concatenate(
         [features, np.broadcast_to(state, (len(features), len(state)))], axis=1
     )
-    return Placements(np.concatenate(items), np.concatenate(found), features, total - misfit, space)
+    return Placements(
+        np.concatenate(items),
+        np.concatenate(found),
+        features,
+        total - misfit,
+        space,
+        box.cells,
+        compared,
+    )
+
+
+def choose(found: Placements, feasible: Iterable[int]) -> int | None:
+    """Choose the first placement after which all items that are compared still fit somewhere.
+
+    Parameters
+    ----------
+    found : Placements
+        The placements.
+    feasible : iterable of int
+        Those that are feasible, the best first.
+
+    Returns
+    -------
+    int or None
+        The placement. If none of the first `MOST_LOOKED_AT` keeps all these items, it is the one
+        that loses the least volume; None if no placement is feasible.
+    """
+    chosen, least = None, np.inf
+    for number in itertools.islice(feasible, MOST_LOOKED_AT):
+        lost = found.lost(number)
+        if lost < least:
+            chosen, least = number, lost
+        if lost == 0:
+            break
+    return chosen

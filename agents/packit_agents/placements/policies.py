@@ -12,7 +12,7 @@ import numpy as np
 
 from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.network import PlacementNetwork
-from packit_agents.placements.placement_features import placements
+from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_agents.placements.scored_layout import Scorer
 from packit_sim.core.assets import assets_folder
 from packit_sim.game.episode import Episode, Stage
@@ -75,17 +75,14 @@ class Planner:
         if episode.shape is not None and episode.stage is not Stage.SHAPE:
             wanted = np.arange(len(wanted)) == episode.shape
         while len(found := placements(episode.box, space, wanted)):
-            removed = False
-            for n in np.argsort(-self.scorer(found.features), kind="stable").tolist():
-                choice = Choice(int(found.items[n]), PlacedItem(found.item(n), found.location(n)))
-                if not _agrees(choice, episode):
-                    continue
-                if episode.box.is_feasible(choice.placed.item, choice.placed.location):
-                    return choice
-                space.remove(choice.shape, int(found.corners[n, 0]), choice.placed.location)
-                removed = True
-            if not removed:
+            order = np.argsort(-self.scorer(found.features), kind="stable").tolist()
+            if episode.stage is not Stage.SHAPE:
+                order = [n for n in order if _agrees(_choice(found, n), episode)]
+            if not order:
                 break
+            chosen = choose(found, (n for n in order if found.is_feasible(n, episode.box)))
+            if chosen is not None:
+                return _choice(found, chosen)
         return None
 
 
@@ -118,13 +115,15 @@ class _Known:
 
 def _agrees(choice: Choice, episode: Episode) -> bool:
     """Return whether a choice has the shape, the rotation and the location chosen already."""
-    if episode.stage is Stage.SHAPE:
-        return True
-    return (
+    return episode.stage is Stage.SHAPE or (
         choice.shape == episode.shape
         and episode.rotation in (None, choice.placed.item.rotation)
         and episode.location in (None, choice.placed.location)
     )
+
+
+def _choice(found: Placements, number: int) -> Choice:
+    return Choice(int(found.items[number]), found.placed(number))
 
 
 class PlacementPolicy:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_agents.placements.free_space import FreeSpace
-from packit_agents.placements.placement_features import Placements, placements
+from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_sim.box import BaseBox
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.shapes import Item
@@ -69,14 +69,16 @@ class ScoredLayout:
         """List the placements in corners of the items outside; some may be infeasible."""
         return placements(self._box, self._space, self.outside)
 
+    def choose(self, found: Placements, scores: npt.NDArray[np.float32]) -> int | None:
+        """Choose a feasible placement by scores (n,) (see `placement_features.choose`)."""
+        order = np.argsort(-scores, kind="stable").tolist()
+        return choose(found, (n for n in order if found.is_feasible(n, self._box)))
+
     def place(self, found: Placements, number: int) -> bool:
         """Place an item, unless the meshes exclude it there; return whether it was placed."""
-        item, location = found.item(number), found.location(number)
-        which = int(found.items[number])
-        if not self._box.is_feasible(item, location):
-            self._space.remove(which, int(found.corners[number, 0]), location)
+        if not found.is_feasible(number, self._box):
             return False
-        self.add(which, PlacedItem(item, location))
+        self.add(int(found.items[number]), found.placed(number))
         return True
 
     def add(self, number: int, placed: PlacedItem) -> None:
@@ -91,7 +93,7 @@ class ScoredLayout:
         temperature: float = 0.0,
         least: float = 0.0,
     ) -> Self:
-        """Place items until none fits, each time the one with the highest score.
+        """Place items until none fits, each time at the best placement (see `choose`).
 
         Parameters
         ----------
@@ -115,7 +117,7 @@ class ScoredLayout:
             if temperature:
                 noise = rng.gumbel(size=len(scores)).astype(np.float32)
                 scores = scores + np.float32(temperature) * noise
-            for number in np.argsort(-scores, kind="stable").tolist():
-                if self.place(found, number):
-                    break
+            chosen = self.choose(found, scores)
+            if chosen is not None:
+                self.add(int(found.items[chosen]), found.placed(chosen))
         return self
