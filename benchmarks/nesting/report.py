@@ -60,8 +60,7 @@ packings are in `benchmarks/results/nesting/`, and `python -m benchmarks.nesting
 all of them again by their meshes. The [guide](../guides/nesting.md) explains the rotation sets.
 
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
-other work on the machine does not count; where a result has no `clock`, they are seconds of wall
-time on an idle machine.
+other work on the machine does not count.
 """
 
 
