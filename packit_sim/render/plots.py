@@ -168,3 +168,10 @@ def line(axes: Any, at: Sequence[float], estimates: Sequence[Estimate], **style:
     high = [e.mean if e.high is None else e.high for e in estimates]
     axes.plot(at, means, **style)
     axes.fill_between(at, low, high, color=style["color"], alpha=BAND, linewidth=0)
+
+
+def label_between_powers(axis: Any) -> None:
+    """Write plain numbers between the powers of ten of a logarithmic axis, if it has few powers."""
+    from matplotlib.ticker import LogFormatter
+
+    axis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))

@@ -48,8 +48,6 @@ def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
     """
     layout = [["items", "categories"], ["density", "categories"], ["volume", "categories"]]
     with plots.drawn(path, layout, 10, 9) as (figure, axes):
-        from matplotlib.ticker import LogFormatter
-
         _histogram(axes["items"], splits, [split.items for split in splits])
         axes["items"].set(title="Items a pack", xlabel="items", ylabel="% of packs")
         axes["items"].xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
@@ -58,7 +56,7 @@ def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
         axes["density"].set(title="Density", xlabel="placed volume / box", ylabel="% of packs")
 
         axes["volume"].set_xscale("log")
-        axes["volume"].xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
+        plots.label_between_powers(axes["volume"].xaxis)
         _histogram(axes["volume"], splits, [100 * split.volumes for split in splits])
         axes["volume"].set(title="Volume of an item", xlabel="% of the box", ylabel="% of items")
 
