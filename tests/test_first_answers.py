@@ -22,7 +22,7 @@ except KeyboardInterrupt:
 def test_the_first_packing_ends_the_command() -> None:
     run = first_answers.measure([sys.executable, "-c", SHOWS_AFTER_A_SECOND])
     assert run["parts"] == 3 and run["shown"] >= 1
-    assert run["ended"] - run["shown"] >= 0.98  # a second, both times rounded to hundredths
+    assert round(run["ended"] - run["shown"], 2) >= 1  # both times are rounded to hundredths
     assert run["memory"] > 5
 
 

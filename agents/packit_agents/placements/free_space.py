@@ -24,6 +24,7 @@ from packit_agents.placements.free_kernels import (
 from packit_sim.box import BaseBox, Box
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError
+from packit_sim.engine.feasibility import fits
 from packit_sim.engine.screening import locations
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import Words, turning_swaps
@@ -91,10 +92,7 @@ def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedIt
     TurnedItem
         The item; without rotations if it fits in none.
     """
-    turned = [item.turned(rotation) for rotation in allowed]
-    fitting = [
-        t for t in turned if all(own <= most for own, most in zip(t.cells, cells, strict=True))
-    ]
+    fitting = [turned for turned in map(item.turned, allowed) if fits(cells, turned)]
     order = [t.rotation for t in fitting]
     own_cells = np.array([t.cells for t in fitting], dtype=np.int64).reshape(-1, 3)
     upright = item.turned(0).voxels if fitting else Voxels.of(np.empty((0, 3, 3)), (0, 0, 0))
