@@ -9,15 +9,18 @@ import numpy.typing as npt
 
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.nesting.filling import constructed, fitting, with_random_poses
+from packit_sim.nesting.filling import constructed, filled, fitting, repaired, with_random_poses
 from packit_sim.nesting.pose_kernels import box_of
 from packit_sim.nesting.problem import Problem, boxes_of
 from packit_sim.nesting.search import NestSearch
 from packit_sim.nesting.separation import Separation
 from packit_sim.nesting.tasks import Poses, SearchTask, Solution
 
-_ALL_AT_ONCE = 0.3
-"""Probability of an attempt to empty a box at once, not by one item."""
+_EXCHANGES = 0.5
+"""Probability of an attempt to put an item in the place of smaller ones, not anywhere."""
+
+_NEIGHBOURS = 12
+"""Nearest items of a place of which smaller ones make room for another."""
 
 _SMALLER = 0.5
 """Probability of an attempt with a smaller box, where there are several sizes."""
@@ -26,9 +29,10 @@ _SMALLER = 0.5
 class BinsSearch(NestSearch):
     """A search for the fewest boxes: move items out of the emptiest box, and again.
 
-    Where there are several sizes, it also tries to put the items of a box into a smaller one. Of
-    packings of as many boxes, that of the least volume is the best, and then that with the least
-    volume of items in a box.
+    An item goes anywhere into the other boxes, or to the place of smaller ones, which then go where
+    they fit, also into the emptiest box. Where there are several sizes, the search also tries to
+    put the items of a box into a smaller one. Of packings of as many boxes, that of the least
+    volume is the best, and then that with the least volume of items in a box.
 
     Parameters
     ----------
@@ -44,7 +48,8 @@ class BinsSearch(NestSearch):
         self._smaller: list[Floats] = []
         self._numbers: Ints = np.empty(0, dtype=np.int64)
         self._boxes: Floats = np.empty((0, 4))
-        self._staying: Ints = np.empty(0, dtype=np.int64)
+        self._is_smaller = False
+        self._fits = np.zeros((task.count, 0), bool)  # which items fit into which boxes
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a better packing."""
@@ -54,7 +59,8 @@ class BinsSearch(NestSearch):
         self._numbers = _box_numbers(solution.poses, boxes)
         fills = np.bincount(self._numbers, self._task.volumes, len(boxes)).astype(float)
         fits = fitting(problem, self._task, np.vstack((boxes, boxes_of(self._task.sizes))))
-        self._emptied = self._to_empty(fills, fits[:, : len(boxes)])
+        self._fits = fits[:, : len(boxes)]
+        self._emptied = self._to_empty(fills)
         self._smaller = self._with_a_smaller_box(boxes, fills, fits[:, len(boxes) :])
         volume = float(self._task.volumes.sum()) / math.prod(self._task.size)
         is_fewest = self._emptied is None or len(boxes) <= math.ceil(volume - 1e-9)
@@ -69,33 +75,64 @@ class BinsSearch(NestSearch):
         return self._solution(poses, boxes_of(sizes))
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        if self._smaller and (self._emptied is None or self._choices.random() < _SMALLER):
+        self._is_smaller = bool(self._smaller) and (
+            self._emptied is None or self._choices.random() < _SMALLER
+        )
+        if self._is_smaller:
             self._boxes = self._smaller[self._choices.integers(len(self._smaller))]
-            self._staying = np.empty(0, dtype=np.int64)
-            return self._attempted(best.poses, self._boxes)
-        assert self._emptied is not None
-        poses, self._boxes = best.poses, best.boxes
-        own = self._choices.permutation(np.flatnonzero(self._numbers == self._emptied))
-        moved = own if self._choices.random() < _ALL_AT_ONCE else own[:1]
-        self._staying = own[len(moved) :]
-        inside = poses.inside.copy()
-        inside[own] = 0
-        left = Poses(inside, poses.turned, poses.places)
-        others = np.delete(self._boxes, self._emptied, axis=0)
-        items = moved.tolist()
-        mixed = with_random_poses(problem, self._task, left, items, others, self._choices)
-        return self._attempted(mixed, others)
+            poses = best.poses
+        else:
+            assert self._emptied is not None
+            self._boxes = np.delete(best.boxes, self._emptied, axis=0)
+            poses = self._with_one_more(problem, best.poses)
+        return Separation(self._task, poses, self._boxes, self._task.settings.patience)
 
-    def _attempted(self, poses: Poses, boxes: Floats) -> Separation:
-        return Separation(self._task, poses, boxes, self._task.settings.patience)
+    def _with_one_more(self, problem: Problem, poses: Poses) -> Poses:
+        """Return poses in all boxes but the one to empty, with one of its items in them."""
+        is_own = self._numbers == self._emptied
+        own, others = np.flatnonzero(is_own), np.flatnonzero(~is_own)
+        volumes = self._task.volumes
+        left = poses.changed(own, 0)
+        if self._choices.random() >= _EXCHANGES:
+            items = [int(self._choices.choice(own))]
+            return with_random_poses(problem, self._task, left, items, self._boxes, self._choices)
+        item = int(self._choices.choice(own, p=volumes[own] / volumes[own].sum()))
+        around = others[self._fits[item, self._numbers[others]]]
+        place = poses.places[self._choices.choice(around)]
+        ways = np.linalg.norm(poses.places[others] - place, axis=1)
+        near = others[ways.argsort(kind="stable")][:_NEIGHBOURS]
+        left = left.changed(self._smaller_ones(near, volumes[item]), 0)
+        found = with_random_poses(problem, self._task, left, [item], self._boxes, self._choices)
+        found.places[item] = place
+        return found
+
+    def _smaller_ones(self, items: Ints, volume: float) -> Ints:
+        """Return those of some items, the first ones first, that have less than a volume."""
+        found = []
+        for i in items.tolist():
+            if self._task.volumes[i] < volume:
+                found.append(i)
+                volume -= self._task.volumes[i]
+        return np.array(found, np.int64)
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
-        if not is_apart:
+        if self._is_smaller:
+            if is_apart:
+                self._offer(problem, self._solution(attempt.least, self._boxes))
             return
-        new, old, own = attempt.least, best.poses, self._staying
-        inside, turned, places = new.inside.copy(), new.turned.copy(), new.places.copy()
-        inside[own], turned[own], places[own] = 1, old.turned[own], old.places[own]
-        self._offer(problem, self._solution(Poses(inside, turned, places), self._boxes))
+        poses, old = attempt.least, best.poses
+        if not is_apart:
+            poses = repaired(problem, self._task, poses, self._boxes)
+        poses = filled(problem, self._task, poses, self._boxes, self._task.order, self._rng)
+        stays = (self._numbers == self._emptied) & (poses.inside == 0)
+        poses = Poses(
+            np.where(stays, old.inside, poses.inside),
+            np.where(stays, old.turned, poses.turned),
+            np.where(stays[:, None], old.places, poses.places),
+        )
+        poses = filled(problem, self._task, poses, best.boxes, self._task.order, self._rng)
+        if poses.inside.all():
+            self._offer(problem, self._solution(poses, best.boxes))
 
     def _solution(self, poses: Poses, boxes: Floats) -> Solution:
         """Return the solution in the boxes that are used."""
@@ -109,13 +146,10 @@ class BinsSearch(NestSearch):
         score = (float(len(used)), _volume(left), float(fills[used].min()))
         return Solution(score, Poses(poses.inside, poses.turned, places), left)
 
-    def _to_empty(self, fills: Floats, fits: npt.NDArray[np.bool_]) -> int | None:
-        """Return the emptiest box of which each item fits into another one.
-
-        fills: (b,), the volume of items in each box; fits: (n, b), which items fit into which.
-        """
+    def _to_empty(self, fills: Floats) -> int | None:
+        """Return the emptiest box, by the volumes (b,) in each, whose items all fit into others."""
         for k in np.argsort(fills, kind="stable").tolist():
-            if np.delete(fits[self._numbers == k], k, axis=1).any(axis=1).all():
+            if np.delete(self._fits[self._numbers == k], k, axis=1).any(axis=1).all():
                 return int(k)
         return None
 
