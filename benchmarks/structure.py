@@ -2,9 +2,9 @@
 
     .venv/bin/python -m benchmarks.structure
 
-Prints a table. An import between folders is counted once for each pair of folders, where each module
-at a package's root counts as a folder. Lines of code are those that `ast.unparse` writes, without
-docstrings: they do not depend on comments or on how lines are broken.
+Prints a table. An import between folders is counted once for each pair of folders, where each
+module at a package's root counts as a folder. Lines of code are those that `ast.unparse` writes,
+without docstrings: they do not depend on comments or on how lines are broken.
 """
 
 from __future__ import annotations
