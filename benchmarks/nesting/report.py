@@ -60,9 +60,9 @@ packings are in `benchmarks/results/nesting/`, and `python -m benchmarks.nesting
 all of them again by their meshes. The [guide](../guides/nesting.md) explains the rotation sets.
 
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
-other work on the machine does not count. The results after 600 s, with `free`, of 100 shapes and
-of the search's parts are older than the others: since then, fields of distances cost a third as
-much, and all items are searched for earlier.
+other work on the machine does not count. The strips' results after 600 s and those of the search's
+parts are older than the others: since then, fields of distances cost a third as much, and all items
+are searched for earlier.
 """
 
 
