@@ -8,9 +8,12 @@ from hypothesis import strategies as st
 from packit_sim.engine.collision import collides, contains, surfaces_conflict, surfaces_conflicts
 from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE, relation
-from packit_sim.engine.pairs import Pair, matrix, relative_turn
+from packit_sim.engine.pairs import Pair, canonical, matrix, relative_turn, shifts_at
+from packit_sim.engine.region_kernels import relation_in, workspace
+from packit_sim.engine.screening_kernels import shared_cells
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.lattice import CELL
 from packit_sim.libraries.library import ShapeLibrary
 from tests.examples import examples
 from tests.zoo import ZOO, cube_of, random_item
@@ -22,7 +25,9 @@ def proof(one: PlacedItem, other: PlacedItem) -> int:
     pair = Pair.of(one, other)
     turn, to_first = relative_turn(pair.item.rotation, pair.other.rotation)
     trees = collision_mesh(pair.item).tree, collision_mesh(pair.other).tree
-    return int(relation(*trees, turn, to_first @ pair.shift, np.zeros(2, dtype=np.int64)))
+    everywhere = np.array([[-9.0] * 3, [9.0] * 3])
+    witness = np.zeros(2, dtype=np.int64)
+    return int(relation(*trees, turn, to_first @ pair.shift, everywhere, witness))
 
 
 @examples(150)
@@ -83,3 +88,32 @@ def test_relative_rotations(rotation: int, other: int) -> None:
     expected = matrix(rotation).T @ matrix(other) @ point
     assert (turn[1] * point[turn[0]] == expected).all()
     assert (to_first == matrix(rotation).T).all()
+
+
+def test_where_cells_are_shared_decides_as_everywhere() -> None:
+    """By pairs of triangles there, by trees there, and by trees everywhere, with real meshes."""
+    library = ShapeLibrary.open("everyday")
+    rng = np.random.default_rng(1)
+    shapes = tuple(library[library.ids[n]] for n in rng.integers(len(library.ids), size=8))
+    everywhere = np.array([[-9.0] * 3, [9.0] * 3])
+    cells = np.empty((2, 3), dtype=np.int64)
+    found, crowded = [], 0
+    for _ in range(1000):
+        one, other = (random_item(shapes, 0.4, rng) for _ in range(2))
+        i, j, k = rng.integers(0, 12, 3).tolist()
+        a, b, offset = canonical(PlacedItem(one, (4, 4, 4)), PlacedItem(other, (i, j, k)))
+        turn, to_first = relative_turn(a.rotation, b.rotation)
+        trees = collision_mesh(a).tree, collision_mesh(b).tree
+        pose = turn, to_first @ shifts_at(a, b, np.array(offset))
+        expected = relation(*trees, *pose, everywhere, np.zeros(2, dtype=np.int64))
+        if not shared_cells(a.voxels.fixed_arrays, b.voxels.arrays, np.array(offset), cells):
+            assert expected == APART
+            continue
+        corners = to_first @ ((cells - np.array(a.cells) / 2) * CELL).T
+        region = np.stack((corners.min(axis=1), corners.max(axis=1)))
+        assert relation(*trees, *pose, region, np.zeros(2, dtype=np.int64)) == expected
+        by_pairs = relation_in(*trees, *pose, region, workspace())
+        crowded += by_pairs == -1
+        assert by_pairs in (-1, expected)
+        found.append(expected)
+    assert found.count(APART) > 5 and found.count(CROSSING) > 50 and 5 < crowded < 200

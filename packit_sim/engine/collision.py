@@ -123,6 +123,9 @@ def _on_grid(a: Item, b: Item, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np
         other.compared(b.rotation),
         *relative_turn(a.rotation, b.rotation),
         shifts,
+        (a.cells, a.voxels.fixed_arrays),
+        b.voxels.arrays,
+        offsets,
     )
     for n in np.flatnonzero(states == UNSURE).tolist():
         states[n] = CROSSING if _conflict(Pair(a, b, shifts[n], None)) else APART

@@ -22,8 +22,8 @@ _STACK = 256
 
 
 @kernel
-def relation(one, other, turn, shift, witness):
-    """Decide whether two surfaces cross.
+def relation(one, other, turn, shift, region, witness):
+    """Decide whether two surfaces cross in a region.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def relation(one, other, turn, shift, witness):
         other that becomes it, and 1 or -1 if it is reversed.
     shift : ndarray
         (3,) float64, the translation of the other surface after its rotation.
+    region : ndarray
+        (2, 3) float64, lowest and highest corner of a box that contains all common points.
     witness : ndarray
         (2,) int64, the leaves that were found to cross last, which are compared first; 0 for none.
 
@@ -46,7 +48,7 @@ def relation(one, other, turn, shift, witness):
     _, other_boxes, other_starts = other
     leaves, other_leaves = len(starts) - 1, len(other_starts) - 1
     moved = np.empty((2, 3, 3))
-    if witness[0] and _leaf_relation(one, other, witness, turn, shift, moved) == CROSSING:
+    if witness[0] and _leaf_relation(one, other, witness, turn, shift, region, moved) == CROSSING:
         return CROSSING
     waiting = np.empty((_STACK, 2), np.int64)
     waiting[0] = 1
@@ -55,10 +57,10 @@ def relation(one, other, turn, shift, witness):
     while top:
         top -= 1
         a, b = waiting[top, 0], waiting[top, 1]
-        if _boxes_apart(boxes, a, other_boxes, b, turn, shift):
+        if _boxes_apart(boxes, a, other_boxes, b, turn, shift, region):
             continue
         if a >= leaves and b >= other_leaves:
-            found = _leaf_relation(one, other, waiting[top], turn, shift, moved)
+            found = _leaf_relation(one, other, waiting[top], turn, shift, region, moved)
             if found == CROSSING:
                 witness[0], witness[1] = a, b
                 return CROSSING
@@ -72,10 +74,10 @@ def relation(one, other, turn, shift, witness):
 
 
 @kernel
-def _leaf_relation(one, other, pair, turn, shift, moved):
+def _leaf_relation(one, other, pair, turn, shift, region, moved):
     """Return the relation of the triangles in two leaves; `moved` (2, 3, 3) is overwritten.
 
-    It holds a triangle of the other surface, moved, and the corners of its box.
+    It holds a triangle of the other surface, moved, and the corners of its box in the region.
     """
     triangles, boxes, starts = one
     others, _, other_starts = other
@@ -89,15 +91,21 @@ def _leaf_relation(one, other, pair, turn, shift, moved):
             q = sign * others[m, 1, axis] + shift[d]
             r = sign * others[m, 2, axis] + shift[d]
             moved[0, 0, d], moved[0, 1, d], moved[0, 2, d] = p, q, r
-            low, high = min(p, q, r) - MARGIN, max(p, q, r) + MARGIN
+            low = max(min(p, q, r), region[0, d]) - MARGIN
+            high = min(max(p, q, r), region[1, d]) + MARGIN
             moved[1, 0, d], moved[1, 1, d] = low, high
-            is_outside = is_outside or boxes[pair[0], 1, d] < low or high < boxes[pair[0], 0, d]
+            is_outside = (
+                is_outside
+                or high < low
+                or boxes[pair[0], 1, d] < low
+                or high < boxes[pair[0], 0, d]
+            )
         if is_outside:
             continue
         for n in range(starts[leaf], starts[leaf + 1]):
-            if _is_outside(triangles, n, moved) or _apart(triangles, n, moved, 0):
+            if _is_outside(triangles, n, moved) or apart(triangles, n, moved, 0):
                 continue
-            if _cross(triangles, n, moved, 0):
+            if cross(triangles, n, moved, 0):
                 return CROSSING
             unsure = True
     return UNSURE if unsure else APART
@@ -124,21 +132,22 @@ def _size(boxes, node):
 
 
 @kernel
-def _boxes_apart(boxes, a, other_boxes, b, turn, shift):
-    """Return whether there is a gap between the boxes of two nodes."""
+def _boxes_apart(boxes, a, other_boxes, b, turn, shift, region):
+    """Return whether the boxes of two nodes have no common point in the region."""
     for d in range(3):
         axis = turn[0, d]
         if turn[1, d] > 0:
             low, high = other_boxes[b, 0, axis] + shift[d], other_boxes[b, 1, axis] + shift[d]
         else:
             low, high = shift[d] - other_boxes[b, 1, axis], shift[d] - other_boxes[b, 0, axis]
-        if boxes[a, 1, d] + MARGIN < low or high + MARGIN < boxes[a, 0, d]:
+        low, high = max(low, region[0, d]) - MARGIN, min(high, region[1, d]) + MARGIN
+        if high < low or boxes[a, 1, d] < low or high < boxes[a, 0, d]:
             return True
     return False
 
 
 @kernel
-def _apart(a, n, b, m):
+def apart(a, n, b, m):
     """Return whether there is a proof that triangles a[n] and b[m] are apart, by their planes."""
     x, y, z = _normal(a, n)
     if _separates(a, n, b, m, x, y, z):
@@ -174,7 +183,7 @@ def _separates(a, n, b, m, x, y, z):
 
 
 @kernel
-def _cross(a, n, b, m):
+def cross(a, n, b, m):
     """Return whether there is a proof that triangles a[n] and b[m] cross."""
     found = False
     for i in range(3):

@@ -242,7 +242,8 @@ def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt
     for m in np.unique(pairs[:, 1]).tolist():
         numbers = pairs[pairs[:, 1] == m, 0]
         numbers = numbers[~found[numbers]]
-        found[numbers] = surfaces_conflicts(item, locations[numbers], placed[m])
+        if len(numbers):
+            found[numbers] = surfaces_conflicts(item, locations[numbers], placed[m])
     return found
 
 

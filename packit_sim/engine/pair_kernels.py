@@ -7,10 +7,13 @@ import numpy as np
 from packit_sim.core.compilation import kernel
 from packit_sim.engine.containment_kernels import holds, points_within
 from packit_sim.engine.crossing_kernels import APART, CROSSING, relation
+from packit_sim.engine.region_kernels import relation_in, workspace
+from packit_sim.engine.screening_kernels import shared_cells
+from packit_sim.geometry.lattice import CELL
 
 
 @kernel
-def relations(one, other, turn, to_first, shifts):
+def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets):
     """Decide whether two items on the grid are in conflict by their surfaces.
 
     Parameters
@@ -22,6 +25,11 @@ def relations(one, other, turn, to_first, shifts):
         See `pairs.relative_turn`.
     shifts : ndarray
         (n, 3) float64, from the centre of the first to that of the other.
+    bricks, other_bricks : tuple
+        The cells (3,) of the first's cell box with its `FixedArrays`, and the `ItemArrays` of the
+        other.
+    offsets : ndarray
+        (n, 3) int64, from the cell box of the first to that of the other, in grid steps.
 
     Returns
     -------
@@ -34,12 +42,24 @@ def relations(one, other, turn, to_first, shifts):
     states = np.empty(len(shifts), np.int64)
     moved = np.empty(3)
     witness = np.zeros(2, np.int64)
+    cells = np.empty((2, 3), np.int64)
+    region = np.empty((2, 3))
+    space = workspace()
+    size, fixed = bricks
     for n in range(len(shifts)):
-        for d in range(3):
-            moved[d] = 0.0
-            for e in range(3):
-                moved[d] += to_first[d, e] * shifts[n, e]
-        states[n] = relation(tree, other_tree, turn, moved, witness)
+        states[n] = APART
+        if shared_cells(fixed, other_bricks, offsets[n], cells):
+            for d in range(3):
+                moved[d] = region[0, d] = region[1, d] = 0.0
+                for e in range(3):
+                    moved[d] += to_first[d, e] * shifts[n, e]
+                    low = to_first[d, e] * (cells[0, e] - 0.5 * size[e]) * CELL
+                    high = to_first[d, e] * (cells[1, e] - 0.5 * size[e]) * CELL
+                    region[0, d] += min(low, high)
+                    region[1, d] += max(low, high)
+            states[n] = relation_in(tree, other_tree, turn, moved, region, space)
+            if states[n] < 0:
+                states[n] = relation(tree, other_tree, turn, moved, region, witness)
         if states[n] != APART:
             continue
         points, _, triangles, part, boxes, starts = parts

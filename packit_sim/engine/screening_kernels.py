@@ -157,6 +157,61 @@ def screen_offsets(fixed, item, extent):
 
 
 @kernel
+def shared_cells(fixed, item, offset, found):
+    """Find the cells in which two items have an outer fine cell at the same place.
+
+    Only there can their surfaces have a common point.
+
+    Parameters
+    ----------
+    fixed : FixedArrays
+        The bricks of an item.
+    item : ItemArrays
+        The bricks of another one.
+    offset : ndarray
+        (3,) int64, its offset from the first, in bricks.
+    found : ndarray
+        (2, 3) int64, filled with the lowest of these cells, and the highest plus 1, in the cell box
+        of the first.
+
+    Returns
+    -------
+    bool
+        Whether there is one.
+    """
+    fixed, item = FixedArrays(*fixed), ItemArrays(*item)
+    nx, ny, nz = fixed.number.shape
+    found[0] = np.iinfo(np.int64).max
+    found[1] = 0
+    for n in range(len(item.bricks)):
+        x = item.bricks[n, 0] + offset[0]
+        y = item.bricks[n, 1] + offset[1]
+        z = item.bricks[n, 2] + offset[2]
+        if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
+            continue
+        m = fixed.number[x, y, z]
+        if m < 0:
+            continue
+        shared = fixed.outer[m] & item.outer[n]
+        surface = item.outer[n] & ~item.inner[n]
+        fixed_surface = fixed.outer[m] & ~fixed.inner[m]
+        while shared:
+            bit = lowest_bit(shared)
+            one = _1 << np.uint64(bit)
+            shared &= shared - _1
+            if surface & fixed_surface & one:
+                own = item.first[n] + count_bits(surface & one - _1)
+                its = fixed.first[m] + count_bits(fixed_surface & one - _1)
+                if not fixed.fine[its, 0] & item.fine[own, 0]:
+                    continue
+            cell = (4 * x + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * z + (bit & 3))
+            for d in range(3):
+                found[0, d] = min(found[0, d], cell[d])
+                found[1, d] = max(found[1, d], cell[d] + 1)
+    return found[1, 0] > 0
+
+
+@kernel
 def merge(states, table, reach, location, sign):
     """Raise the states of an item's locations to those of a no-fit table.
 

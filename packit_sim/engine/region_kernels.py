@@ -1,0 +1,158 @@
+"""Kernels that decide whether two surfaces cross in a region, by the few triangles that meet it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from packit_sim.core.compilation import kernel
+from packit_sim.engine.crossing_kernels import APART, CROSSING, MARGIN, UNSURE, apart, cross
+from packit_sim.geometry.arrays import Floats, Ints
+
+MOST = 256
+"""Most triangles of each surface; with more of them, two trees are faster than all pairs."""
+
+_STACK = 64
+"""Nodes that can wait: more than the levels of a tree."""
+
+
+class Workspace(NamedTuple):
+    """Arrays for the triangles of two surfaces that meet a region.
+
+    Attributes
+    ----------
+    numbers, other_numbers : ndarray
+        (MOST,) int64, the triangles' numbers.
+    corners : ndarray
+        (MOST, 3, 3) float64, the corners of the other surface's triangles, moved.
+    boxes, other_boxes : ndarray
+        (MOST, 2, 3) float64, lowest and highest corners of their boxes.
+    """
+
+    numbers: Ints
+    other_numbers: Ints
+    corners: Floats
+    boxes: Floats
+    other_boxes: Floats
+
+
+@kernel
+def workspace():
+    """Return a `Workspace`, not filled."""
+    return Workspace(
+        np.empty(MOST, np.int64),
+        np.empty(MOST, np.int64),
+        np.empty((MOST, 3, 3)),
+        np.empty((MOST, 2, 3)),
+        np.empty((MOST, 2, 3)),
+    )
+
+
+@kernel
+def relation_in(one, other, turn, shift, region, space):
+    """Decide whether two surfaces cross, by all pairs of triangles that meet a region.
+
+    Parameters
+    ----------
+    one, other, turn, shift, region
+        See `crossing_kernels.relation`.
+    space : Workspace
+        Overwritten.
+
+    Returns
+    -------
+    int
+        `APART`, `CROSSING`, or `UNSURE` if neither is proved; -1 if there are too many triangles.
+    """
+    triangles, others = one[0], other[0]
+    numbers, other_numbers, corners, boxes, other_boxes = space
+    wide = np.empty((2, 3))
+    turned = np.empty((2, 3))
+    for d in range(3):
+        wide[0, d], wide[1, d] = region[0, d] - MARGIN, region[1, d] + MARGIN
+        p = turn[1, d] * (wide[0, d] - shift[d])
+        q = turn[1, d] * (wide[1, d] - shift[d])
+        turned[0, turn[0, d]], turned[1, turn[0, d]] = min(p, q) - MARGIN, max(p, q) + MARGIN
+    count = _collect(one, wide, numbers)
+    other_count = _collect(other, turned, other_numbers) if count else 0
+    if count < 0 or other_count < 0:
+        return -1
+    for m in range(other_count):
+        for d in range(3):
+            for corner in range(3):
+                at = others[other_numbers[m], corner, turn[0, d]]
+                corners[m, corner, d] = turn[1, d] * at + shift[d]
+        _bound(corners, m, wide, other_boxes, m)
+    for n in range(count if other_count else 0):
+        _bound(triangles, numbers[n], wide, boxes, n)
+    unsure = False
+    for m in range(other_count):
+        lx, ly, lz = other_boxes[m, 0, 0], other_boxes[m, 0, 1], other_boxes[m, 0, 2]
+        hx, hy, hz = other_boxes[m, 1, 0], other_boxes[m, 1, 1], other_boxes[m, 1, 2]
+        for n in range(count):
+            if (
+                boxes[n, 0, 0] > hx
+                or boxes[n, 1, 0] < lx
+                or boxes[n, 0, 1] > hy
+                or boxes[n, 1, 1] < ly
+                or boxes[n, 0, 2] > hz
+                or boxes[n, 1, 2] < lz
+                or apart(triangles, numbers[n], corners, m)
+            ):
+                continue
+            if cross(triangles, numbers[n], corners, m):
+                return CROSSING
+            unsure = True
+    return UNSURE if unsure else APART
+
+
+@kernel
+def _collect(tree, region, numbers):
+    """Write the numbers of a surface's triangles that meet a region; return how many, or -1."""
+    triangles, boxes, starts = tree
+    leaves = len(starts) - 1
+    lx, ly, lz = region[0, 0], region[0, 1], region[0, 2]
+    hx, hy, hz = region[1, 0], region[1, 1], region[1, 2]
+    waiting = np.empty(_STACK, np.int64)
+    waiting[0] = 1
+    top = 1
+    count = 0
+    while top:
+        top -= 1
+        node = waiting[top]
+        if (
+            boxes[node, 0, 0] > hx
+            or boxes[node, 1, 0] < lx
+            or boxes[node, 0, 1] > hy
+            or boxes[node, 1, 1] < ly
+            or boxes[node, 0, 2] > hz
+            or boxes[node, 1, 2] < lz
+        ):
+            continue
+        if node < leaves:
+            waiting[top], waiting[top + 1] = 2 * node, 2 * node + 1
+            top += 2
+            continue
+        for n in range(starts[node - leaves], starts[node - leaves + 1]):
+            is_outside = False
+            for d in range(3):
+                p, q, r = triangles[n, 0, d], triangles[n, 1, d], triangles[n, 2, d]
+                is_above = min(p, q, r) > region[1, d]
+                is_outside = is_outside or is_above or max(p, q, r) < region[0, d]
+            if is_outside:
+                continue
+            if count == len(numbers):
+                return -1
+            numbers[count] = n
+            count += 1
+    return count
+
+
+@kernel
+def _bound(triangles, n, region, boxes, k):
+    """Write the box of a triangle in a region, grown by the margin, to boxes[k]."""
+    for d in range(3):
+        p, q, r = triangles[n, 0, d], triangles[n, 1, d], triangles[n, 2, d]
+        boxes[k, 0, d] = max(min(p, q, r) - MARGIN, region[0, d])
+        boxes[k, 1, d] = min(max(p, q, r) + MARGIN, region[1, d])
