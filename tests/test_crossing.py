@@ -10,10 +10,10 @@ from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.crossing_kernels import APART, CROSSING, UNSURE, relation
 from packit_sim.engine.pairs import Pair, canonical, matrix, relative_turn, shifts_at
 from packit_sim.engine.region_kernels import relation_in, workspace
-from packit_sim.engine.screening_kernels import shared_cells
+from packit_sim.engine.screening_kernels import shared_fine_cells
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import PlacedItem
-from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.lattice import CELL, FINE
 from packit_sim.libraries.library import ShapeLibrary
 from tests.examples import examples
 from tests.zoo import ZOO, cube_of, random_item
@@ -106,10 +106,10 @@ def test_where_cells_are_shared_decides_as_everywhere() -> None:
         trees = collision_mesh(a).tree, collision_mesh(b).tree
         pose = turn, to_first @ shifts_at(a, b, np.array(offset))
         expected = relation(*trees, *pose, everywhere, np.zeros(2, dtype=np.int64))
-        if not shared_cells(a.voxels.fixed_arrays, b.voxels.arrays, np.array(offset), cells):
+        if not shared_fine_cells(a.voxels.fixed_arrays, b.voxels.arrays, np.array(offset), cells):
             assert expected == APART
             continue
-        corners = to_first @ ((cells - np.array(a.cells) / 2) * CELL).T
+        corners = to_first @ (cells * FINE - np.array(a.cells) / 2 * CELL).T
         region = np.stack((corners.min(axis=1), corners.max(axis=1)))
         assert relation(*trees, *pose, region, np.zeros(2, dtype=np.int64)) == expected
         by_pairs = relation_in(*trees, *pose, region, workspace())

@@ -8,8 +8,8 @@ from packit_sim.core.compilation import kernel
 from packit_sim.engine.containment_kernels import holds, points_within
 from packit_sim.engine.crossing_kernels import APART, CROSSING, relation
 from packit_sim.engine.region_kernels import relation_in, workspace
-from packit_sim.engine.screening_kernels import shared_cells
-from packit_sim.geometry.lattice import CELL
+from packit_sim.engine.screening_kernels import shared_fine_cells
+from packit_sim.geometry.lattice import CELL, FINE
 
 
 @kernel
@@ -48,13 +48,13 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
     size, fixed = bricks
     for n in range(len(shifts)):
         states[n] = APART
-        if shared_cells(fixed, other_bricks, offsets[n], cells):
+        if shared_fine_cells(fixed, other_bricks, offsets[n], cells):
             for d in range(3):
                 moved[d] = region[0, d] = region[1, d] = 0.0
                 for e in range(3):
                     moved[d] += to_first[d, e] * shifts[n, e]
-                    low = to_first[d, e] * (cells[0, e] - 0.5 * size[e]) * CELL
-                    high = to_first[d, e] * (cells[1, e] - 0.5 * size[e]) * CELL
+                    low = to_first[d, e] * (cells[0, e] * FINE - 0.5 * size[e] * CELL)
+                    high = to_first[d, e] * (cells[1, e] * FINE - 0.5 * size[e] * CELL)
                     region[0, d] += min(low, high)
                     region[1, d] += max(low, high)
             states[n] = relation_in(tree, other_tree, turn, moved, region, space)

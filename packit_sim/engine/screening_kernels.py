@@ -11,6 +11,7 @@ import numpy as np
 
 from packit_sim.core.compilation import kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays, PlacedArrays
+from packit_sim.geometry.bits import FULL
 from packit_sim.geometry.voxel_kernels import FixedArrays, ItemArrays
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
 
@@ -18,6 +19,12 @@ FREE, OPEN, BLOCKED = 0, 1, 2
 """Ordered: the state for several placed items is the largest of those for each of them."""
 
 _1 = np.uint64(1)
+
+_LAYERS = np.array([0xFFFF, 0x000F_000F_000F_000F, 0x1111_1111_1111_1111], np.uint64)
+"""The fine cells of the first layer of a word along x, y and z."""
+
+_SHIFTS = 16, 4, 1
+"""Bits from one layer to the next."""
 
 
 @kernel
@@ -157,8 +164,8 @@ def screen_offsets(fixed, item, extent):
 
 
 @kernel
-def shared_cells(fixed, item, offset, found):
-    """Find the cells in which two items have an outer fine cell at the same place.
+def shared_fine_cells(fixed, item, offset, found):
+    """Find the fine cells that are outer for two items.
 
     Only there can their surfaces have a common point.
 
@@ -171,8 +178,8 @@ def shared_cells(fixed, item, offset, found):
     offset : ndarray
         (3,) int64, its offset from the first, in bricks.
     found : ndarray
-        (2, 3) int64, filled with the lowest of these cells, and the highest plus 1, in the cell box
-        of the first.
+        (2, 3) int64, filled with the lowest of these fine cells, and the highest plus 1, in the
+        cell box of the first.
 
     Returns
     -------
@@ -199,15 +206,24 @@ def shared_cells(fixed, item, offset, found):
             bit = lowest_bit(shared)
             one = _1 << np.uint64(bit)
             shared &= shared - _1
+            common = FULL
             if surface & fixed_surface & one:
                 own = item.first[n] + count_bits(surface & one - _1)
                 its = fixed.first[m] + count_bits(fixed_surface & one - _1)
-                if not fixed.fine[its, 0] & item.fine[own, 0]:
+                common = fixed.fine[its, 0] & item.fine[own, 0]
+                if not common:
                     continue
             cell = (4 * x + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * z + (bit & 3))
             for d in range(3):
-                found[0, d] = min(found[0, d], cell[d])
-                found[1, d] = max(found[1, d], cell[d] + 1)
+                low, high = 4 * cell[d], 4 * cell[d] + 4
+                if low >= found[0, d] and high <= found[1, d]:
+                    continue
+                while not common & _LAYERS[d] << np.uint64(_SHIFTS[d] * (low & 3)):
+                    low += 1
+                while not common & _LAYERS[d] << np.uint64(_SHIFTS[d] * (high - 1 & 3)):
+                    high -= 1
+                found[0, d] = min(found[0, d], low)
+                found[1, d] = max(found[1, d], high)
     return found[1, 0] > 0
 
 
