@@ -118,7 +118,7 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
     for turned in map(item.turned, range(rotations.COUNT)):
         if not fits(occupancy.cells, turned):
             continue
-        states, tables = _states(occupancy, turned)
+        states, tables = _states(occupancy, turned, mask)
         x, y, z = states.shape
         mask[:x, :y, :z] |= states == FREE
         left_open.append((turned, tables, states.size, np.argwhere(states == OPEN)))
@@ -130,12 +130,12 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
 
 
 def _states(
-    occupancy: Occupancy[Any], item: Item
+    occupancy: Occupancy[Any], item: Item, known: Mask | None = None
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
     """Compute the state of each location inside the box, and the tables that decide open ones."""
     tables = nofit.tables(occupancy.placed, item)
     if tables is None:
-        return screen(occupancy, item), None
+        return screen(occupancy, item, known), None
     states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
     for placed, table in zip(occupancy.placed, tables, strict=True):
         table.merge_into(states, placed, item)

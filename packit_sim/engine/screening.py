@@ -16,7 +16,7 @@ from packit_sim.engine import screening_kernels
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening_kernels import BLOCKED
 from packit_sim.geometry.items import PlacedItem
-from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 
 States = npt.NDArray[np.uint8]
@@ -34,10 +34,30 @@ def locations(cells: Triple, item: Item) -> Triple:
     )
 
 
-def screen(occupancy: Occupancy[Any], item: Item) -> States:
-    """Compute the states [x, y, z] of all locations at which the item is inside the box."""
+def screen(
+    occupancy: Occupancy[Any], item: Item, known: npt.NDArray[np.bool_] | None = None
+) -> States:
+    """Compute the states of all locations at which the item is inside the box.
+
+    Parameters
+    ----------
+    occupancy : Occupancy
+        The items already in the box.
+    item : Item
+        The item to place, in its rotation.
+    known : ndarray, optional
+        Bool (nx, ny, nz) over the grid nodes: locations that need no answer, and get `FREE`.
+
+    Returns
+    -------
+    States
+        uint8 [x, y, z].
+    """
+    if known is None:
+        known = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     size = locations(occupancy.cells, item)
-    return screening_kernels.screen(occupancy.arrays, item.voxels.arrays, occupancy.spans, size)
+    own = item.voxels.arrays
+    return screening_kernels.screen(occupancy.arrays, own, occupancy.spans, size, known)
 
 
 def screen_at(occupancy: Occupancy[Any], candidate: PlacedItem) -> int:

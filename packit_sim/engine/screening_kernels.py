@@ -28,7 +28,7 @@ _SHIFTS = 16, 4, 1
 
 
 @kernel
-def screen(box, item, spans, size):
+def screen(box, item, spans, size, known):
     """Return the states of all locations.
 
     Parameters
@@ -41,6 +41,8 @@ def screen(box, item, spans, size):
         (n, 6) int64, first and last brick of each placed item along x, y and z.
     size : Triple
         The item's locations along x, y and z.
+    known : ndarray
+        Bool [x, y, z] over at least these locations: those that are not looked at, and get `FREE`.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def screen(box, item, spans, size):
     for k in range(size[2]):
         for i in range(size[0]):
             for j in range(size[1]):
-                if near[i, j, k]:
+                if near[i, j, k] and not known[i, j, k]:
                     start = (k * box.nx + i) * box.ny + j
                     state, last_blocker = state_at(box, item, offsets, start, last_blocker)
                     states[i, j, k] = state
