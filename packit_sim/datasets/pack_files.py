@@ -24,7 +24,7 @@ BUILTIN_DATASETS = {
     "starter": "ten small packs, to try things out",
     "everyday-v1": "the benchmark: 550 packs of 10 to 35 items, in three splits",
     "everyday-v1-history": "packs from the course of 16 evolutions, for the hardness curve",
-    "everyday-hard": "250 packs of 20 hollow items that no search finishes: validation and test",
+    "everyday-hard": "550 packs of 20 hollow items that no search finishes, in three splits",
     "puzzles": "40 boxes cut into 8 to 32 pieces, which fill them: cuboids, polycubes, curved ones",
 }
 """The built-in datasets, with a description of each."""
