@@ -20,7 +20,7 @@ _EXCHANGES = 0.5
 """Probability of an attempt to put an item in the place of smaller ones, not anywhere."""
 
 _NEIGHBOURS = 12
-"""Nearest items of a place of which smaller ones make room for another."""
+"""The items nearest to a place; the smaller ones among them make space for another item."""
 
 _SMALLER = 0.5
 """Probability of an attempt with a smaller box, where there are several sizes."""
@@ -107,7 +107,7 @@ class BinsSearch(NestSearch):
         return found
 
     def _smaller_ones(self, items: Ints, volume: float) -> Ints:
-        """Return those of some items, the first ones first, that have less than a volume."""
+        """Choose items, the first ones first, that together have less than a volume."""
         found = []
         for i in items.tolist():
             if self._task.volumes[i] < volume:
