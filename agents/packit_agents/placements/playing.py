@@ -80,11 +80,9 @@ def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list
         scores = scorer(found.features)
         best = np.argsort(-scores, kind="stable")[:MOST_PLACEMENTS]
         drawn = best[np.argsort(-(scores[best] + rng.gumbel(size=len(best))), kind="stable")]
-        for number in drawn.tolist():
-            if layout.place(found, number):
-                chosen = int(np.flatnonzero(best == number)[0])
-                decisions.append(Decision(found.features[best], chosen))
-                break
+        chosen = layout.place(found, drawn.tolist())
+        if chosen is not None:
+            decisions.append(Decision(found.features[best], int(np.flatnonzero(best == chosen)[0])))
     return decisions
 
 

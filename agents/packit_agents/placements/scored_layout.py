@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -69,22 +69,27 @@ class ScoredLayout:
         """List the placements in corners of the items outside; some may be infeasible."""
         return placements(self._box, self._space, self.outside)
 
-    def choose(self, found: Placements, scores: npt.NDArray[np.float32]) -> int | None:
-        """Choose a feasible placement by scores (n,) (see `placement_features.choose`)."""
-        order = np.argsort(-scores, kind="stable").tolist()
-        return choose(found, (n for n in order if found.is_feasible(n, self._box)))
+    def place(self, found: Placements, order: Iterable[int]) -> int | None:
+        """Place an item so that the other large ones still fit (see `placement_features.choose`).
 
-    def place(self, found: Placements, number: int) -> bool:
-        """Place an item, unless the meshes exclude it there; return whether it was placed."""
-        if not found.is_feasible(number, self._box):
-            return False
-        self.add(int(found.items[number]), found.placed(number))
-        return True
+        Parameters
+        ----------
+        found : Placements
+            The placements of this layout.
+        order : iterable of int
+            Which of them to consider, the best first.
 
-    def add(self, number: int, placed: PlacedItem) -> None:
-        """Add an item at a location that is feasible."""
-        self._box.put(placed.item, placed.location)
-        self.placed.append((number, placed))
+        Returns
+        -------
+        int or None
+            Which was chosen; None if the meshes exclude all of them.
+        """
+        chosen = choose(found, (n for n in order if found.is_feasible(n, self._box)))
+        if chosen is not None:
+            placed = found.placed(chosen)
+            self._box.put(placed.item, placed.location)
+            self.placed.append((int(found.items[chosen]), placed))
+        return chosen
 
     def fill(
         self,
@@ -93,7 +98,7 @@ class ScoredLayout:
         temperature: float = 0.0,
         least: float = 0.0,
     ) -> Self:
-        """Place items until none fits, each time at the best placement (see `choose`).
+        """Place items until none fits, each time at the best placement (see `place`).
 
         Parameters
         ----------
@@ -117,7 +122,5 @@ class ScoredLayout:
             if temperature:
                 noise = rng.gumbel(size=len(scores)).astype(np.float32)
                 scores = scores + np.float32(temperature) * noise
-            chosen = self.choose(found, scores)
-            if chosen is not None:
-                self.add(int(found.items[chosen]), found.placed(chosen))
+            self.place(found, np.argsort(-scores, kind="stable").tolist())
         return self
