@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inlined, kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays
 from packit_sim.engine.screening_kernels import BLOCKED, brick_offsets, state_at
 from packit_sim.geometry.bits import Words
@@ -131,26 +131,116 @@ def remove_blocked(box, turned, rows, spans):
         uint64 [rotation, z, x], changed in place: bit y is a location that is not blocked.
     spans : ndarray
         (n, 6) int64, first and last brick along x, y and z of each item that was added to the box.
-        Other locations are not looked at.
+        Bricks outside of all spans were known before, and are not looked at again.
     """
     box, turned = BoxArrays(*box), TurnedArrays(*turned)
+    bricks, page, box_fine = box.bricks, box.page, box.fine
     near = np.empty(rows.shape[1:], np.uint64)
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for d in range(3):
+        low[d], high[d] = spans[:, d].min(), spans[:, d + 3].max() + 1
+    filled = _filled_bricks(box, low, high)
     for r in range(len(turned.sizes)):
-        sizes = turned.sizes[r]
+        sizes, extents = turned.sizes[r], turned.extents[r]
         _find_near(turned, r, spans, near)
         item = _in_rotation(turned, r)
+        outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
         offsets = brick_offsets(item.bricks, box.nx, box.ny)
-        last_blocker = 0
+        own, number = _own_bricks(item.bricks, extents)
+        # A brick that blocks a location often blocks its neighbours along all three axes.
+        last, lasts = 0, np.zeros(sizes[1], np.int64)
         for k in range(sizes[2]):
+            z0, z1 = max(low[2] - k, 0), min(high[2] - k, extents[2])
             for i in range(sizes[0]):
                 left = rows[r, k, i] & near[k, i]
+                if not left:
+                    continue
+                x0, x1 = max(low[0] - i, 0), min(high[0] - i, extents[0])
+                row = (k * box.nx + i) * box.ny
+                at = row + offsets[last]
+                blocked = left & _conflicts(bricks, at, sizes[1], outer[last], inner[last])
+                left &= ~blocked
                 while left:
                     j = lowest_bit(left)
                     left &= left - _1
-                    start = (k * box.nx + i) * box.ny + j
-                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
-                    if state == BLOCKED:
-                        rows[r, k, i] &= ~(_1 << np.uint64(j))
+                    n = lasts[j]
+                    at = row + j + offsets[n]
+                    is_blocked = _is_blocked(
+                        bricks, page, box_fine, at, outer[n], inner[n], first[n], fine
+                    )
+                    z = min(max(item.bricks[last, 2], z0), z1 - 1)
+                    left_layers = 0 if is_blocked else z1 - z0
+                    while left_layers:
+                        for x in range(x0, x1):
+                            both = filled[k + z, i + x] >> np.uint64(j) & own[z, x]
+                            while both and not is_blocked:
+                                n = number[z, x, lowest_bit(both)]
+                                both &= both - _1
+                                at = row + j + offsets[n]
+                                is_blocked = _is_blocked(
+                                    bricks, page, box_fine, at, outer[n], inner[n], first[n], fine
+                                )
+                            if is_blocked:
+                                break
+                        z = z + 1 if z + 1 < z1 else z0
+                        left_layers = 0 if is_blocked else left_layers - 1
+                    if is_blocked:
+                        last = lasts[j] = n
+                        at = row + offsets[n]
+                        more = left & _conflicts(bricks, at, sizes[1], outer[n], inner[n])
+                        blocked |= more | _1 << np.uint64(j)
+                        left &= ~more
+                rows[r, k, i] &= ~blocked
+
+
+@kernel
+def _conflicts(bricks, at, count, outer, inner):
+    """Find where a brick's cells conflict with those of a row of bricks in the box: a bit each."""
+    found = np.uint64(0)
+    for j in range(count):
+        both = bricks[at + j, 0] & inner | bricks[at + j, 1] & outer
+        found |= np.uint64(both != 0) << np.uint64(j)
+    return found
+
+
+@inlined
+def _is_blocked(bricks, page, box_fine, at, outer, inner, first, fine):
+    """Return whether an item's brick is blocked at a brick of the box."""
+    blocked = bricks[at, 0] & inner | bricks[at, 1] & outer != 0
+    shared = bricks[at, 0] & outer
+    while shared and not blocked:
+        bit = lowest_bit(shared)
+        shared &= shared - _1
+        own = first + count_bits(outer & ~inner & (_1 << np.uint64(bit)) - _1)
+        meeting = (
+            box_fine[page[at], bit, 0] & fine[own, 1] | box_fine[page[at], bit, 1] & fine[own, 0]
+        )
+        blocked = meeting != 0
+    return blocked
+
+
+@kernel
+def _filled_bricks(box, low, high):
+    """Find the filled bricks from low to high, which is excluded: words [z, x] with bits y."""
+    filled = np.zeros((len(box.bricks) // (box.nx * box.ny), box.nx), np.uint64)
+    for k in range(low[2], high[2]):
+        for i in range(low[0], high[0]):
+            for j in range(low[1], high[1]):
+                if box.bricks[(k * box.nx + i) * box.ny + j, 0]:
+                    filled[k, i] |= _1 << np.uint64(j)
+    return filled
+
+
+@kernel
+def _own_bricks(bricks, extents):
+    """Find an item's bricks: words [z, x] with bits y, and their numbers [z, x, y]."""
+    own = np.zeros((extents[2], extents[0]), np.uint64)
+    number = np.empty((extents[2], extents[0], extents[1]), np.int32)
+    for n in range(len(bricks)):
+        x, y, z = bricks[n, 0], bricks[n, 1], bricks[n, 2]
+        own[z, x] |= _1 << np.uint64(y)
+        number[z, x, y] = n
+    return own, number
 
 
 @kernel

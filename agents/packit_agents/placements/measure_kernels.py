@@ -38,13 +38,14 @@ def neighbours(box, nz):
     Returns
     -------
     Words
-        uint64 (bricks, 6), in the directions -x, +x, -y, +y, -z and +z. Walls and the floor count
-        as filled, the space above the box does not.
+        uint64 (bricks, 8), in the directions -x, +x, -y, +y, -z and +z, and in any of them; the
+        last word is not used. Walls and the floor count as filled, the space above the box does
+        not.
     """
     box = BoxArrays(*box)
     nx, ny = box.nx, box.ny
     layer = nx * ny
-    found = np.empty((layer * nz, 6), np.uint64)
+    found = np.empty((layer * nz, 8), np.uint64)
     n = 0
     for k in range(nz):
         for i in range(nx):
@@ -62,6 +63,10 @@ def neighbours(box, nz):
                 found[n, 3] = (own & ~LOW[1]) >> _FOUR | (front & LOW[1]) << _TWELVE
                 found[n, 4] = (own & ~HIGH[2]) << _ONE | (below & HIGH[2]) >> _THREE
                 found[n, 5] = (own & ~LOW[2]) >> _ONE | (above & LOW[2]) << _THREE
+                any_of = found[n, 0]
+                for d in range(1, 6):
+                    any_of |= found[n, d]
+                found[n, 6] = any_of
                 n += 1
     return found
 
@@ -153,8 +158,9 @@ def measure(box, sums, near, turned, placements):
         for m in range(len(offsets)):
             at = start + offsets[m]
             own = surface[m]
-            for d in range(6):
-                count[d] += count_bits(own & near[at, d])
+            if own & near[at, 6]:
+                for d in range(6):
+                    count[d] += count_bits(own & near[at, d])
         cells = turned.cells[r]
         row = found[n]
         faces = np.float32(0)

@@ -112,8 +112,9 @@ def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list
     common = int(rng.integers(len(decisions)))
     placed = layout.placed[:common]
     found = [Play(layout.volume / task.volume, decisions[common:])]
+    space = layout.restart(placed).free_space()
     while len(found) < count:
-        decisions = play(layout.restart(placed), scorer, rng)
+        decisions = play(layout.restart(placed, space), scorer, rng)
         found.append(Play(layout.volume / task.volume, decisions))
     return found
 

@@ -57,13 +57,34 @@ class ScoredLayout:
         """The volume of the items in the box."""
         return plain_sum(self._items[number].volume for number, _ in self.placed)
 
-    def restart(self, placed: Sequence[tuple[int, PlacedItem]]) -> Self:
-        """Take out all items, and put back some that were in it together, in their order."""
+    def restart(
+        self, placed: Sequence[tuple[int, PlacedItem]], space: FreeSpace | None = None
+    ) -> Self:
+        """Take out all items, and put back some that were in it together, in their order.
+
+        Parameters
+        ----------
+        placed : sequence of (number, placed item)
+            The items to put back.
+        space : FreeSpace, optional
+            The free space with these items, if it is known (see `free_space`).
+
+        Returns
+        -------
+        ScoredLayout
+            This layout.
+        """
         self.placed = list(placed)
         inside = *self._fixed, *(item for _, item in placed)
         self._box.restore(BoxState(self._box.cells, inside))
-        self._space = self._empty.copy()
+        self._space = (space or self._empty).copy()
         return self
+
+    def free_space(self) -> FreeSpace:
+        """Compute where all items outside fit now, to restart with the items of now."""
+        for number in np.flatnonzero(self.outside).tolist():
+            self._space.rows(number, self._box)
+        return self._space.copy()
 
     def placements(self) -> Placements:
         """List the placements in corners of the items outside; some may be infeasible."""
