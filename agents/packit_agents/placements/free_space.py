@@ -21,17 +21,18 @@ from packit_agents.placements.free_kernels import (
     remove_blocked,
     turn_item,
 )
-from packit_sim.box import BaseBox, Box
+from packit_sim.box import BaseBox
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.feasibility import fits
+from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening import locations
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import Words, turning_swaps
 from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
-from packit_sim.placement import BoxState, PlacedItem
+from packit_sim.placement import PlacedItem
 
 MOST_NODES = 63
 """Grid nodes along y that a row has bits for."""
@@ -128,18 +129,18 @@ class LoneItem:
     placed: PlacedItem
     cells: Triple
 
-    @property
+    @cached_property
     def span(self) -> npt.NDArray[np.int64]:
         """First and last brick along x, y and z: (6,)."""
         first = np.array(self.placed.location)
         return np.concatenate([first, first + -(-np.array(self.placed.item.cells) // STEP) - 1])
 
     @cached_property
-    def box(self) -> Box:
-        """The box."""
-        box = Box(self.cells)
-        box.restore(BoxState(self.cells, (self.placed,)))
-        return box
+    def arrays(self) -> tuple[Any, ...]:
+        """The fields of the `BoxArrays` of the box."""
+        occupancy: Occupancy[PlacedItem] = Occupancy(self.cells)
+        occupancy.add(self.placed)
+        return occupancy.arrays
 
 
 class FreeSpace:
@@ -246,7 +247,7 @@ class FreeSpace:
             False if cells block all of the item's locations.
         """
         arrays, rows = self.items[item].arrays, self._rows[item]
-        return bool(fits_far(arrays, rows, other.span) or fits_near(other.box.arrays, arrays, rows))
+        return bool(fits_far(arrays, rows, other.span) or fits_near(other.arrays, arrays, rows))
 
     def remove(self, item: int, rotation: int, location: Triple) -> None:
         """Remove a location that the meshes exclude.
