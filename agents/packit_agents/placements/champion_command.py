@@ -23,7 +23,7 @@ def train_champion_command(
         list[str] | None,
         typer.Option(
             help="Dataset with the splits train and validation; may be repeated. "
-            "By default everyday-v1."
+            "By default everyday-v1 and everyday-hard."
         ),
     ] = None,
     tasks: Annotated[

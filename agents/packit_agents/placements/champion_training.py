@@ -68,7 +68,7 @@ class PlacementTrainingSettings:
         Seed of all random numbers.
     """
 
-    packs: tuple[str, ...] = ("everyday-v1",)
+    packs: tuple[str, ...] = ("everyday-v1", "everyday-hard")
     tasks: int = 300
     mixed: float = 0.8
     drawn: int = 20
