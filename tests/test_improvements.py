@@ -6,12 +6,13 @@ from itertools import count, pairwise
 import pytest
 from msgspec import structs
 
-from packit_sim import evaluate, load_tasks, read_results
+from packit_sim import compare, evaluate, load_tasks, read_results
 from packit_sim.core.errors import ArgumentError
 from packit_sim.datasets.play_checks import play_problems
 from packit_sim.datasets.provenance import Improvement
 from packit_sim.evaluation.results import Rollout
 from packit_sim.paper.portfolio import divided
+from tests.runs import packit
 
 RULE = "largest-first/aligned/blbf"
 
@@ -67,6 +68,21 @@ def test_agents_that_divide_the_time_have_their_share_of_it(searched) -> None:
     assert divided([quick], 1.0) == [0.5, 0.5]
     with pytest.raises(ArgumentError, match="no task that all"):
         divided([quick[1:], slow], 1.0)
+
+
+def test_agents_are_compared_after_so_many_seconds(searched) -> None:
+    steady = [with_steps(searched[0], (1.0, 0.5), (9.0, 0.6), total=0.6)]
+    late = [with_steps(searched[0], (2.0, 0.4), (3.0, 0.9), total=0.9)]
+    after = {seconds: compare(steady, late, seconds).difference.mean for seconds in (0.5, 2, 3, 9)}
+    assert after == pytest.approx({0.5: 0, 2: 0.1, 3: -0.4, 9: -0.3})
+    assert compare(steady, late).difference.mean == pytest.approx(-0.3)
+
+
+def test_the_command_compares_after_so_many_seconds(tasks, tmp_path) -> None:
+    file = tmp_path / "results.jsonl"
+    evaluate([RULE, f"{RULE}+lns=12"], tasks, seed=1, file=file)
+    assert "0.000" not in packit("compare", file)
+    assert "0.000" in packit("compare", file, "--seconds", 0)
 
 
 def test_results_are_equal_if_they_differ_only_in_time(searched) -> None:

@@ -167,6 +167,15 @@ def compare_command(
     results: Annotated[
         list[Path], typer.Argument(help="One or two results files of `packit evaluate`.")
     ],
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            metavar="SECONDS",
+            help="Compare what the agents had reached after so many processor seconds on a task; "
+            "default: at the end.",
+        ),
+    ] = None,
 ) -> None:
     """Compare agents on the tasks that both have played.
 
@@ -190,7 +199,7 @@ def compare_command(
         count = len(played[0])
         pairs = list(itertools.product(numbered[:count], numbered[count:]))
     try:
-        rows = [(n, m, compare(a, b)) for (n, (_, a)), (m, (_, b)) in pairs]
+        rows = [(n, m, compare(a, b, seconds)) for (n, (_, a)), (m, (_, b)) in pairs]
     except ArgumentError as error:
         raise ArgumentError(f"{' and '.join(map(str, results))}: {error}") from None
     show_agents(name for _, (name, _) in numbered)

@@ -79,7 +79,9 @@ class Score:
         )
 
 
-def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
+def compare(
+    first: Iterable[Rollout], second: Iterable[Rollout], seconds: float | None = None
+) -> Comparison:
     """Compare the returns of two agents on the tasks that both have played.
 
     Parameters
@@ -88,6 +90,9 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
         The results of one agent.
     second : Iterable[Rollout]
         The results of the other.
+    seconds : float, optional
+        Compare what they had reached after so many processor seconds (`Rollout.return_after`), not
+        what they reached at the end.
 
     Returns
     -------
@@ -99,7 +104,13 @@ def compare(first: Iterable[Rollout], second: Iterable[Rollout]) -> Comparison:
     ArgumentError
         If there is no such task.
     """
-    ours, theirs = ({rollout.task_digest: rollout.total for rollout in r} for r in (first, second))
+    ours, theirs = (
+        {
+            each.task_digest: each.total if seconds is None else each.return_after(seconds)
+            for each in rollouts
+        }
+        for rollouts in (first, second)
+    )
     shared = [digest for digest in ours if digest in theirs]
     if not shared:
         raise ArgumentError("there is no task that both have played")
