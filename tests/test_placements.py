@@ -24,6 +24,7 @@ from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
+from packit_sim.datasets.pack_files import load_tasks
 from packit_sim.evaluation.evaluation import play
 from packit_sim.game.agents import Agent
 from packit_sim.game.episode import Episode, Stage
@@ -355,6 +356,13 @@ def test_the_search_keeps_what_is_in_the_box_and_stops_when_all_is_placed(weight
     first = episode.box.placed[0]
     agent.play(episode, np.random.default_rng(0))
     assert episode.end is End.COMPLETE and episode.box.placed[0] == first
+
+
+def test_a_search_that_finds_nothing_better_takes_more_items_out() -> None:
+    """The champion leaves a large item outside; six items fewer make no space for it."""
+    task = load_tasks("everyday-v1", split="validation")[44]
+    agent = Agent.from_name("champion+ruin-recreate=200")
+    assert play(task, agent, np.random.default_rng(1)).total == pytest.approx(1)
 
 
 def test_the_search_needs_placements_and_a_grid(weights) -> None:

@@ -17,7 +17,10 @@ from packit_sim.game.policy_registry import UnknownPolicyError
 from packit_sim.placement import PlacedItem
 
 MOST_REMOVED = 6
-"""Largest number of items that leave the box at once."""
+"""Largest number of items that leave the box at once, as long as better layouts are found."""
+
+PATIENCE = 20
+"""After so many layouts that are no better than the best, one more item may leave at once."""
 
 NEARBY = 0.7
 """Probability that the items that leave are neighbours."""
@@ -34,9 +37,10 @@ class RuinAndRecreate:
     """Ruin and recreate (Schrimpf et al., 2000) with the placements that a policy prefers.
 
     The first layout is the agent's own. Then some items leave the box, mostly neighbours, and all
-    items outside are placed again, where the policy wants them, with some randomness. A layout that
-    is worse is accepted with a probability that falls to 0 (simulated annealing). The search stops
-    early once every item is placed.
+    items outside are placed again, where the policy wants them, with some randomness. The longer no
+    better layout was found, the more items may leave, up to all. A layout that is worse is accepted
+    with a probability that falls to 0 (simulated annealing). The search stops early once every item
+    is placed.
 
     Parameters
     ----------
@@ -90,18 +94,20 @@ class RuinAndRecreate:
         volume = episode.task.volume
         layout.fill(policy.scorer, rng)
         best = current = _Filled(layout.placed, layout.volume)
+        since_best = 0
         clock.rollouts += 1
         on_progress(clock.rollouts, episode.total + best.volume / volume)
         while len(best.placed) < len(items) and not clock.is_over():
             loss = LOSS * clock.share_left**2 * rng.exponential()
             least = current.volume - loss * volume
-            layout.restart(_ruined(current.placed, rng))
+            layout.restart(_ruined(current.placed, MOST_REMOVED + since_best // PATIENCE, rng))
             layout.fill(policy.scorer, rng, TEMPERATURE, least)
             found = _Filled(layout.placed, layout.volume)
             if found.volume >= least:
                 current = found
+            since_best += 1
             if found.volume > best.volume:
-                best = found
+                best, since_best = found, 0
             clock.rollouts += 1
             on_progress(clock.rollouts, episode.total + best.volume / volume)
         for _, placed in best.placed:
@@ -118,10 +124,10 @@ class _Filled:
 
 
 def _ruined(
-    placed: list[tuple[int, PlacedItem]], rng: np.random.Generator
+    placed: list[tuple[int, PlacedItem]], most: int, rng: np.random.Generator
 ) -> list[tuple[int, PlacedItem]]:
     """Leave out some items: mostly one and its neighbours."""
-    count = int(rng.integers(1, min(MOST_REMOVED, len(placed)) + 1))
+    count = int(rng.integers(1, min(most, len(placed)) + 1))
     if rng.random() < NEARBY:
         centers = np.array([item.center for _, item in placed])
         first = centers[int(rng.integers(len(placed)))]
