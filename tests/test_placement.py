@@ -229,6 +229,14 @@ def test_cubes_of_whole_grid_steps_fill_the_box_to_the_brim() -> None:
     assert box.density == pytest.approx(1)
 
 
+def test_cubes_are_placed_one_behind_the_other_in_a_row_of_more_than_64_locations() -> None:
+    box = Box((24, 300, 24))
+    for j in range(0, 75, 5):
+        assert box.blbf(cube_of(20)) == (0, j, 0)
+        box.place(cube_of(20), (0, j, 0))
+    assert box.blbf(cube_of(20)) is None
+
+
 def test_overlap_up_to_the_tolerance_is_contact_and_beyond_it_a_conflict() -> None:
     """A cube of just over 24 cells is centred in a cell box of 25.
 

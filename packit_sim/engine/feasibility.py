@@ -8,7 +8,6 @@ in docs/concepts/exactness.md.
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,9 +27,8 @@ from packit_sim.engine.screening import (
     screen,
     screen_at,
     screen_pair,
-    unblocked,
 )
-from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN
+from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, next_unblocked
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import ORIGIN, Triple, grid_nodes
@@ -190,16 +188,17 @@ def blbf(
     size = x, y, z = screening.locations(occupancy.cells, item)
     if layers is not None and layers < z:
         size = x, y, layers
-    undecided = 0
-    for location, state, looked_at in unblocked(occupancy, item, start, size):
+    box, own = occupancy.arrays, item.voxels.arrays
+    i, j, k = start
+    number, undecided = (k * size[0] + i) * size[1] + j, 0
+    while True:
+        i, j, k, number, state = next_unblocked(box, own, size, number)
         if state == OPEN:
             undecided += 1
-            if _is_excluded(occupancy, PlacedItem(item, location)):
+            if _is_excluded(occupancy, PlacedItem(item, (i, j, k))):
                 continue
-        count("searches", looked_at, undecided)
-        return location
-    count("searches", math.prod(size), undecided)
-    return None
+        count("searches", number, undecided)
+        return None if state == BLOCKED else (i, j, k)
 
 
 def first(mask: Mask) -> Triple | None:

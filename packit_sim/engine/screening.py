@@ -6,7 +6,6 @@ shared. Both are proofs (docs/concepts/exactness.md); at open locations the mesh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy.typing as npt
 
 from packit_sim.engine import screening_kernels
 from packit_sim.engine.occupancy import Occupancy
-from packit_sim.engine.screening_kernels import BLOCKED
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
@@ -64,41 +62,6 @@ def screen_at(occupancy: Occupancy[Any], candidate: PlacedItem) -> int:
     """Compute the state of one location, at which the item is inside the box."""
     own = candidate.item.voxels.arrays
     return int(screening_kernels.screen_at(occupancy.arrays, own, candidate.location))
-
-
-def unblocked(
-    occupancy: Occupancy[Any], item: Item, start: Triple, size: Triple
-) -> Iterator[tuple[Triple, int, int]]:
-    """Find the locations that are not blocked, in the order of (z, x, y).
-
-    Parameters
-    ----------
-    occupancy : Occupancy
-        The items already in the box.
-    item : Item
-        The item to place, in its rotation.
-    start : Triple
-        The first location to look at.
-    size : Triple
-        The locations along x, y and z to look at; the item is inside the box at all of them.
-
-    Yields
-    ------
-    location : Triple
-        A location that is free or open.
-    state : int
-        Its state.
-    looked_at : int
-        Number of locations up to this one.
-    """
-    box, own = occupancy.arrays, item.voxels.arrays
-    i, j, k = start
-    number = (k * size[0] + i) * size[1] + j
-    while True:
-        i, j, k, number, state = screening_kernels.next_unblocked(box, own, size, number)
-        if state == BLOCKED:
-            return
-        yield (i, j, k), state, number
 
 
 def open_pairs(occupancy: Occupancy[Any], item: Item, at: Locations) -> npt.NDArray[np.int64]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from packit_sim.core.compilation import kernel
+from packit_sim.core.compilation import inlined, kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays, PlacedArrays
 from packit_sim.geometry.bits import FULL
 from packit_sim.geometry.voxel_kernels import FixedArrays, ItemArrays
@@ -61,14 +61,23 @@ def screen(box, item, spans, size, known):
             for j in range(max(spans[n, 1] - extent[1], 0), min(spans[n, 4] + 1, size[1])):
                 for k in range(max(spans[n, 2] - extent[2], 0), min(spans[n, 5] + 1, size[2])):
                     near[i, j, k] = True
+    bricks, page, box_fine = box.bricks, box.page, box.fine
+    outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
     offsets = brick_offsets(item.bricks, box.nx, box.ny)
-    last_blocker = 0
+    blocker = 0
     for k in range(size[2]):
         for i in range(size[0]):
             for j in range(size[1]):
                 if near[i, j, k] and not known[i, j, k]:
                     start = (k * box.nx + i) * box.ny + j
-                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
+                    # The brick that blocked the last location often blocks the next one.
+                    at = start + offsets[blocker]
+                    state = BLOCKED
+                    if not (bricks[at, 0] & inner[blocker] | bricks[at, 1] & outer[blocker]):
+                        state, n = state_at(
+                            bricks, page, box_fine, outer, inner, first, fine, offsets, start
+                        )
+                        blocker = n if state == BLOCKED else blocker
                     states[i, j, k] = state
     return states
 
@@ -79,7 +88,11 @@ def screen_at(box, item, location):
     box, item = BoxArrays(*box), ItemArrays(*item)
     i, j, k = location
     offsets = brick_offsets(item.bricks, box.nx, box.ny)
-    return state_at(box, item, offsets, (k * box.nx + i) * box.ny + j, 0)[0]
+    bricks, page, box_fine = box.bricks, box.page, box.fine
+    outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
+    start = (k * box.nx + i) * box.ny + j
+    state, _ = state_at(bricks, page, box_fine, outer, inner, first, fine, offsets, start)
+    return state
 
 
 @kernel
@@ -107,18 +120,59 @@ def next_unblocked(box, item, size, number):
         Its state; `BLOCKED` if there is no such location.
     """
     box, item = BoxArrays(*box), ItemArrays(*item)
-    row, layer = size[1], size[0] * size[1]
+    bricks, page, box_fine = box.bricks, box.page, box.fine
+    outer, inner, own_first, fine = item.outer, item.inner, item.first, item.fine
     offsets = brick_offsets(item.bricks, box.nx, box.ny)
-    last_blocker = 0
+    layer = size[0] * size[1]
+    blocker = 0
     while number < layer * size[2]:
         k, rest = divmod(number, layer)
-        i, j = divmod(rest, row)
-        start = (k * box.nx + i) * box.ny + j
-        state, last_blocker = state_at(box, item, offsets, start, last_blocker)
-        number += 1
-        if state != BLOCKED:
-            return i, j, k, number, state
+        i, first = divmod(rest, size[1])
+        count = min(size[1] - first, 64)
+        start = (k * box.nx + i) * box.ny + first
+        # A brick that blocks a location often blocks the next ones.
+        at = start + offsets[blocker]
+        left = FULL >> np.uint64(64 - count)
+        left &= ~conflicts(bricks, at, count, outer[blocker], inner[blocker])
+        while left:
+            j = lowest_bit(left)
+            left &= left - _1
+            at = start + j + offsets[blocker]
+            if not (bricks[at, 0] & inner[blocker] | bricks[at, 1] & outer[blocker]):
+                state, blocker = state_at(
+                    bricks, page, box_fine, outer, inner, own_first, fine, offsets, start + j
+                )
+                if state != BLOCKED:
+                    return i, first + j, k, number + j + 1, state
+        number += count
     return 0, 0, 0, number, BLOCKED
+
+
+@inlined
+def conflicts(bricks, at, count, outer, inner):
+    """Find where the cells of an item's brick conflict with those of a row of bricks in the box.
+
+    Parameters
+    ----------
+    bricks : Words
+        See `BoxArrays`.
+    at : int
+        Number of the first brick of the row.
+    count : int
+        Bricks in the row, up to 64.
+    outer, inner : numpy.uint64
+        The item's brick.
+
+    Returns
+    -------
+    numpy.uint64
+        A bit for each brick in the row.
+    """
+    found = np.uint64(0)
+    for j in range(count):
+        both = bricks[at + j, 0] & inner | bricks[at + j, 1] & outer
+        found |= np.uint64(both != 0) << np.uint64(j)
+    return found
 
 
 @kernel
@@ -270,35 +324,29 @@ def brick_offsets(bricks, nx, ny):
     return offsets
 
 
-@kernel
-def state_at(box, item, offsets, start, last_blocker):
+@inlined
+def state_at(bricks, page, box_fine, outer, inner, first, fine, offsets, start):
     """Return the state of the location with brick number `start`, and the item's blocking brick."""
-    # The brick that blocked the last location often blocks the next one.
-    bricks, page, box_fine = box.bricks, box.page, box.fine
-    outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
-    at = start + offsets[last_blocker]
-    if bricks[at, 0] & inner[last_blocker] | bricks[at, 1] & outer[last_blocker]:
-        return BLOCKED, last_blocker
-    state = FREE
-    for n in range(len(offsets)):
+    state, blocker, n = FREE, 0, 0
+    while state != BLOCKED and n < len(offsets):
         at = start + offsets[n]
         taken = bricks[at, 0]
         shared = taken & outer[n]
-        if not shared:
-            continue
-        if taken & inner[n] | bricks[at, 1] & outer[n]:
-            return BLOCKED, n
-        kept = page[at]  # an index, because a view costs two reference counts for each brick
-        surface = outer[n] & ~inner[n]
-        while shared:
-            bit = lowest_bit(shared)
-            shared &= shared - _1
-            own = first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
-            if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
-                return BLOCKED, n
-            if box_fine[kept, bit, 0] & fine[own, 0]:
-                state = OPEN
-    return state, last_blocker
+        if shared:
+            surface = outer[n] & ~inner[n]
+            if taken & inner[n] | bricks[at, 1] & outer[n]:
+                state, shared = BLOCKED, np.uint64(0)
+            while shared:
+                bit = lowest_bit(shared)
+                shared &= shared - _1
+                kept, own = page[at], first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
+                if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
+                    state, shared = BLOCKED, np.uint64(0)
+                elif box_fine[kept, bit, 0] & fine[own, 0]:
+                    state = OPEN
+            blocker = n
+        n += 1
+    return state, blocker
 
 
 @kernel

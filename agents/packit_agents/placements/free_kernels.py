@@ -9,7 +9,12 @@ import numpy.typing as npt
 
 from packit_sim.core.compilation import inlined, kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays
-from packit_sim.engine.screening_kernels import BLOCKED, brick_offsets, state_at
+from packit_sim.engine.screening_kernels import (
+    BLOCKED,
+    brick_offsets,
+    conflicts,
+    state_at,
+)
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.voxel_kernels import ItemArrays, turn_bricks
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
@@ -158,7 +163,7 @@ def remove_blocked(box, turned, rows, spans):
                 x0, x1 = max(low[0] - i, 0), min(high[0] - i, extents[0])
                 row = (k * box.nx + i) * box.ny
                 at = row + offsets[last]
-                blocked = left & _conflicts(bricks, at, sizes[1], outer[last], inner[last])
+                blocked = left & conflicts(bricks, at, sizes[1], outer[last], inner[last])
                 left &= ~blocked
                 while left:
                     j = lowest_bit(left)
@@ -187,20 +192,10 @@ def remove_blocked(box, turned, rows, spans):
                     if is_blocked:
                         last = lasts[j] = n
                         at = row + offsets[n]
-                        more = left & _conflicts(bricks, at, sizes[1], outer[n], inner[n])
+                        more = left & conflicts(bricks, at, sizes[1], outer[n], inner[n])
                         blocked |= more | _1 << np.uint64(j)
                         left &= ~more
                 rows[r, k, i] &= ~blocked
-
-
-@kernel
-def _conflicts(bricks, at, count, outer, inner):
-    """Find where a brick's cells conflict with those of a row of bricks in the box: a bit each."""
-    found = np.uint64(0)
-    for j in range(count):
-        both = bricks[at + j, 0] & inner | bricks[at + j, 1] & outer
-        found |= np.uint64(both != 0) << np.uint64(j)
-    return found
 
 
 @inlined
@@ -279,20 +274,29 @@ def fits_near(box, turned, rows):
         As in `fits_far`.
     """
     box, turned = BoxArrays(*box), TurnedArrays(*turned)
+    bricks, page, box_fine = box.bricks, box.page, box.fine
     for r in range(len(turned.sizes)):
         item = _in_rotation(turned, r)
+        outer, inner, first, fine = item.outer, item.inner, item.first, item.fine
         offsets = brick_offsets(item.bricks, box.nx, box.ny)
-        last_blocker = 0
+        blocker = 0
         for k in range(turned.sizes[r, 2]):
             for i in range(turned.sizes[r, 0]):
                 left = rows[r, k, i]
+                row = (k * box.nx + i) * box.ny
                 while left:
-                    j = lowest_bit(left)
-                    left &= left - _1
-                    start = (k * box.nx + i) * box.ny + j
-                    state, last_blocker = state_at(box, item, offsets, start, last_blocker)
-                    if state != BLOCKED:
-                        return True
+                    at = row + offsets[blocker]
+                    left &= ~conflicts(
+                        bricks, at, turned.sizes[r, 1], outer[blocker], inner[blocker]
+                    )
+                    if left:
+                        j = lowest_bit(left)
+                        left &= left - _1
+                        state, blocker = state_at(
+                            bricks, page, box_fine, outer, inner, first, fine, offsets, row + j
+                        )
+                        if state != BLOCKED:
+                            return True
     return False
 
 
