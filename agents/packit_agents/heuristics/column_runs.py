@@ -10,8 +10,9 @@ from packit_sim.placement import Mask
 CellRuns = npt.NDArray[np.int64]
 """Begin and end (exclusive) of each run, (n, 2), in the mask's C order."""
 
-SHORTEST_GAP = 16
-"""A gap of fewer False locations than this does not end a run: visiting them is cheaper."""
+SHORTEST_GAP = 32
+"""A gap of fewer False locations than this does not end a run: visiting them is cheaper, since long
+runs are processed many locations at once."""
 
 
 def mask_runs(mask: Mask) -> CellRuns:

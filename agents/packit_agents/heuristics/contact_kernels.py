@@ -13,8 +13,11 @@ _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
 
 _MOST_NEIGHBOURS = 6
 
-_FACE = np.int32(16)
+_FACE = np.int16(16)
 """Cells in a face of a brick."""
+
+_AT_ONCE = 80
+"""Bricks whose numbers of neighbours, at most 384 each, add up in 16 bits."""
 
 _ACROSS_X, _ACROSS_Y, _ACROSS_Z = np.uint64(48), np.uint64(12), np.uint64(3)
 """Distances in bits between the first cell of a brick and the last of the brick before it."""
@@ -24,7 +27,7 @@ _ACROSS_X, _ACROSS_Y, _ACROSS_Z = np.uint64(48), np.uint64(12), np.uint64(3)
 def sum_neighbours(words):
     """Compute `contacts.Neighbours.sums`: each filled cell adds one to each of its neighbours."""
     nx, ny, nz = words.shape
-    sums = np.zeros((nx, ny, nz), np.int32)
+    sums = np.zeros((nx, ny, nz), np.int16)
     sums[0] += _FACE
     sums[nx - 1] += _FACE
     sums[:, 0] += _FACE
@@ -36,16 +39,23 @@ def sum_neighbours(words):
                 own = words[x, y, z]
                 if not own:
                     continue
-                inside = _MOST_NEIGHBOURS * count_bits(own)
-                for d in range(3):
-                    low, high = count_bits(own & LOW[d]), count_bits(own & HIGH[d])
-                    inside -= low + high
-                    dx, dy, dz = d == 0, d == 1, d == 2
-                    if x >= dx and y >= dy and z >= dz:
-                        sums[x - dx, y - dy, z - dz] += low
-                    if x + dx < nx and y + dy < ny and z + dz < nz:
-                        sums[x + dx, y + dy, z + dz] += high
-                sums[x, y, z] += inside
+                left, right = count_bits(own & LOW[0]), count_bits(own & HIGH[0])
+                back, front = count_bits(own & LOW[1]), count_bits(own & HIGH[1])
+                below, above = count_bits(own & LOW[2]), count_bits(own & HIGH[2])
+                if x > 0:
+                    sums[x - 1, y, z] += left
+                if x + 1 < nx:
+                    sums[x + 1, y, z] += right
+                if y > 0:
+                    sums[x, y - 1, z] += back
+                if y + 1 < ny:
+                    sums[x, y + 1, z] += front
+                if z > 0:
+                    sums[x, y, z - 1] += below
+                if z + 1 < nz:
+                    sums[x, y, z + 1] += above
+                across = left + right + back + front + below + above
+                sums[x, y, z] += _MOST_NEIGHBOURS * count_bits(own) - across
     return sums
 
 
@@ -87,7 +97,7 @@ def bound_contacts(sums, bricks, outer, runs, mask):
     Parameters
     ----------
     sums : numpy.ndarray
-        Int32 [x, y, z], see `contacts.Neighbours`.
+        Int16 [x, y, z], see `contacts.Neighbours`.
     bricks : numpy.ndarray
         Int16 (n, 3), see `voxels.Voxels`.
     outer : Words
@@ -107,15 +117,20 @@ def bound_contacts(sums, bricks, outer, runs, mask):
     """
     nx, ny, nz = mask.shape
     dense = np.zeros(mask.size, np.int32)
+    part = np.empty(mask.size, np.int16)
     there = sums.ravel()
     for begin, end in runs:
-        total = dense[begin:end]
-        for n in range(len(bricks)):
-            limit = np.int32(_MOST_NEIGHBOURS * count_bits(outer[n]))
-            at = (bricks[n, 0] * ny + bricks[n, 1]) * nz + bricks[n, 2]
-            counts = there[begin + at : end + at]
+        total, some = dense[begin:end], part[begin:end]
+        for first in range(0, len(bricks), _AT_ONCE):
+            some[:] = 0
+            for n in range(first, min(first + _AT_ONCE, len(bricks))):
+                limit = np.int16(_MOST_NEIGHBOURS * count_bits(outer[n]))
+                at = (bricks[n, 0] * ny + bricks[n, 1]) * nz + bricks[n, 2]
+                counts = there[begin + at : end + at]
+                for m in range(len(some)):
+                    some[m] += min(counts[m], limit)
             for m in range(len(total)):
-                total[m] += min(counts[m], limit)
+                total[m] += some[m]
     count = mask.sum()
     locations = np.empty((count, 3), np.int64)
     bounds = np.empty(count, np.int32)

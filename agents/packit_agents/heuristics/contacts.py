@@ -34,11 +34,11 @@ class Neighbours(NamedTuple):
     words : Words
         The box's outer cells, uint64 [x, y, z].
     sums : numpy.ndarray
-        Int32 [x, y, z], the numbers of filled neighbours, summed over the cells of each brick.
+        Int16 [x, y, z], the numbers of filled neighbours, summed over the cells of each brick.
     """
 
     words: Words
-    sums: npt.NDArray[np.int32]
+    sums: npt.NDArray[np.int16]
 
     @classmethod
     def of(cls, words: Words) -> Neighbours:
