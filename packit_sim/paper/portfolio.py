@@ -63,6 +63,9 @@ _POINTS = 30
 _FIRST_POINT = 0.1
 """Seconds of its first point."""
 
+_HEIGHT = 2.5
+"""Height of the plot, relative to the range of the rewards at the end of the curves."""
+
 RolloutsByAgent = Mapping[str, Sequence[Rollout]]
 """The rollouts of each agent."""
 
@@ -211,13 +214,16 @@ def draw(played: RolloutsByAgent, seconds: float, path: Path) -> None:
     curves[label] = [divided([played[name] for name in names], time) for time in times]
     with plots.drawn(path, [["reward"]], 9, 5) as (figure, axes):
         ax = axes["reward"]
+        ends = []
         for (name, reached), color in zip(curves.items(), plots.COLORS, strict=True):
             found = [Estimate.of(each) for each in reached]
+            ends.append(found[-1].mean)
             ax.plot(times, [each.mean for each in found], color=color, label=name)
             if len(reached[0]) > 1:
                 low, high = [each.low for each in found], [each.high for each in found]
                 ax.fill_between(times, low, high, color=color, alpha=plots.BAND, linewidth=0)
         ax.set(xscale="log", xlabel="processor seconds on a task", ylabel="Average Reward")
-        ax.set_ylim(top=1.0)
+        spread = max(max(ends) - min(ends), 0.01)
+        ax.set_ylim(max(ends) - _HEIGHT * spread, max(ends) + 0.1 * spread)
         figure.legend(loc="outside lower center", ncols=1)
         figure.suptitle(TITLE, x=0.01, ha="left", weight="bold")
