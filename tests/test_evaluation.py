@@ -164,6 +164,8 @@ def test_a_comparison_by_hand() -> None:
     assert same.difference == Estimate(0, 0, 0) and same.ratio == Estimate(1, 1, 1)
     nothing = Comparison.of([0.5, 0.7], [0.0, 0.0], tolerance=1e-9)
     assert not np.isfinite(nothing.ratio.mean) and nothing.ratio.low is None
+    sometimes = Comparison.of([0.5, 0.7, 0.0], [0.0, 0.0, 0.6], tolerance=1e-9)
+    assert sometimes.ratio == Estimate(pytest.approx(2.0), None, None)
 
 
 def test_agents_are_compared_on_the_tasks_that_both_have_played(rollouts) -> None:

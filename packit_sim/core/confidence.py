@@ -90,16 +90,24 @@ class Comparison:
 
 
 def _ratio(a: _Floats, b: _Floats) -> Estimate:
-    """Estimate the ratio of two means; it is not finite, without interval, if the second is 0."""
+    """Estimate the ratio of two means; it is not finite if the second is 0.
+
+    It has no interval if the second is 0, or is 0 for some of the resampled pairs.
+    """
+    is_finite = True
 
     def ratio(a: _Floats, b: _Floats, axis: int) -> _Floats:
-        return np.divide(a.mean(axis=axis), b.mean(axis=axis))
+        nonlocal is_finite
+        ratios = np.divide(a.mean(axis=axis), b.mean(axis=axis))
+        is_finite &= bool(np.isfinite(ratios).all())
+        return np.nan_to_num(ratios, posinf=0.0)
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = float(ratio(a, b, 0))
+        mean = float(np.divide(a.mean(), b.mean()))
         if len(a) < 2 or not np.isfinite(mean):
             return Estimate(mean, None, None)
-        return Estimate(mean, *_interval((a, b), ratio))
+        low, high = _interval((a, b), ratio)
+        return Estimate(mean, low, high) if is_finite else Estimate(mean, None, None)
 
 
 def _interval(samples: tuple[_Floats, ...], statistic: Callable[..., Any]) -> tuple[float, float]:
