@@ -327,26 +327,32 @@ def brick_offsets(bricks, nx, ny):
 @inlined
 def state_at(bricks, page, box_fine, outer, inner, first, fine, offsets, start):
     """Return the state of the location with brick number `start`, and the item's blocking brick."""
-    state, blocker, n = FREE, 0, 0
-    while state != BLOCKED and n < len(offsets):
-        at = start + offsets[n]
-        taken = bricks[at, 0]
-        shared = taken & outer[n]
-        if shared:
-            surface = outer[n] & ~inner[n]
-            if taken & inner[n] | bricks[at, 1] & outer[n]:
-                state, shared = BLOCKED, np.uint64(0)
-            while shared:
-                bit = lowest_bit(shared)
-                shared &= shared - _1
-                kept, own = page[at], first[n] + count_bits(surface & (_1 << np.uint64(bit)) - _1)
-                if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
-                    state, shared = BLOCKED, np.uint64(0)
-                elif box_fine[kept, bit, 0] & fine[own, 0]:
-                    state = OPEN
-            blocker = n
+    state, n = FREE, -1
+    while state != BLOCKED and n + 1 < len(offsets):
         n += 1
-    return state, blocker
+        at = start + offsets[n]
+        if bricks[at, 0] & outer[n]:
+            brick = brick_state(bricks, page, box_fine, at, outer[n], inner[n], first[n], fine)
+            state = max(state, brick)
+    return state, n
+
+
+@inlined
+def brick_state(bricks, page, box_fine, at, outer, inner, first, fine):
+    """Return the state of one brick of the item at the brick `at` of the box."""
+    state, shared = FREE, bricks[at, 0] & outer
+    if bricks[at, 0] & inner | bricks[at, 1] & outer:
+        state, shared = BLOCKED, np.uint64(0)
+    while shared:
+        bit = lowest_bit(shared)
+        shared &= shared - _1
+        kept = page[at]  # an index, because a view costs two reference counts for each brick
+        own = first + count_bits(outer & ~inner & (_1 << np.uint64(bit)) - _1)
+        if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
+            state, shared = BLOCKED, np.uint64(0)
+        elif box_fine[kept, bit, 0] & fine[own, 0]:
+            state = OPEN
+    return state
 
 
 @kernel

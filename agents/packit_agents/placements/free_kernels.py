@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.core.compilation import inlined, kernel
+from packit_sim.core.compilation import kernel
 from packit_sim.engine.occupancy_kernels import BoxArrays
 from packit_sim.engine.screening_kernels import (
     BLOCKED,
     brick_offsets,
+    brick_state,
     conflicts,
     state_at,
 )
@@ -170,9 +171,10 @@ def remove_blocked(box, turned, rows, spans):
                     left &= left - _1
                     n = lasts[j]
                     at = row + j + offsets[n]
-                    is_blocked = _is_blocked(
+                    state = brick_state(
                         bricks, page, box_fine, at, outer[n], inner[n], first[n], fine
                     )
+                    is_blocked = state == BLOCKED
                     z = min(max(item.bricks[last, 2], z0), z1 - 1)
                     left_layers = 0 if is_blocked else z1 - z0
                     while left_layers:
@@ -182,9 +184,10 @@ def remove_blocked(box, turned, rows, spans):
                                 n = number[z, x, lowest_bit(both)]
                                 both &= both - _1
                                 at = row + j + offsets[n]
-                                is_blocked = _is_blocked(
+                                state = brick_state(
                                     bricks, page, box_fine, at, outer[n], inner[n], first[n], fine
                                 )
+                                is_blocked = state == BLOCKED
                             if is_blocked:
                                 break
                         z = z + 1 if z + 1 < z1 else z0
@@ -196,22 +199,6 @@ def remove_blocked(box, turned, rows, spans):
                         blocked |= more | _1 << np.uint64(j)
                         left &= ~more
                 rows[r, k, i] &= ~blocked
-
-
-@inlined
-def _is_blocked(bricks, page, box_fine, at, outer, inner, first, fine):
-    """Return whether an item's brick is blocked at a brick of the box."""
-    blocked = bricks[at, 0] & inner | bricks[at, 1] & outer != 0
-    shared = bricks[at, 0] & outer
-    while shared and not blocked:
-        bit = lowest_bit(shared)
-        shared &= shared - _1
-        own = first + count_bits(outer & ~inner & (_1 << np.uint64(bit)) - _1)
-        meeting = (
-            box_fine[page[at], bit, 0] & fine[own, 1] | box_fine[page[at], bit, 1] & fine[own, 0]
-        )
-        blocked = meeting != 0
-    return blocked
 
 
 @kernel
