@@ -9,6 +9,7 @@ from typing import Any, Generic
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.core.sums import plain_sum
 from packit_sim.engine import feasibility, insertion
@@ -54,6 +55,11 @@ class BaseBox(ABC, Generic[ItemT]):
     def size(self) -> Floats:
         """The extents, (3,) in box units."""
         return np.array(self.cells) * CELL
+
+    @cached_property
+    def volume(self) -> float:
+        """The volume, in cubic box units."""
+        return float(self.size.prod())
 
     @property
     def placed(self) -> tuple[ItemT, ...]:
@@ -254,7 +260,7 @@ class Box(BaseBox[PlacedItem]):
     @property
     def density(self) -> float:
         """The placed volume, relative to the box's volume."""
-        return plain_sum(p.item.volume for p in self.placed) / float(self.size.prod())
+        return plain_sum(p.item.volume for p in self.placed) / self.volume
 
     def feasible(self, item: Item) -> Mask:
         mask = super().feasible(item)

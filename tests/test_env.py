@@ -368,13 +368,30 @@ def test_the_means_of_a_box_follow_its_changes(cells, cubes) -> None:
         sizes = np.add.reduceat(sizes, starts, axis=axis)
     before, counts = np.zeros(bricks, dtype=np.uint64), np.zeros([cubes] * 3, dtype=np.int32)
     rng = np.random.default_rng(0)
+    changed = np.zeros(3, dtype=np.int64), np.array(bricks) - 1
     for _ in range(4):
         words = rng.integers(2**64, size=bricks, dtype=np.uint64)
         words *= rng.random(bricks) < 0.5
         filled = unpack(words).astype(float)
         for axis, starts in enumerate(edges):
             filled = np.add.reduceat(filled, starts, axis=axis)
-        assert means.of_box(words, before, counts) == pytest.approx(filled / sizes)
+        assert means.of_box(words, before, counts, changed) == pytest.approx(filled / sizes)
+
+
+def test_features_follow_the_states_of_an_environment(tasks) -> None:
+    settings = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
+    env, fresh = PackItEnv(tasks, **settings), PackItEnv(tasks, **settings)
+    env.reset(options={"task": 0})
+    rng, states = np.random.default_rng(0), [env.get_state()]
+    for _ in range(80):
+        if env.episode.end is None and rng.random() < 0.6:
+            seen, *_ = env.step(int(rng.choice(np.flatnonzero(env.action_masks()))))
+            states.append(env.get_state())
+        else:
+            seen, _ = env.set_state(states[rng.integers(len(states))])
+        expected, _ = fresh.set_state(env.get_state())
+        fresh = PackItEnv(tasks, **settings)
+        assert np.array_equal(seen["box"], expected["box"])
 
 
 def test_features_are_mean_occupancies(tasks) -> None:

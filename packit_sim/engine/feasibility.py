@@ -109,31 +109,32 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
     Notes
     -----
     The mask of PackIt-Easy (paper, section 4.3). Meshes are only compared at locations that are
-    open in some rotation and free in none.
+    open in some rotation and free in none. There are no tables (see `nofit`): with 24 rotations
+    each, two items seldom meet often enough.
     """
     mask = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
     left_open = []
     for turned in map(item.turned, range(rotations.COUNT)):
         if not fits(occupancy.cells, turned):
             continue
-        states, tables = _states(occupancy, turned, mask)
+        states = screen(occupancy, turned, mask)
         x, y, z = states.shape
         mask[:x, :y, :z] |= states == FREE
-        left_open.append((turned, tables, states.size, np.argwhere(states == OPEN)))
-    for turned, tables, size, locations in left_open:
+        left_open.append((turned, states.size, np.argwhere(states == OPEN)))
+    for turned, size, locations in left_open:
         undecided = locations[~mask[tuple(locations.T)]]
-        mask[tuple(undecided.T)] = _feasible_at(occupancy, turned, tables, undecided)
+        mask[tuple(undecided.T)] = ~excluded(occupancy, turned, undecided)
         count("masks", size, len(undecided))
     return mask
 
 
 def _states(
-    occupancy: Occupancy[Any], item: Item, known: Mask | None = None
+    occupancy: Occupancy[Any], item: Item
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
     """Compute the state of each location inside the box, and the tables that decide open ones."""
     tables = nofit.tables(occupancy.placed, item)
     if tables is None:
-        return screen(occupancy, item, known), None
+        return screen(occupancy, item), None
     states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
     for placed, table in zip(occupancy.placed, tables, strict=True):
         table.merge_into(states, placed, item)
@@ -238,7 +239,8 @@ def excluded(occupancy: Occupancy[Any], item: Item, locations: Locations) -> npt
         return found
     placed = occupancy.placed
     pairs = open_pairs(occupancy, item, locations)
-    for m in np.unique(pairs[:, 1]).tolist():
+    counts = np.bincount(pairs[:, 1], minlength=len(placed))
+    for m in np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)].tolist():
         numbers = pairs[pairs[:, 1] == m, 0]
         numbers = numbers[~found[numbers]]
         if len(numbers):

@@ -16,6 +16,9 @@ from packit_sim.geometry.voxels import Voxels
 
 _INDICES = np.empty(0, dtype=np.int32)
 
+_FIRST_PAGES = 8192
+"""Pages for which a box has space at first, enough for most tasks; memory is taken by use."""
+
 
 class Stack:
     """An array of rows that can grow.
@@ -24,6 +27,8 @@ class Stack:
     ----------
     like : ndarray
         An array with the shape and the type of the rows.
+    rows : int
+        Number of rows for which there is space at first.
 
     Attributes
     ----------
@@ -33,8 +38,8 @@ class Stack:
         Number of rows in use.
     """
 
-    def __init__(self, like: npt.NDArray[Any]) -> None:
-        self.array = np.empty((64, *like.shape[1:]), dtype=like.dtype)
+    def __init__(self, like: npt.NDArray[Any], rows: int) -> None:
+        self.array = np.empty((rows, *like.shape[1:]), dtype=like.dtype)
         self.count = 0
 
     def reserve(self, rows: int) -> None:
@@ -85,14 +90,21 @@ class Occupancy(Generic[ItemT]):
         count = math.prod(grid_nodes(cells))
         self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
         self.page = np.full(count, NO_PAGE, dtype=np.int32)
-        self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64))
+        self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64), _FIRST_PAGES)
         self._placed: list[ItemT] = []
         self._voxels: list[tuple[Triple, Voxels]] = []
-        self._spans = Stack(np.empty((0, 6), dtype=np.int64))
-        self._starts = Stack(np.empty((0, 3), dtype=np.int64))
+        self._spans = Stack(np.empty((0, 6), dtype=np.int64), 64)
+        self._starts = Stack(np.empty((0, 3), dtype=np.int64), 64)
         words: Words = np.empty(0, dtype=np.uint64)
         self._voxel_stacks = tuple(
-            Stack(like) for like in (_INDICES, words, words, _INDICES, words.reshape(0, 2))
+            Stack(like, rows * _FIRST_PAGES)
+            for like, rows in (
+                (_INDICES, 2),
+                (words, 2),
+                (words, 2),
+                (_INDICES, 2),
+                (words.reshape(0, 2), 16),
+            )
         )
         self._before: list[tuple[int, Words, Words]] = []
         self._arrays: tuple[Any, ...] = ()

@@ -385,7 +385,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
             "task": self._number,
             "action_mask": action_mask,
             "density": density,
-            "placed_volume": density * float(episode.box.size.prod()),
+            "placed_volume": density * episode.box.volume,
             "mesh_comparisons": self._comparisons.mesh_comparisons,
         }
         if episode.end is not None:

@@ -27,12 +27,14 @@ def add_cells(words, bricks, corner, bins, counts):
 
 
 @kernel
-def update_counts(words, before, runs, counts):
-    """Update the counts of cubes by the cells that changed since `before`, and then `before`."""
-    nx, ny, nz = words.shape
-    for z in range(nz):  # the order in which a box keeps its words
-        for x in range(nx):
-            for y in range(ny):
+def update_counts(words, before, first, last, runs, counts):
+    """Update the counts of cubes by the cells that changed since `before`, and then `before`.
+
+    Only the bricks from `first` to `last` along x, y and z are compared.
+    """
+    for z in range(first[2], last[2] + 1):  # the order in which a box keeps its words
+        for x in range(first[0], last[0] + 1):
+            for y in range(first[1], last[1] + 1):
                 now, old = words[x, y, z], before[x, y, z]
                 if now != old:
                     before[x, y, z] = now

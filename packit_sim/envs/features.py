@@ -67,7 +67,13 @@ class CubeMeans:
         means.setflags(write=False)
         return means
 
-    def of_box(self, words: Words, before: Words, counts: npt.NDArray[np.int32]) -> Means:
+    def of_box(
+        self,
+        words: Words,
+        before: Words,
+        counts: npt.NDArray[np.int32],
+        changed: tuple[Ints, Ints],
+    ) -> Means:
         """Compute the share of outer cells in each cube of a box.
 
         Parameters
@@ -78,13 +84,15 @@ class CubeMeans:
             The words of the last call, at first 0. They are updated.
         counts : ndarray of int32, shape (cubes, cubes, cubes)
             The filled cells at the last call, at first 0. They are updated.
+        changed : tuple of ndarray of int64, shape (3,)
+            The first and the last brick along x, y and z that may have changed.
 
         Returns
         -------
         Means
             Float32 (cubes, cubes, cubes).
         """
-        update_counts(words, before, self._runs, counts)
+        update_counts(words, before, *changed, self._runs, counts)
         return counts.astype(np.float32) / self._sizes
 
 

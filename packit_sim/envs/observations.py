@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from packit_sim.envs.features import CubeMeans
+from packit_sim.box import BaseBox
+from packit_sim.envs.features import CubeMeans, Means
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.geometry import rotations
+from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
 from packit_sim.geometry.voxels import centred
 
@@ -216,6 +219,8 @@ class FeatureObserver(Observer):
         x, y, z = grid_nodes(cells)
         self._words = np.zeros((z, x, y), dtype=np.uint64).transpose(1, 2, 0)  # as those of boxes
         self._counts = np.zeros([BOX_CUBES] * 3, dtype=np.int32)
+        self._all_bricks = np.zeros(3, dtype=np.int64), np.array((x, y, z)) - 1
+        self._placed: tuple[ItemInBox, ...] = ()
         self._shapes = np.zeros((max_shapes, *[SHAPE_CUBES] * 3), dtype=np.float32)
         self._extents = np.zeros((max_shapes, 3), dtype=np.float32)
         self.space = spaces.Dict(
@@ -235,11 +240,21 @@ class FeatureObserver(Observer):
             item = self._item_means.of_item(episode.chosen_item.item).copy()
         return {
             **base,
-            "box": self._box_means.of_box(episode.box.outer_words, self._words, self._counts),
+            "box": self._means_of(episode.box),
             "shapes": _arrived(episode, self._shapes),
             "extents": _arrived(episode, self._extents),
             "item": item,
         }
+
+    def _means_of(self, box: BaseBox[Any]) -> Means:
+        """Compute the means of a box, where items were only added from the bricks around these."""
+        placed, known = box.placed, len(self._placed)
+        changed = self._all_bricks
+        if placed and known <= len(placed) and all(map(operator.is_, self._placed, placed)):
+            spans = box.spans[max(known - 1, 0) :]
+            changed = spans[:, :3].min(axis=0), spans[:, 3:].max(axis=0)
+        self._placed = placed
+        return self._box_means.of_box(box.outer_words, self._words, self._counts, changed)
 
     def _begin(self, episode: Episode) -> None:
         self._shapes[:] = 0

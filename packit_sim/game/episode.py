@@ -150,6 +150,8 @@ class Episode:
     @property
     def visible(self) -> npt.NDArray[np.bool_]:
         """Bool (n items,): which items are outside and have arrived."""
+        if self.rules.buffer is None:
+            return self.outside.copy()
         return self.outside & (np.arange(len(self.outside)) < self.arrived)
 
     def visible_alone(self) -> Episode:

@@ -146,7 +146,6 @@ class Densification:
         self._library = library
         self._rng = np.random.default_rng(seed)
         self._box = Box(self.settings.cells)
-        self._volume = float(self._box.size.prod())
         fewest, most = self.settings.items
         self._count = int(self._rng.integers(fewest, most + 1))
         self._shapes = self._draw_shapes()
@@ -157,7 +156,7 @@ class Densification:
     @property
     def density(self) -> float:
         """The density of the pack."""
-        return total_volume(self._items) / self._volume
+        return total_volume(self._items) / self._box.volume
 
     @property
     def is_over(self) -> bool:
@@ -247,7 +246,7 @@ class Densification:
 
     def _draw_shapes(self) -> list[Shape]:
         """Draw the pool: different shapes that can have the smallest volume in a full box."""
-        smallest, fill = self.settings.floor * self._volume, self.settings.fill
+        smallest, fill = self.settings.floor * self._box.volume, self.settings.fill
         shapes = [self._library[id] for id in self._library]
         holes = Holes.of(self._box)
         usable = [s for s in shapes if s.fill <= fill and holes.largest_volume(s) >= smallest]
@@ -266,14 +265,14 @@ class Densification:
         """Compute the mean loss of volume that a move of the present round may cause."""
         settings = self.settings
         if not (self._is_early or self._holds_floor):
-            return REPAIR * settings.tolerance * self._volume
+            return REPAIR * settings.tolerance * self._box.volume
         done = (len(self.densities) - 1) * settings.moves + move
         left = max(0.0, 1 - done / (settings.rounds * settings.moves))
-        return settings.tolerance * self._volume * left**2
+        return settings.tolerance * self._box.volume * left**2
 
     def _pack_loosely(self) -> None:
         """Pack items of the same volume, a smaller one each time that too few of them fit."""
-        volume = self._volume * min(FIRST_DENSITY / self._count, self.settings.largest)
+        volume = self._box.volume * min(FIRST_DENSITY / self._count, self.settings.largest)
         failures = 0
         while len(self._items) < self._count:
             if not self._add(self._random_shape(), volume, volume):
@@ -326,7 +325,7 @@ class Densification:
         small items are replaced by larger ones, and not the reverse.
         """
         now = self.settings.floor * total_volume(before)
-        later = self.settings.floor * DENSE * self._volume
+        later = self.settings.floor * DENSE * self._box.volume
         return max(now, min(later, *(placed.item.volume for placed in former)))
 
     def _replace(self, former: list[PlacedItem], least: float, most: float) -> bool:
@@ -336,7 +335,7 @@ class Densification:
     def _add(self, shape: Shape, least: float, most: float) -> bool:
         """Add the largest item of a shape that fits, unless the shape is in the box too often."""
         used = sum(placed.item.shape is shape for placed in self._items)
-        most = min(most, self.settings.largest * self._volume)
+        most = min(most, self.settings.largest * self._box.volume)
         if used >= self.settings.copies or least > most:
             return False
         placed = self._holes().largest(shape, least, most, self._rng, PRECISION)

@@ -92,7 +92,6 @@ class PackCreator:
 
     def __init__(self, pool: Sequence[Shape], scales: Sequence[float], cells: Triple) -> None:
         self.box = Box(cells)
-        self._volume = float(self.box.size.prod())
         self._item = cache(lambda n, scale, rotation: Item(pool[n], scales[scale], rotation))
 
     def pack(self, chromosome: Chromosome) -> Box:
@@ -133,7 +132,7 @@ class PackCreator:
         by_volume = sorted(range(len(items)), key=lambda n: items[n].volume)
         waiting = by_volume if threshold > 0 else []
         possible = plain_sum(item.volume for item in items)
-        wanted = threshold * self._volume - _SLACK
+        wanted = threshold * self.box.volume - _SLACK
         for n, item in enumerate(items):
             start = starts[n]
             if start is None:

@@ -37,7 +37,7 @@ Axis = Literal["x", "y", "z"]
 UP_AXES: tuple[Axis, ...] = get_args(Axis)
 """The axes that may point up in a mesh file."""
 
-ORIENTATIONS_BUDGET = 256
+ORIENTATIONS_BUDGET = 1024
 """Shapes at a scale whose rotated items are cached, at most 25 kB each."""
 
 _MIN_EXTENT = 1e-9

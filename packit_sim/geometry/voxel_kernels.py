@@ -163,18 +163,22 @@ def turn_bricks(old, cells, axes, signs, swaps):
     turn_words(flat, swaps)
     fine = np.empty_like(old_fine)
     at = 0
-    cell = np.empty(3, np.int64)
-    new = np.empty(3, np.int64)
+    ax, ay, az = axes[0], axes[1], axes[2]
+    sx, sy, sz = signs[0], signs[1], signs[2]
     for m in range(len(old_bricks)):
         left = old_outer[m] & ~old_inner[m]
+        # Where the brick's cell (0, 0, 0) goes; bit 16 x + 4 y + z is cell (x, y, z) of a brick.
+        cx = 4 * old_bricks[m, ax] if sx > 0 else cells[0] - 1 - 4 * old_bricks[m, ax]
+        cy = 4 * old_bricks[m, ay] if sy > 0 else cells[1] - 1 - 4 * old_bricks[m, ay]
+        cz = 4 * old_bricks[m, az] if sz > 0 else cells[2] - 1 - 4 * old_bricks[m, az]
         while left:
-            cell[0], cell[1], cell[2] = _place(old_bricks[m], lowest_bit(left))
+            old_bit = lowest_bit(left)
             left &= left - _1
-            for d in range(3):
-                new[d] = cell[axes[d]] if signs[d] > 0 else cells[d] - 1 - cell[axes[d]]
-            n = number[new[0] >> 2, new[1] >> 2, new[2] >> 2]
-            bit = 16 * (new[0] & 3) + 4 * (new[1] & 3) + (new[2] & 3)
-            below = (_1 << np.uint64(bit)) - _1
+            x = cx + sx * (old_bit >> 4 - 2 * ax & 3)
+            y = cy + sy * (old_bit >> 4 - 2 * ay & 3)
+            z = cz + sz * (old_bit >> 4 - 2 * az & 3)
+            n = number[x >> 2, y >> 2, z >> 2]
+            below = (_1 << np.uint64(16 * (x & 3) + 4 * (y & 3) + (z & 3))) - _1
             to = first[n] + count_bits(outer[n] & ~inner[n] & below)
             fine[to, 0], fine[to, 1] = flat[2 * at], flat[2 * at + 1]
             at += 1

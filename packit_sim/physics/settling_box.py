@@ -53,7 +53,7 @@ class SettlingBox(BaseBox[SettledItem]):
     @property
     def density(self) -> float:
         """The volume of the items that are inside and stable, relative to the box's volume."""
-        return self.counted / float(self.size.prod())
+        return self.counted / self.volume
 
     def place(self, item: Item, location: Sequence[int]) -> Settled:
         """Place an item and let all items settle.

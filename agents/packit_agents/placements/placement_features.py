@@ -139,7 +139,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
     Placements
         The placements.
     """
-    nz, volume = box.nodes[2], float(box.size.prod())
+    nz, volume = box.nodes[2], box.volume
     arrays = box.arrays
     near, sums = neighbours(arrays, nz), sum_filled(arrays, nz)
     fitting = [n for n in np.flatnonzero(outside).tolist() if space.items[n].items]
