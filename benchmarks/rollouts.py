@@ -142,7 +142,9 @@ def measure(players: list[Player], name: str, tasks: int, warm: int, rounds: int
         for player in players:
             player.play(name, task, list(range(warm)))
         for seed in range(warm, warm + rounds):
-            played = [player.play(name, task, [seed]) for player in players]
+            order = players if seed % 2 else players[::-1]  # who comes first may be slower
+            results = {id(player): player.play(name, task, [seed]) for player in order}
+            played = [results[id(player)] for player in players]
             count += played[0][0]
             same &= len({(result[0], result[2]) for result in played}) == 1
             taken[:, task] += [result[1] for result in played]
@@ -173,6 +175,8 @@ def main() -> None:
     if arguments.serve:
         serve()
         return
+    if arguments.against and not (arguments.against / "packit_sim").is_dir():
+        parser.error(f"--against {arguments.against}: it holds no packit_sim")
     checkouts = [CHECKOUT] + ([arguments.against.resolve()] if arguments.against else [])
     players = [Player(checkout) for checkout in checkouts]
     table = Table("work", "per second", "before", "ratio", "95%", "same results")

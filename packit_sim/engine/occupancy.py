@@ -8,54 +8,23 @@ from typing import Any, Generic
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.engine.occupancy_kernels import NO_PAGE, fill, unfill
+from packit_sim.engine.occupancy_kernels import NO_PAGE, PlacedArrays, append, fill, unfill
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.items import ItemT, PlacedItem, triangles
 from packit_sim.geometry.lattice import Triple, grid_nodes
 from packit_sim.geometry.voxels import Voxels
 
-_INDICES = np.empty(0, dtype=np.int32)
-
 _FIRST_PAGES = 8192
 """Pages for which a box has space at first, enough for most tasks; memory is taken by use."""
 
 
-class Stack:
-    """An array of rows that can grow.
-
-    Parameters
-    ----------
-    like : ndarray
-        An array with the shape and the type of the rows.
-    rows : int
-        Number of rows for which there is space at first.
-
-    Attributes
-    ----------
-    array : ndarray
-        The rows; the first `count` are in use.
-    count : int
-        Number of rows in use.
-    """
-
-    def __init__(self, like: npt.NDArray[Any], rows: int) -> None:
-        self.array = np.empty((rows, *like.shape[1:]), dtype=like.dtype)
-        self.count = 0
-
-    def reserve(self, rows: int) -> None:
-        """Grow the array so that it has space for more rows."""
-        count = self.count + rows
-        if count > len(self.array):
-            grown = np.empty((2 * count, *self.array.shape[1:]), dtype=self.array.dtype)
-            grown[: self.count] = self.array[: self.count]
-            self.array = grown
-
-    def push(self, rows: npt.NDArray[Any]) -> None:
-        end = self.count + len(rows)
-        if end > len(self.array):
-            self.reserve(len(rows))
-        self.array[self.count : end] = rows
-        self.count = end
+def _with_space(array: npt.NDArray[Any], used: int, rows: int) -> npt.NDArray[Any]:
+    """Return an array, or a larger copy of its used rows if it has not so many rows."""
+    if rows <= len(array):
+        return array
+    grown = np.empty((2 * rows, *array.shape[1:]), dtype=array.dtype)
+    grown[:used] = array[:used]
+    return grown
 
 
 class Occupancy(Generic[ItemT]):
@@ -90,21 +59,19 @@ class Occupancy(Generic[ItemT]):
         count = math.prod(grid_nodes(cells))
         self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
         self.page = np.full(count, NO_PAGE, dtype=np.int32)
-        self._pages = Stack(np.empty((0, 64, 2), dtype=np.uint64), _FIRST_PAGES)
+        self._pages = 0
+        self.fine: Words = np.empty((_FIRST_PAGES, 64, 2), dtype=np.uint64)
         self._placed: list[ItemT] = []
         self._voxels: list[tuple[Triple, Voxels]] = []
-        self._spans = Stack(np.empty((0, 6), dtype=np.int64), 64)
-        self._starts = Stack(np.empty((0, 3), dtype=np.int64), 64)
-        words: Words = np.empty(0, dtype=np.uint64)
-        self._voxel_stacks = tuple(
-            Stack(like, rows * _FIRST_PAGES)
-            for like, rows in (
-                (_INDICES, 2),
-                (words, 2),
-                (words, 2),
-                (_INDICES, 2),
-                (words.reshape(0, 2), 16),
-            )
+        bricks = 2 * _FIRST_PAGES
+        self._joined = PlacedArrays(
+            spans=np.empty((64, 6), dtype=np.int64),
+            starts=np.zeros((64, 3), dtype=np.int64),
+            number=np.empty(bricks, dtype=np.int32),
+            outer=np.empty(bricks, dtype=np.uint64),
+            inner=np.empty(bricks, dtype=np.uint64),
+            first=np.empty(bricks, dtype=np.int32),
+            fine=np.empty((8 * bricks, 2), dtype=np.uint64),
         )
         self._before: list[tuple[int, Words, Words]] = []
         self._arrays: tuple[Any, ...] = ()
@@ -114,18 +81,9 @@ class Occupancy(Generic[ItemT]):
         return tuple(self._placed)
 
     @property
-    def fine(self) -> Words:
-        return self._pages.array
-
-    @property
     def spans(self) -> npt.NDArray[np.int64]:
         """First and last brick of each placed item along x, y and z: (n, 6)."""
-        return self._spans.array[: self._spans.count]
-
-    @property
-    def starts(self) -> npt.NDArray[np.int64]:
-        """Where each placed item begins in the `PlacedArrays`: (n, 3)."""
-        return self._starts.array[: self._starts.count]
+        return self._joined.spans[: len(self._placed)]
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -138,7 +96,7 @@ class Occupancy(Generic[ItemT]):
     @property
     def placed_arrays(self) -> tuple[Any, ...]:
         """The fields of the box's `PlacedArrays`."""
-        return (self.spans, self.starts, *(stack.array for stack in self._voxel_stacks))
+        return self.spans, *self._joined[1:]
 
     @property
     def outer_words(self) -> Words:
@@ -160,50 +118,45 @@ class Occupancy(Generic[ItemT]):
             If an item off the grid is too large (see `voxelization.fine_cells`).
         """
         location, voxels = _voxels(placed, self.cells)
-        self._pages.reserve(len(voxels.bricks))
+        self._make_space(voxels)
         start = self._brick_number(location)
-        pages, words, shared = fill(self.arrays, self._pages.count, voxels.arrays, start)
-        self._before.append((self._pages.count, words, shared))
-        self._pages.count = pages
-        number, outer, _, _, fine = self._voxel_stacks
-        self._starts.push(np.array([(number.count, outer.count, fine.count)]))
-        extent = np.array(voxels.number.shape) - 1
-        self._spans.push(np.array([(*location, *(location + extent))]))
-        own: tuple[npt.NDArray[Any], ...] = (
-            voxels.number.ravel(),
-            voxels.outer,
-            voxels.inner,
-            voxels.first[:-1],
-            voxels.fine,
-        )
-        for stack, rows in zip(self._voxel_stacks, own, strict=True):
-            stack.push(rows)
+        pages, words, shared = fill(self.arrays, self._pages, voxels.arrays, start)
+        self._before.append((self._pages, words, shared))
+        self._pages = pages
+        append(tuple(self._joined), len(self._placed), voxels.fixed_arrays, location)
         self._placed.append(placed)
         self._voxels.append((location, voxels))
 
     def truncate(self, count: int) -> None:
         """Remove all but the first `count` items."""
-        if count < len(self._placed):
-            number, bricks, fine = self._starts.array[count].tolist()
-            for stack, kept in zip(
-                (self._spans, self._starts, *self._voxel_stacks),
-                (count, count, number, bricks, bricks, bricks, fine),
-                strict=True,
-            ):
-                stack.count = kept
         if count == 0:
             self.bricks.fill(0)
             self.page.fill(NO_PAGE)
-            self._pages.count = 0
+            self._pages = 0
             self._placed.clear()
             self._voxels.clear()
             self._before.clear()
         while len(self._placed) > count:
             self._placed.pop()
-            self._pages.count, words, shared = self._before.pop()
+            self._pages, words, shared = self._before.pop()
             location, voxels = self._voxels.pop()
             start = self._brick_number(location)
-            unfill(self.arrays, self._pages.count, voxels.bricks, start, words, shared)
+            unfill(self.arrays, self._pages, voxels.bricks, start, words, shared)
+
+    def _make_space(self, voxels: Voxels) -> None:
+        """Grow the arrays so that there is space for the voxels of one more item."""
+        placed, bricks = len(self._placed), len(voxels.bricks)
+        self.fine = _with_space(self.fine, self._pages, self._pages + bricks)
+        numbers, first, cells = self._joined.starts[placed].tolist()
+        arrays: tuple[npt.NDArray[Any], ...] = self._joined
+        used = placed, placed + 1, numbers, first, first, first, cells
+        more = 1, 1, voxels.number.size, bricks, bricks, bricks, len(voxels.fine)
+        self._joined = PlacedArrays(
+            *(
+                _with_space(array, count, count + rows)
+                for array, count, rows in zip(arrays, used, more, strict=True)
+            )
+        )
 
     def _brick_number(self, location: Triple) -> int:
         nx, ny, _ = grid_nodes(self.cells)

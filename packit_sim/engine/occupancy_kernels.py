@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from packit_sim.core.compilation import kernel
 from packit_sim.geometry.bits import Words
-from packit_sim.geometry.voxel_kernels import ItemArrays
+from packit_sim.geometry.voxel_kernels import FixedArrays, ItemArrays
 from packit_sim.geometry.word_kernels import lowest_bit
 
 NO_PAGE = -1
@@ -47,8 +47,8 @@ class PlacedArrays(NamedTuple):
     ----------
     spans : int64 (n, 6)
         First brick along x, y and z of each item, and last.
-    starts : int64 (n, 3)
-        Where each item begins in `number`, in `outer` and in `fine`.
+    starts : int64 (n + 1, 3)
+        Where each item begins in `number`, in `outer` and in `fine`, and where the last one ends.
     number, outer, inner, first, fine
         See `voxels.Voxels`; `number` is flat. Only the rows of the items are in use.
     """
@@ -118,6 +118,41 @@ def fill(box, pages, item, start):
                 to[bit, 0], to[bit, 1] = item.fine[cell, 0], item.fine[cell, 1]
             cell += 1
     return pages, before, shared[:count].copy()
+
+
+@kernel
+def append(placed, count, fixed, location):
+    """Add an item's voxels to those of `count` items before it; there is space for them.
+
+    Parameters
+    ----------
+    placed : PlacedArrays
+        The voxels of the items in the box, changed in place.
+    count : int
+        Number of the items before.
+    fixed : FixedArrays
+        The voxels of the item.
+    location : Triple
+        The item's first brick along x, y and z.
+    """
+    placed, fixed = PlacedArrays(*placed), FixedArrays(*fixed)
+    number, bricks, cells = placed.starts[count]
+    for d in range(3):
+        placed.spans[count, d] = location[d]
+        placed.spans[count, 3 + d] = location[d] + fixed.number.shape[d] - 1
+    for m in fixed.number.flat:
+        placed.number[number] = m
+        number += 1
+    for n in range(len(fixed.outer)):
+        placed.outer[bricks] = fixed.outer[n]
+        placed.inner[bricks] = fixed.inner[n]
+        placed.first[bricks] = fixed.first[n]
+        bricks += 1
+    for n in range(len(fixed.fine)):
+        placed.fine[cells, 0], placed.fine[cells, 1] = fixed.fine[n, 0], fixed.fine[n, 1]
+        cells += 1
+    starts = placed.starts[count + 1]
+    starts[0], starts[1], starts[2] = number, bricks, cells
 
 
 @kernel
