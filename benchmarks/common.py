@@ -53,7 +53,8 @@ def write_json(file: Path, result: Mapping[str, Any]) -> None:
 
 
 def plot_file(out: Path, name: str) -> Path:
-    """Return the file of a plot; with the default folder, it is one of the documentation's."""
+    """Return the file of a plot: in the folder, which is created, or in the documentation's."""
+    out.mkdir(parents=True, exist_ok=True)
     return PICTURES / f"benchmark-{name}.png" if out == RESULTS else out / f"{name}.png"
 
 

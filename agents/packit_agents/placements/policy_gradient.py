@@ -95,7 +95,7 @@ def improve(
     advantages, decisions = [], []
     for group in groups:
         totals = np.array([play.total for play in group])
-        for play, advantage in zip(group, totals - totals.mean(), strict=True):
+        for play, advantage in zip(group, relative(totals), strict=True):
             decisions += play.decisions
             advantages += [advantage] * len(play.decisions)
     gain = np.array(advantages, dtype=np.float32)
@@ -128,6 +128,11 @@ def improve(
         for name in network.tensors
     }
     return PlacementNetwork(tensors, network.provenance)
+
+
+def relative(totals: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Compute how much better each play of a group is than their mean."""
+    return totals - totals.mean()
 
 
 def _chosen(model: _Network, features: Tensor, valid: Tensor, chosen: Tensor) -> Tensor:
