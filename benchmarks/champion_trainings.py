@@ -3,10 +3,10 @@
     .venv/bin/python -m benchmarks.champion_trainings    (two hours on two cores; resumes)
 
 Two trainings have the default settings and different seeds. The others are shorter (`SHORT`): one
-is complete, each other one lacks something. Those that see less or look at less play with that in
-validation too. All play the 200 validation tasks of everyday-v1 and everyday-hard with their best
-weights; paired differences are to the first training of the same length. Each training runs on one
-core. Trainings stay in `--folder`. Prints a table, and writes
+is complete, each other one lacks something or learns otherwise. Those that see less or look at less
+play with that in validation too. All play the 200 validation tasks of everyday-v1 and everyday-hard
+with their best weights; paired differences are to the first training of the same length. Each
+training runs on one core. Trainings stay in `--folder`. Prints a table, and writes
 `benchmarks/results/champion-trainings.json` and a plot of the learning curves.
 """
 
