@@ -30,7 +30,14 @@ def add_cells(words, bricks, corner, bins, counts):
 def update_counts(words, before, first, last, runs, counts):
     """Update the counts of cubes by the cells that changed since `before`, and then `before`.
 
-    Only the bricks from `first` to `last` along x, y and z are compared.
+    Parameters
+    ----------
+    words, before, counts : ndarray
+        See `features.CubeMeans.of_box`.
+    first, last : ndarray
+        (3,) int64, the first and the last brick along x, y and z to compare.
+    runs : Words
+        See `features._runs`.
     """
     for z in range(first[2], last[2] + 1):  # the order in which a box keeps its words
         for x in range(first[0], last[0] + 1):
