@@ -12,8 +12,10 @@ from packit_sim.engine.pairs import Pair, canonical, matrix, relative_turn, shif
 from packit_sim.engine.region_kernels import relation_in, workspace
 from packit_sim.engine.screening_kernels import shared_fine_cells
 from packit_sim.geometry import rotations
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, FINE
+from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from tests.examples import examples
 from tests.zoo import ZOO, cube_of, random_item
@@ -96,8 +98,8 @@ def test_where_cells_are_shared_decides_as_everywhere() -> None:
     rng = np.random.default_rng(1)
     shapes = tuple(library[library.ids[n]] for n in rng.integers(len(library.ids), size=8))
     everywhere = np.array([[-9.0] * 3, [9.0] * 3])
-    cells = np.empty((2, 3), dtype=np.int64)
-    found, crowded = [], 0
+    cells, densest = np.empty((2, 2, 3), dtype=np.int64)
+    found, crowded, at_once = [], 0, 0
     for _ in range(1000):
         one, other = (random_item(shapes, 0.4, rng) for _ in range(2))
         i, j, k = rng.integers(0, 12, 3).tolist()
@@ -106,14 +108,27 @@ def test_where_cells_are_shared_decides_as_everywhere() -> None:
         trees = collision_mesh(a).tree, collision_mesh(b).tree
         pose = turn, to_first @ shifts_at(a, b, np.array(offset))
         expected = relation(*trees, *pose, everywhere, np.zeros(2, dtype=np.int64))
-        if not shared_fine_cells(a.voxels.fixed_arrays, b.voxels.arrays, np.array(offset), cells):
+        bricks = a.voxels.fixed_arrays, b.voxels.arrays
+        if not shared_fine_cells(*bricks, np.array(offset), cells, densest):
             assert expected == APART
             continue
-        corners = to_first @ (cells * FINE - np.array(a.cells) / 2 * CELL).T
-        region = np.stack((corners.min(axis=1), corners.max(axis=1)))
+        low, high = densest // 4 * 4
+        assert (high == low + 4).all()
+        assert ((low < cells[1]) & (high > cells[0])).all()
+        small, region = (_bounds(part, a, to_first) for part in (densest, cells))
+        in_cell = relation_in(*trees, *pose, small, workspace())
+        assert in_cell == APART or in_cell == expected
+        at_once += in_cell == CROSSING
         assert relation(*trees, *pose, region, np.zeros(2, dtype=np.int64)) == expected
         by_pairs = relation_in(*trees, *pose, region, workspace())
         crowded += by_pairs == -1
         assert by_pairs in (-1, expected)
         found.append(expected)
     assert found.count(APART) > 5 and found.count(CROSSING) > 50 and 5 < crowded < 200
+    assert found.count(CROSSING) / 2 < at_once < found.count(CROSSING)
+
+
+def _bounds(cells: Ints, item: Item, to_first: Floats) -> Floats:
+    """Return the box of fine cells of an item's cell box, in the frame of its shape."""
+    corners = to_first @ (cells * FINE - np.array(item.cells) / 2 * CELL).T
+    return np.stack((corners.min(axis=1), corners.max(axis=1)))

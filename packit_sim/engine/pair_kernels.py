@@ -43,21 +43,23 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
     moved = np.empty(3)
     witness = np.zeros(2, np.int64)
     cells = np.empty((2, 3), np.int64)
+    densest = np.empty((2, 3), np.int64)
     region = np.empty((2, 3))
     space = workspace()
     size, fixed = bricks
     for n in range(len(shifts)):
         states[n] = APART
-        if shared_fine_cells(fixed, other_bricks, offsets[n], cells):
+        if shared_fine_cells(fixed, other_bricks, offsets[n], cells, densest):
             for d in range(3):
-                moved[d] = region[0, d] = region[1, d] = 0.0
+                moved[d] = 0.0
                 for e in range(3):
                     moved[d] += to_first[d, e] * shifts[n, e]
-                    low = to_first[d, e] * (cells[0, e] * FINE - 0.5 * size[e] * CELL)
-                    high = to_first[d, e] * (cells[1, e] * FINE - 0.5 * size[e] * CELL)
-                    region[0, d] += min(low, high)
-                    region[1, d] += max(low, high)
+            # Of surfaces that cross, 19 in 20 do so where they share most fine cells.
+            _bound_cells(densest, size, to_first, region)
             states[n] = relation_in(tree, other_tree, turn, moved, region, space)
+            if states[n] != CROSSING:
+                _bound_cells(cells, size, to_first, region)
+                states[n] = relation_in(tree, other_tree, turn, moved, region, space)
             if states[n] < 0:
                 states[n] = relation(tree, other_tree, turn, moved, region, witness)
         if states[n] != APART:
@@ -83,3 +85,15 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
         ):
             states[n] = CROSSING
     return states
+
+
+@kernel
+def _bound_cells(cells, size, to_first, region):
+    """Write the box of fine cells of a cell box to a region in the frame of the item's shape."""
+    for d in range(3):
+        region[0, d] = region[1, d] = 0.0
+        for e in range(3):
+            low = to_first[d, e] * (cells[0, e] * FINE - 0.5 * size[e] * CELL)
+            high = to_first[d, e] * (cells[1, e] * FINE - 0.5 * size[e] * CELL)
+            region[0, d] += min(low, high)
+            region[1, d] += max(low, high)

@@ -220,7 +220,7 @@ def screen_offsets(fixed, item, extent):
 
 
 @kernel
-def shared_fine_cells(fixed, item, offset, found):
+def shared_fine_cells(fixed, item, offset, found, densest):
     """Find the fine cells that are outer for two items.
 
     Only there can their surfaces have a common point.
@@ -236,6 +236,8 @@ def shared_fine_cells(fixed, item, offset, found):
     found : ndarray
         (2, 3) int64, filled with the lowest of these fine cells, and the highest plus 1, in the
         cell box of the first.
+    densest : ndarray
+        (2, 3) int64, filled with the same for the fine cells of the cell that has most of them.
 
     Returns
     -------
@@ -246,6 +248,7 @@ def shared_fine_cells(fixed, item, offset, found):
     nx, ny, nz = fixed.number.shape
     found[0] = np.iinfo(np.int64).max
     found[1] = 0
+    most = 0
     for n in range(len(item.bricks)):
         x = item.bricks[n, 0] + offset[0]
         y = item.bricks[n, 1] + offset[1]
@@ -270,6 +273,11 @@ def shared_fine_cells(fixed, item, offset, found):
                 if not common:
                     continue
             cell = (4 * x + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * z + (bit & 3))
+            count = count_bits(common)
+            if count > most:
+                most = count
+                for d in range(3):
+                    densest[0, d], densest[1, d] = 4 * cell[d], 4 * cell[d] + 4
             for d in range(3):
                 low, high = 4 * cell[d], 4 * cell[d] + 4
                 if low >= found[0, d] and high <= found[1, d]:
