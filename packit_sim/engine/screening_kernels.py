@@ -83,6 +83,27 @@ def screen(box, item, spans, size, known):
 
 
 @kernel
+def take_free(states, mask):
+    """Set a mask True at locations that are free, and return those that are open: (n, 3) int64."""
+    nx, ny, nz = states.shape
+    count = 0
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                mask[i, j, k] |= states[i, j, k] == FREE
+                count += states[i, j, k] == OPEN
+    found = np.empty((count, 3), np.int64)
+    n = 0
+    for i in range(nx if count else 0):
+        for j in range(ny):
+            for k in range(nz):
+                if states[i, j, k] == OPEN:
+                    found[n, 0], found[n, 1], found[n, 2] = i, j, k
+                    n += 1
+    return found
+
+
+@kernel
 def screen_at(box, item, location):
     """Return the state of one location."""
     box, item = BoxArrays(*box), ItemArrays(*item)
