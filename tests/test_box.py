@@ -36,7 +36,7 @@ def fine_cells(occupancy: Occupancy) -> np.ndarray:
     bricks, 64, 2) words of the cells that are outer and not inner, 0 elsewhere.
     """
     bits = np.arange(64, dtype=np.uint64)
-    outer, inner = ((words[:, None] >> bits) & 1 for words in occupancy.bricks.T)
+    outer, inner = ((words[:, None] >> bits) & 1 for words in occupancy.bricks)
     surface = (outer == 1) & (inner == 0)
     assert ((occupancy.page >= 0) | ~surface.any(axis=1)).all()
     fine = occupancy.fine if len(occupancy.fine) else np.zeros((1, 64, 2), np.uint64)
@@ -46,7 +46,7 @@ def fine_cells(occupancy: Occupancy) -> np.ndarray:
 def fine_cells_by_place(occupancy: Occupancy) -> tuple[np.ndarray, np.ndarray]:
     """The outer and the inner fine cells of the whole box: bool [x, y, z]."""
     nx, ny, nz = grid_nodes(occupancy.cells)
-    inner = unpack(occupancy.bricks[:, 1].reshape(nz, nx, ny).transpose(1, 2, 0))
+    inner = unpack(occupancy.bricks[1].reshape(nz, nx, ny).transpose(1, 2, 0))
     x, y, z = np.indices(inner.shape)
     brick = ((z >> 2) * nx + (x >> 2)) * ny + (y >> 2)
     fine = fine_cells(occupancy)[brick, 16 * (x & 3) + 4 * (y & 3) + (z & 3)]

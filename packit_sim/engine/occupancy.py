@@ -41,7 +41,7 @@ class Occupancy(Generic[ItemT]):
     Attributes
     ----------
     bricks : Words
-        (n, 2) uint64, each brick's outer and inner cells, the union over the placed items.
+        (2, n) uint64, the outer and the inner cells of each brick, the union over the placed items.
     page : ndarray
         (n,) int32, the index in `fine` of a brick's fine cells, -1 for none.
     fine : Words
@@ -57,7 +57,7 @@ class Occupancy(Generic[ItemT]):
     def __init__(self, cells: Triple) -> None:
         self.cells = cells
         count = math.prod(grid_nodes(cells))
-        self.bricks: Words = np.zeros((count, 2), dtype=np.uint64)
+        self.bricks: Words = np.zeros((2, count), dtype=np.uint64)
         self.page = np.full(count, NO_PAGE, dtype=np.int32)
         self._pages = 0
         self.fine: Words = np.empty((_FIRST_PAGES, 64, 2), dtype=np.uint64)
@@ -102,7 +102,7 @@ class Occupancy(Generic[ItemT]):
     def outer_words(self) -> Words:
         """Outer cells of the box's bricks: words [x, y, z]."""
         x, y, z = grid_nodes(self.cells)
-        return self.bricks[:, 0].reshape(z, x, y).transpose(1, 2, 0)
+        return self.bricks[0].reshape(z, x, y).transpose(1, 2, 0)
 
     def add(self, placed: ItemT) -> None:
         """Add the cells of an item, whether or not it is feasible there.

@@ -93,10 +93,10 @@ def fill(box, pages, item, start):
     count = 0
     for n in range(len(item.bricks)):
         at = start + (item.bricks[n, 2] * box.nx + item.bricks[n, 0]) * box.ny + item.bricks[n, 1]
-        taken = box.bricks[at, 0]
-        before[n, 0], before[n, 1] = taken, box.bricks[at, 1]
-        box.bricks[at, 0] |= item.outer[n]
-        box.bricks[at, 1] |= item.inner[n]
+        taken = box.bricks[0, at]
+        before[n, 0], before[n, 1] = taken, box.bricks[1, at]
+        box.bricks[0, at] |= item.outer[n]
+        box.bricks[1, at] |= item.inner[n]
         surface = item.outer[n] & ~item.inner[n]
         if not surface:
             continue
@@ -180,6 +180,6 @@ def unfill(box, pages, bricks, start, before, shared):
         box.fine[at >> 6, at & 63, 0], box.fine[at >> 6, at & 63, 1] = shared[n, 1], shared[n, 2]
     for n in range(len(bricks)):
         at = start + (bricks[n, 2] * box.nx + bricks[n, 0]) * box.ny + bricks[n, 1]
-        box.bricks[at, 0], box.bricks[at, 1] = before[n, 0], before[n, 1]
+        box.bricks[0, at], box.bricks[1, at] = before[n, 0], before[n, 1]
         if box.page[at] >= pages:
             box.page[at] = NO_PAGE

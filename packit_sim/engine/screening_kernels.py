@@ -73,7 +73,7 @@ def screen(box, item, spans, size, known):
                     # The brick that blocked the last location often blocks the next one.
                     at = start + offsets[blocker]
                     state = BLOCKED
-                    if not (bricks[at, 0] & inner[blocker] | bricks[at, 1] & outer[blocker]):
+                    if not (bricks[0, at] & inner[blocker] | bricks[1, at] & outer[blocker]):
                         state, n = state_at(
                             bricks, page, box_fine, outer, inner, first, fine, offsets, start
                         )
@@ -159,7 +159,7 @@ def next_unblocked(box, item, size, number):
             j = lowest_bit(left)
             left &= left - _1
             at = start + j + offsets[blocker]
-            if not (bricks[at, 0] & inner[blocker] | bricks[at, 1] & outer[blocker]):
+            if not (bricks[0, at] & inner[blocker] | bricks[1, at] & outer[blocker]):
                 state, blocker = state_at(
                     bricks, page, box_fine, outer, inner, own_first, fine, offsets, start + j
                 )
@@ -191,7 +191,7 @@ def conflicts(bricks, at, count, outer, inner):
     """
     found = np.uint64(0)
     for j in range(count):
-        both = bricks[at + j, 0] & inner | bricks[at + j, 1] & outer
+        both = bricks[0, at + j] & inner | bricks[1, at + j] & outer
         found |= np.uint64(both != 0) << np.uint64(j)
     return found
 
@@ -360,7 +360,7 @@ def state_at(bricks, page, box_fine, outer, inner, first, fine, offsets, start):
     while state != BLOCKED and n + 1 < len(offsets):
         n += 1
         at = start + offsets[n]
-        if bricks[at, 0] & outer[n]:
+        if bricks[0, at] & outer[n]:
             brick = brick_state(bricks, page, box_fine, at, outer[n], inner[n], first[n], fine)
             state = max(state, brick)
     return state, n
@@ -369,8 +369,8 @@ def state_at(bricks, page, box_fine, outer, inner, first, fine, offsets, start):
 @inlined
 def brick_state(bricks, page, box_fine, at, outer, inner, first, fine):
     """Return the state of one brick of the item at the brick `at` of the box."""
-    state, shared = FREE, bricks[at, 0] & outer
-    if bricks[at, 0] & inner | bricks[at, 1] & outer:
+    state, shared = FREE, bricks[0, at] & outer
+    if bricks[0, at] & inner | bricks[1, at] & outer:
         state, shared = BLOCKED, np.uint64(0)
     while shared:
         bit = lowest_bit(shared)

@@ -195,8 +195,8 @@ def _first_taken(box, start, at, cell, fine, shallow, first, stop):
 @kernel
 def _taken(box, brick, cell, fine, which):
     """Decide whether a point's fine cell is inner, or outer if `which` is 0."""
-    if box.bricks[brick, 1] >> cell & _1:
+    if box.bricks[1, brick] >> cell & _1:
         return True
-    if not box.bricks[brick, 0] >> cell & _1:
+    if not box.bricks[0, brick] >> cell & _1:
         return False
     return (box.fine[box.page[brick], cell, which] >> fine & _1) != 0

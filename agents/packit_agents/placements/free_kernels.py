@@ -204,11 +204,11 @@ def remove_blocked(box, turned, rows, spans):
 @kernel
 def _filled_bricks(box, low, high):
     """Find the filled bricks from low to high, which is excluded: words [z, x] with bits y."""
-    filled = np.zeros((len(box.bricks) // (box.nx * box.ny), box.nx), np.uint64)
+    filled = np.zeros((len(box.page) // (box.nx * box.ny), box.nx), np.uint64)
     for k in range(low[2], high[2]):
         for i in range(low[0], high[0]):
             for j in range(low[1], high[1]):
-                if box.bricks[(k * box.nx + i) * box.ny + j, 0]:
+                if box.bricks[0, (k * box.nx + i) * box.ny + j]:
                     filled[k, i] |= _1 << np.uint64(j)
     return filled
 

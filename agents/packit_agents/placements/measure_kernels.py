@@ -50,13 +50,13 @@ def neighbours(box, nz):
     for k in range(nz):
         for i in range(nx):
             for j in range(ny):
-                own = box.bricks[n, 0]
-                left = box.bricks[n - ny, 0] if i > 0 else FULL
-                right = box.bricks[n + ny, 0] if i + 1 < nx else FULL
-                back = box.bricks[n - 1, 0] if j > 0 else FULL
-                front = box.bricks[n + 1, 0] if j + 1 < ny else FULL
-                below = box.bricks[n - layer, 0] if k > 0 else FULL
-                above = box.bricks[n + layer, 0] if k + 1 < nz else np.uint64(0)
+                own = box.bricks[0, n]
+                left = box.bricks[0, n - ny] if i > 0 else FULL
+                right = box.bricks[0, n + ny] if i + 1 < nx else FULL
+                back = box.bricks[0, n - 1] if j > 0 else FULL
+                front = box.bricks[0, n + 1] if j + 1 < ny else FULL
+                below = box.bricks[0, n - layer] if k > 0 else FULL
+                above = box.bricks[0, n + layer] if k + 1 < nz else np.uint64(0)
                 found[n, 0] = own << _SIXTEEN | left >> _FORTY_EIGHT
                 found[n, 1] = own >> _SIXTEEN | (right & LOW[0]) << _FORTY_EIGHT
                 found[n, 2] = (own & ~HIGH[1]) << _FOUR | (back & HIGH[1]) >> _TWELVE
@@ -82,7 +82,7 @@ def sum_filled(box, nz):
         for i in range(nx):
             row = 0
             for j in range(ny):
-                row += count_bits(box.bricks[n, 0])
+                row += count_bits(box.bricks[0, n])
                 n += 1
                 sums[i + 1, j + 1, k + 1] = (
                     row + sums[i + 1, j + 1, k] + sums[i, j + 1, k + 1] - sums[i, j + 1, k]
