@@ -26,17 +26,17 @@ _ACROSS_X, _ACROSS_Y, _ACROSS_Z = np.uint64(48), np.uint64(12), np.uint64(3)
 @kernel
 def sum_neighbours(words):
     """Compute `contacts.Neighbours.sums`: each filled cell adds one to each of its neighbours."""
-    nx, ny, nz = words.shape
+    nz, nx, ny = words.shape
     sums = np.zeros((nx, ny, nz), np.int16)
     sums[0] += _FACE
     sums[nx - 1] += _FACE
     sums[:, 0] += _FACE
     sums[:, ny - 1] += _FACE
     sums[:, :, 0] += _FACE
-    for z in range(nz):  # the order in which a box keeps its words
+    for z in range(nz):
         for x in range(nx):
             for y in range(ny):
-                own = words[x, y, z]
+                own = words[z, x, y]
                 if not own:
                     continue
                 left, right = count_bits(own & LOW[0]), count_bits(own & HIGH[0])
@@ -68,14 +68,14 @@ def _digits(words, x, y, z):
     low, middle, high : uint64
         The binary digits of the number of each cell: six bits are added in parallel.
     """
-    nx, ny, nz = words.shape
-    own = words[x, y, z]
-    left = words[x - 1, y, z] if x > 0 else FULL
-    right = words[x + 1, y, z] if x + 1 < nx else FULL
-    back = words[x, y - 1, z] if y > 0 else FULL
-    front = words[x, y + 1, z] if y + 1 < ny else FULL
-    below = words[x, y, z - 1] if z > 0 else FULL
-    above = words[x, y, z + 1] if z + 1 < nz else np.uint64(0)
+    nz, nx, ny = words.shape
+    own = words[z, x, y]
+    left = words[z, x - 1, y] if x > 0 else FULL
+    right = words[z, x + 1, y] if x + 1 < nx else FULL
+    back = words[z, x, y - 1] if y > 0 else FULL
+    front = words[z, x, y + 1] if y + 1 < ny else FULL
+    below = words[z - 1, x, y] if z > 0 else FULL
+    above = words[z + 1, x, y] if z + 1 < nz else np.uint64(0)
     if not own | left | right | back | front | below | above:
         return np.uint64(0), np.uint64(0), np.uint64(0)
     a = own << _X | left >> _ACROSS_X
@@ -118,15 +118,14 @@ def bound_contacts(sums, bricks, outer, runs, mask):
     nx, ny, nz = mask.shape
     dense = np.zeros(mask.size, np.int32)
     part = np.empty(mask.size, np.int16)
-    there = sums.ravel()
+    there, offsets = sums.ravel(), _offsets(bricks, mask.shape)
     for begin, end in runs:
         total, some = dense[begin:end], part[begin:end]
         for first in range(0, len(bricks), _AT_ONCE):
             some[:] = 0
             for n in range(first, min(first + _AT_ONCE, len(bricks))):
                 limit = np.int16(_MOST_NEIGHBOURS * count_bits(outer[n]))
-                at = (bricks[n, 0] * ny + bricks[n, 1]) * nz + bricks[n, 2]
-                counts = there[begin + at : end + at]
+                counts = there[begin + offsets[n] : end + offsets[n]]
                 for m in range(len(some)):
                     some[m] += min(counts[m], limit)
             for m in range(len(total)):
@@ -143,6 +142,15 @@ def bound_contacts(sums, bricks, outer, runs, mask):
                     bounds[n] = dense[(i * ny + j) * nz + k]
                     n += 1
     return locations, bounds
+
+
+@kernel
+def _offsets(bricks, shape):
+    """Return by how much the number of each brick, in C order, exceeds that of its location."""
+    offsets = np.empty(len(bricks), np.int32)
+    for n in range(len(bricks)):
+        offsets[n] = (bricks[n, 0] * shape[1] + bricks[n, 1]) * shape[2] + bricks[n, 2]
+    return offsets
 
 
 @kernel
@@ -177,17 +185,18 @@ def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     if found < 0:
         return -1
     known = (first_bounds, bounds, counted)
-    most = _contacts(filled, item, locations, known, found, 0) - 1
+    offsets = _offsets(item[0], filled[1].shape)
+    most = _contacts(filled, item, offsets, locations, known, found, 0) - 1
     for n in range(len(bounds)):
         if bounds[n] > most:
-            count = _contacts(filled, item, locations, known, n, most + 1)
+            count = _contacts(filled, item, offsets, locations, known, n, most + 1)
             if count > most:
                 most, found = count, n
     return found
 
 
 @kernel
-def _contacts(filled, item, locations, known, number, least):
+def _contacts(filled, item, offsets, locations, known, number, least):
     """Return the contacts at a location, or a bound of them that is less than `least`.
 
     The contacts of one brick after the other replace its bound in the sum.
@@ -198,13 +207,15 @@ def _contacts(filled, item, locations, known, number, least):
     words, sums = filled
     bricks, outer = item
     i, j, k = locations[number]
+    _, ny, nz = sums.shape
+    start, there = (i * ny + j) * nz + k, sums.ravel()
     total = np.int64(first_bounds[number])
-    for n in range(len(bricks)):
-        x, y, z = i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2]
-        if sums[x, y, z]:
-            low, middle, high = _digits(words, x, y, z)
+    for n in range(len(offsets)):
+        neighbours = np.int64(there[start + offsets[n]])
+        if neighbours:
+            low, middle, high = _digits(words, i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2])
             own = outer[n]
-            total -= min(np.int64(sums[x, y, z]), _MOST_NEIGHBOURS * count_bits(own))
+            total -= min(neighbours, _MOST_NEIGHBOURS * count_bits(own))
             total += count_bits(own & low)
             total += 2 * count_bits(own & middle) + 4 * count_bits(own & high)
             if total < least:

@@ -32,7 +32,7 @@ class Neighbours(NamedTuple):
     Attributes
     ----------
     words : Words
-        The box's outer cells, uint64 [x, y, z].
+        The box's outer cells, uint64 [z, x, y], the order in which a box keeps them.
     sums : numpy.ndarray
         Int16 [x, y, z], the numbers of filled neighbours, summed over the cells of each brick.
     """
@@ -42,8 +42,9 @@ class Neighbours(NamedTuple):
 
     @classmethod
     def of(cls, words: Words) -> Neighbours:
-        """Count the neighbours in a box with these outer cells."""
-        return cls(words, sum_neighbours(words))
+        """Count the neighbours in a box with these outer cells, words [x, y, z]."""
+        in_order = words.transpose(2, 0, 1)
+        return cls(in_order, sum_neighbours(in_order))
 
 
 def by_contacts(filled: Neighbours, item: Item, mask: Mask) -> Iterator[tuple[int, Triple]]:
