@@ -303,6 +303,48 @@ def test_the_three_choices_are_the_placement_with_the_highest_score(weights) -> 
     assert list(box.placed) == [placed for _, placed in layout.placed]
 
 
+@pytest.mark.parametrize("rules", [Rules(), Rules(easy=True), Rules(buffer=2)])
+def test_what_is_chosen_is_the_most_probable_action(weights, rules) -> None:
+    items, rng = drawn(3, 9)
+    agent = agent_of(weights)
+    episode = Episode(task_of(*(item.turned(0) for item in items), cells=CELLS), rules)
+    compared = 0
+    while episode.end is None:
+        policy = agent.policy(episode.stage)
+        scores = policy.scores(episode, rng)
+        assert ((scores > -np.inf) == episode.action_mask()).all()
+        assert np.exp(scores).sum() == pytest.approx(1)
+        compared += (scores > scores.max() - 5).sum() > 1
+        action = policy(episode, rng)
+        assert action == scores.argmax()
+        episode.step(action)
+    assert len(episode.box.placed) > 2 and compared > 2
+
+
+def test_actions_are_as_likely_as_their_best_placements(weights) -> None:
+    agent, rng = agent_of(weights), np.random.default_rng(0)
+    episode = Episode(task_of(cube_of(20), cube_of(12), Item(RING, 0.002), cells=CELLS))
+    found = ScoredLayout(episode.task.items, episode.box, range(24)).placements()
+    best = PlacementNetwork.read(weights)(found.features)
+    scores = agent.shape.scores(episode, rng)
+    least = {n: best[found.items == n].max() for n in range(3)}
+    first, second, third = sorted(least, key=lambda n: -least[n])
+    assert scores[second] - scores[third] == pytest.approx(least[second] - least[third], rel=1e-4)
+    assert scores[first] - scores[second] == pytest.approx(
+        1 + least[first] - least[second], rel=1e-4
+    )
+
+
+@pytest.mark.parametrize("search", ["beam=2", "mcts=6", "mcts=6:shape,rotation,location", "lns=6"])
+def test_other_searches_plan_with_placements(weights, search) -> None:
+    items, _ = drawn(5, 9)
+    task = task_of(*(item.turned(0) for item in items), cells=CELLS)
+    greedy = play(task, agent_of(weights), np.random.default_rng(0)).total
+    planned = Agent.from_name(f"placement@{weights}+{search}")
+    found = play(task, planned, np.random.default_rng(0)).total
+    assert greedy < 1 and (found >= greedy or search == "beam=2")
+
+
 def test_what_others_chose_is_kept(weights) -> None:
     agent, rng = agent_of(weights), np.random.default_rng(0)
     episode = Episode(task_of(cube_of(20), cube_of(12), Item(RING, 0.002), cells=CELLS))

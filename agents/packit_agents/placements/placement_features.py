@@ -93,6 +93,16 @@ class Placements:
     def __len__(self) -> int:
         return len(self.items)
 
+    @property
+    def rotations(self) -> npt.NDArray[np.int64]:
+        """The rotation of each, 0 to 23: int64 (n,)."""
+        found = np.empty(len(self), dtype=np.int64)
+        for item in self.outside:
+            own = self.items == item
+            turned = [turned.rotation for turned in self.space.items[item].items]
+            found[own] = np.array(turned)[self.corners[own, 0]]
+        return found
+
     def placed(self, number: int) -> PlacedItem:
         """Return the item of a placement, in its rotation and at its location."""
         rotation, i, j, k = self.corners[number].tolist()

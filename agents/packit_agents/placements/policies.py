@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
+from packit_agents.heuristics.action_scores import ActionScores, by_weight
 from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import Placements, choose, placements
@@ -17,6 +19,9 @@ from packit_agents.placements.scored_layout import Scorer
 from packit_sim.core.assets import assets_folder
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.placement import ItemInBox, PlacedItem
+
+UNSEEN = 1e-6
+"""Weight of an action of which no placement was scored, relative to the best one that was."""
 
 
 @dataclass(frozen=True)
@@ -67,31 +72,72 @@ class Planner:
             known.advance(episode, placed)
         chosen = known.choice
         if chosen is None or not _agrees(chosen, episode):
-            known.choice = self._find(episode, known.space)
+            known.choice = self._find(episode, known)
         return known.choice
 
-    def _find(self, episode: Episode, space: FreeSpace) -> Choice | None:
-        wanted = episode.visible
-        if episode.shape is not None and episode.stage is not Stage.SHAPE:
-            wanted = np.arange(len(wanted)) == episode.shape
-        while len(found := placements(episode.box, space, wanted)):
-            order = np.argsort(-self.scorer(found.features), kind="stable").tolist()
-            if episode.stage is not Stage.SHAPE:
-                order = [n for n in order if _agrees(_choice(found, n), episode)]
-            if not order:
+    def scores(self, episode: Episode) -> ActionScores:
+        """Compute the log-probabilities of the stage's actions.
+
+        An action is as likely as the best placement with it, the chosen one, which looks ahead, e
+        times as likely as any other.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode, at any stage.
+
+        Returns
+        -------
+        ActionScores
+            The log-probabilities.
+        """
+        valid = episode.action_mask()
+        chosen = self.best(episode)
+        if chosen is None:
+            return by_weight(valid.astype(float))
+        known = self._known[episode]
+        assert known.compared is not None
+        found, scores = known.compared
+        numbers = np.flatnonzero(_agree(found, episode))
+        weights = np.full(len(valid), UNSEEN)
+        likely = np.exp(scores[numbers] - scores[numbers].max())
+        np.maximum.at(weights, _actions(found, episode)[numbers], likely.astype(float))
+        weights[_action(chosen, episode)] = np.e
+        return by_weight(weights * valid)
+
+    def _find(self, episode: Episode, known: _Known) -> Choice | None:
+        found = self._find_among(episode.visible, episode, known)
+        if found is None and episode.stage is not Stage.SHAPE:  # it is none of the largest
+            alone = np.arange(len(episode.visible)) == episode.shape
+            found = self._find_among(alone, episode, known)
+        return found
+
+    def _find_among(
+        self, items: npt.NDArray[np.bool_], episode: Episode, known: _Known
+    ) -> Choice | None:
+        while len(found := placements(episode.box, known.space, items)):
+            scores = self.scorer(found.features)
+            known.compared = found, scores
+            agree = _agree(found, episode)
+            if not agree.any():
                 break
+            order = (n for n in np.argsort(-scores, kind="stable").tolist() if agree[n])
             chosen = choose(found, (n for n in order if found.is_feasible(n, episode.box)))
             if chosen is not None:
-                return _choice(found, chosen)
+                return Choice(int(found.items[chosen]), found.placed(chosen))
         return None
 
 
 class _Known:
-    """What is known about an episode: the space after what was placed, and the last choice."""
+    """What is known about an episode: the space after what was placed, and the last choice.
+
+    The choice is one of the placements compared, with their scores.
+    """
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None
         self.choice: Choice | None = None
+        self.compared: tuple[Placements, npt.NDArray[np.float32]] | None = None
         self._spaces: list[tuple[tuple[ItemInBox, ...], FreeSpace]] = []
 
     @property
@@ -122,8 +168,34 @@ def _agrees(choice: Choice, episode: Episode) -> bool:
     )
 
 
-def _choice(found: Placements, number: int) -> Choice:
-    return Choice(int(found.items[number]), found.placed(number))
+def _agree(found: Placements, episode: Episode) -> npt.NDArray[np.bool_]:
+    """Return which placements have the shape, the rotation and the location chosen already."""
+    agree = np.ones(len(found), dtype=bool)
+    if episode.stage is not Stage.SHAPE:
+        agree &= found.items == episode.shape
+        if episode.rotation is not None:
+            agree &= found.rotations == episode.rotation
+        if episode.location is not None:
+            agree &= (found.corners[:, 1:] == episode.location).all(axis=1)
+    return agree
+
+
+def _actions(found: Placements, episode: Episode) -> npt.NDArray[np.int64]:
+    """Return the action of each placement at the episode's stage."""
+    if episode.stage is Stage.SHAPE:
+        return found.items
+    if episode.stage is Stage.ROTATION:
+        return found.rotations
+    return np.ravel_multi_index(tuple(found.corners[:, 1:].T), episode.box.nodes)
+
+
+def _action(choice: Choice, episode: Episode) -> int:
+    """Return the action of a choice at the episode's stage."""
+    if episode.stage is Stage.SHAPE:
+        return choice.shape
+    if episode.stage is Stage.ROTATION:
+        return choice.placed.item.rotation
+    return int(np.ravel_multi_index(choice.placed.location, episode.box.nodes))
 
 
 class PlacementPolicy:
@@ -134,8 +206,6 @@ class PlacementPolicy:
     file : Path or str
         The network's weights.
     """
-
-    stage: ClassVar[Stage]
 
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
@@ -174,11 +244,11 @@ class PlacementPolicy:
         choice = self._planner.best(episode)
         if choice is None:
             return int(np.flatnonzero(episode.action_mask())[0])
-        if self.stage is Stage.SHAPE:
-            return choice.shape
-        if self.stage is Stage.ROTATION:
-            return choice.placed.item.rotation
-        return int(np.ravel_multi_index(choice.placed.location, episode.box.nodes))
+        return _action(choice, episode)
+
+    def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
+        """Compute the log-probabilities of the stage's actions (see `Planner.scores`)."""
+        return self._planner.scores(episode)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._file,)
@@ -187,19 +257,13 @@ class PlacementPolicy:
 class PlacedShape(PlacementPolicy):
     """The shape of the placement that a network scores highest, of all shapes outside."""
 
-    stage = Stage.SHAPE
-
 
 class PlacedRotation(PlacementPolicy):
     """The rotation of the shape's placement that a network scores highest."""
 
-    stage = Stage.ROTATION
-
 
 class PlacedLocation(PlacementPolicy):
     """The location of the shape's placement that a network scores highest."""
-
-    stage = Stage.LOCATION
 
 
 @cache
