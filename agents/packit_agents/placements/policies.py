@@ -18,26 +18,37 @@ from packit_agents.placements.placement_features import Placements, choose, plac
 from packit_agents.placements.scored_layout import Scorer
 from packit_sim.core.assets import assets_folder
 from packit_sim.game.episode import Episode, Stage
-from packit_sim.placement import ItemInBox, PlacedItem
+from packit_sim.placement import ItemInBox
 
 UNSEEN = 1e-6
 """Weight of an action of which no placement was scored, relative to the best one that was."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """An item to place, and where.
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Placements that were compared, and the best of them.
 
     Attributes
     ----------
-    shape : int
-        Index of the item in the task.
-    placed : PlacedItem
-        The item at its location, which is feasible.
+    found : Placements
+        The placements.
+    scores : ndarray
+        float32 (n,), the score of each.
+    chosen : int
+        The best one, which is feasible.
     """
 
-    shape: int
-    placed: PlacedItem
+    found: Placements
+    scores: npt.NDArray[np.float32]
+    chosen: int
+
+    def actions(self, episode: Episode) -> npt.NDArray[np.int64]:
+        """Return the action of each placement at the episode's stage: int64 (n,)."""
+        if episode.stage is Stage.SHAPE:
+            return self.found.items
+        if episode.stage is Stage.ROTATION:
+            return self.found.rotations
+        return np.ravel_multi_index(tuple(self.found.corners[:, 1:].T), episode.box.nodes)
 
 
 class Planner:
@@ -53,7 +64,7 @@ class Planner:
         self.scorer = scorer
         self._known: WeakKeyDictionary[Episode, _Known] = WeakKeyDictionary()
 
-    def best(self, episode: Episode) -> Choice | None:
+    def compare(self, episode: Episode) -> Comparison | None:
         """Find the best placement that agrees with what is already chosen.
 
         Parameters
@@ -63,23 +74,27 @@ class Planner:
 
         Returns
         -------
-        Choice or None
-            The placement; None if nothing fits.
+        Comparison or None
+            The placements that were compared; None if nothing fits.
         """
         known = self._known.setdefault(episode, _Known())
         placed = tuple(episode.box.placed)
         if placed != known.placed:
             known.advance(episode, placed)
-        chosen = known.choice
-        if chosen is None or not _agrees(chosen, episode):
-            known.choice = self._find(episode, known)
-        return known.choice
+        last = known.last
+        if last is None or not _agree(last.found, episode)[last.chosen]:
+            known.last = self._compare(episode.visible, known.space, episode)
+            if known.last is None and episode.stage is not Stage.SHAPE:
+                # The chosen shape is none of the largest.
+                alone = np.arange(len(episode.visible)) == episode.shape
+                known.last = self._compare(alone, known.space, episode)
+        return known.last
 
     def scores(self, episode: Episode) -> ActionScores:
         """Compute the log-probabilities of the stage's actions.
 
-        An action is as likely as the best placement with it, the chosen one, which looks ahead, e
-        times as likely as any other.
+        An action is as likely as the best placement with it; that of the chosen placement, for
+        which the agent looks ahead, is e times as likely as any other.
 
         Parameters
         ----------
@@ -92,52 +107,37 @@ class Planner:
             The log-probabilities.
         """
         valid = episode.action_mask()
-        chosen = self.best(episode)
-        if chosen is None:
+        compared = self.compare(episode)
+        if compared is None:
             return by_weight(valid.astype(float))
-        known = self._known[episode]
-        assert known.compared is not None
-        found, scores = known.compared
-        numbers = np.flatnonzero(_agree(found, episode))
+        agree, actions = _agree(compared.found, episode), compared.actions(episode)
+        scores = compared.scores[agree].astype(float)
         weights = np.full(len(valid), UNSEEN)
-        likely = np.exp(scores[numbers] - scores[numbers].max())
-        np.maximum.at(weights, _actions(found, episode)[numbers], likely.astype(float))
-        weights[_action(chosen, episode)] = np.e
+        np.maximum.at(weights, actions[agree], np.exp(scores - scores.max()))
+        weights[actions[compared.chosen]] = np.e
         return by_weight(weights * valid)
 
-    def _find(self, episode: Episode, known: _Known) -> Choice | None:
-        found = self._find_among(episode.visible, episode, known)
-        if found is None and episode.stage is not Stage.SHAPE:  # it is none of the largest
-            alone = np.arange(len(episode.visible)) == episode.shape
-            found = self._find_among(alone, episode, known)
-        return found
-
-    def _find_among(
-        self, items: npt.NDArray[np.bool_], episode: Episode, known: _Known
-    ) -> Choice | None:
-        while len(found := placements(episode.box, known.space, items)):
-            scores = self.scorer(found.features)
-            known.compared = found, scores
+    def _compare(
+        self, items: npt.NDArray[np.bool_], space: FreeSpace, episode: Episode
+    ) -> Comparison | None:
+        while len(found := placements(episode.box, space, items)):
             agree = _agree(found, episode)
             if not agree.any():
                 break
+            scores = self.scorer(found.features)
             order = (n for n in np.argsort(-scores, kind="stable").tolist() if agree[n])
             chosen = choose(found, (n for n in order if found.is_feasible(n, episode.box)))
             if chosen is not None:
-                return Choice(int(found.items[chosen]), found.placed(chosen))
+                return Comparison(found, scores, chosen)
         return None
 
 
 class _Known:
-    """What is known about an episode: the space after what was placed, and the last choice.
-
-    The choice is one of the placements compared, with their scores.
-    """
+    """What is known about an episode: the space after what was placed, and the last comparison."""
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None
-        self.choice: Choice | None = None
-        self.compared: tuple[Placements, npt.NDArray[np.float32]] | None = None
+        self.last: Comparison | None = None
         self._spaces: list[tuple[tuple[ItemInBox, ...], FreeSpace]] = []
 
     @property
@@ -156,16 +156,7 @@ class _Known:
         before, space = self._spaces[-1]
         if len(before) < len(placed):
             self._spaces.append((placed, space.copy()))
-        self.placed, self.choice = placed, None
-
-
-def _agrees(choice: Choice, episode: Episode) -> bool:
-    """Return whether a choice has the shape, the rotation and the location chosen already."""
-    return episode.stage is Stage.SHAPE or (
-        choice.shape == episode.shape
-        and episode.rotation in (None, choice.placed.item.rotation)
-        and episode.location in (None, choice.placed.location)
-    )
+        self.placed, self.last = placed, None
 
 
 def _agree(found: Placements, episode: Episode) -> npt.NDArray[np.bool_]:
@@ -178,24 +169,6 @@ def _agree(found: Placements, episode: Episode) -> npt.NDArray[np.bool_]:
         if episode.location is not None:
             agree &= (found.corners[:, 1:] == episode.location).all(axis=1)
     return agree
-
-
-def _actions(found: Placements, episode: Episode) -> npt.NDArray[np.int64]:
-    """Return the action of each placement at the episode's stage."""
-    if episode.stage is Stage.SHAPE:
-        return found.items
-    if episode.stage is Stage.ROTATION:
-        return found.rotations
-    return np.ravel_multi_index(tuple(found.corners[:, 1:].T), episode.box.nodes)
-
-
-def _action(choice: Choice, episode: Episode) -> int:
-    """Return the action of a choice at the episode's stage."""
-    if episode.stage is Stage.SHAPE:
-        return choice.shape
-    if episode.stage is Stage.ROTATION:
-        return choice.placed.item.rotation
-    return int(np.ravel_multi_index(choice.placed.location, episode.box.nodes))
 
 
 class PlacementPolicy:
@@ -241,10 +214,10 @@ class PlacementPolicy:
         return self._planner.scorer
 
     def __call__(self, episode: Episode, rng: np.random.Generator) -> int:
-        choice = self._planner.best(episode)
-        if choice is None:
+        compared = self._planner.compare(episode)
+        if compared is None:
             return int(np.flatnonzero(episode.action_mask())[0])
-        return _action(choice, episode)
+        return int(compared.actions(episode)[compared.chosen])
 
     def scores(self, episode: Episode, rng: np.random.Generator) -> ActionScores:
         """Compute the log-probabilities of the stage's actions (see `Planner.scores`)."""
