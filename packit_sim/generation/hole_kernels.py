@@ -18,13 +18,13 @@ _BLOCK = 256
 
 
 @kernel
-def inner_rows(bricks, ny):
+def inner_rows(inner, ny):
     """Sort the inner cells of a box by their places in the bricks.
 
     Parameters
     ----------
-    bricks : Words
-        (n, 2) uint64, the outer and inner cells of the box's bricks.
+    inner : Words
+        (n,) uint64, the inner cells of the box's bricks.
     ny : int
         The number of bricks in a row along y.
 
@@ -34,10 +34,10 @@ def inner_rows(bricks, ny):
         (n / ny, words, 64) uint64, for each row and each place in a brick whether the cell there is
         inner: bit b of word w is about brick 32 w + b of the row, so that words overlap.
     """
-    rows = np.zeros((len(bricks) // ny, (ny + _HALF - 1) // _HALF, 64), np.uint64)
+    rows = np.zeros((len(inner) // ny, (ny + _HALF - 1) // _HALF, 64), np.uint64)
     for row in range(len(rows)):
         for j in range(ny):
-            cells = bricks[row * ny + j, 1]
+            cells = inner[row * ny + j]
             if cells:
                 word, bit = j // _HALF, j % _HALF
                 _add_column(cells, rows[row, word], bit)

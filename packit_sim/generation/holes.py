@@ -114,7 +114,7 @@ class Holes:
     def of(cls, box: Box) -> Holes:
         """Look at a box as it is now."""
         bricks, _, _, _, ny = box.arrays
-        return cls(box, inner_rows(bricks, ny))
+        return cls(box, inner_rows(bricks[1], ny))
 
     def largest_volume(self, shape: Shape) -> float:
         """Compute the volume of a shape whose longest side is the box's shortest."""

@@ -25,7 +25,7 @@ UNSEEN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ComparedPlacements:
     """Placements that were compared, and the best of them.
 
     Attributes
@@ -64,7 +64,7 @@ class Planner:
         self.scorer = scorer
         self._known: WeakKeyDictionary[Episode, _Known] = WeakKeyDictionary()
 
-    def compare(self, episode: Episode) -> Comparison | None:
+    def compare(self, episode: Episode) -> ComparedPlacements | None:
         """Find the best placement that agrees with what is already chosen.
 
         Parameters
@@ -74,7 +74,7 @@ class Planner:
 
         Returns
         -------
-        Comparison or None
+        ComparedPlacements or None
             The placements that were compared; None if nothing fits.
         """
         known = self._known.setdefault(episode, _Known())
@@ -119,7 +119,7 @@ class Planner:
 
     def _compare(
         self, items: npt.NDArray[np.bool_], space: FreeSpace, episode: Episode
-    ) -> Comparison | None:
+    ) -> ComparedPlacements | None:
         while len(found := placements(episode.box, space, items)):
             agree = _agree(found, episode)
             if not agree.any():
@@ -128,7 +128,7 @@ class Planner:
             order = (n for n in np.argsort(-scores, kind="stable").tolist() if agree[n])
             chosen = choose(found, (n for n in order if found.is_feasible(n, episode.box)))
             if chosen is not None:
-                return Comparison(found, scores, chosen)
+                return ComparedPlacements(found, scores, chosen)
         return None
 
 
@@ -137,7 +137,7 @@ class _Known:
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None
-        self.last: Comparison | None = None
+        self.last: ComparedPlacements | None = None
         self._spaces: list[tuple[tuple[ItemInBox, ...], FreeSpace]] = []
 
     @property
