@@ -28,8 +28,7 @@ def proof(one: PlacedItem, other: PlacedItem) -> int:
     turn, to_first = relative_turn(pair.item.rotation, pair.other.rotation)
     trees = collision_mesh(pair.item).tree, collision_mesh(pair.other).tree
     everywhere = np.array([[-9.0] * 3, [9.0] * 3])
-    witness = np.zeros(2, dtype=np.int64)
-    return int(relation(*trees, turn, to_first @ pair.shift, everywhere, witness))
+    return int(relation(*trees, turn, to_first @ pair.shift, everywhere))
 
 
 @examples(150)
@@ -107,7 +106,7 @@ def test_where_cells_are_shared_decides_as_everywhere() -> None:
         turn, to_first = relative_turn(a.rotation, b.rotation)
         trees = collision_mesh(a).tree, collision_mesh(b).tree
         pose = turn, to_first @ shifts_at(a, b, np.array(offset))
-        expected = relation(*trees, *pose, everywhere, np.zeros(2, dtype=np.int64))
+        expected = relation(*trees, *pose, everywhere)
         bricks = a.voxels.fixed_arrays, b.voxels.arrays
         if not shared_fine_cells(*bricks, np.array(offset), cells, densest):
             assert expected == APART
@@ -119,7 +118,7 @@ def test_where_cells_are_shared_decides_as_everywhere() -> None:
         in_cell = relation_in(*trees, *pose, small, workspace())
         assert in_cell in (APART, expected)
         at_once += in_cell == CROSSING
-        assert relation(*trees, *pose, region, np.zeros(2, dtype=np.int64)) == expected
+        assert relation(*trees, *pose, region) == expected
         by_pairs = relation_in(*trees, *pose, region, workspace())
         crowded += by_pairs == -1
         assert by_pairs in (-1, expected)

@@ -327,11 +327,13 @@ def test_actions_are_as_likely_as_their_best_placements(weights) -> None:
     found = ScoredLayout(episode.task.items, episode.box, range(24)).placements()
     best = PlacementNetwork.read(weights)(found.features)
     scores = agent.shape.scores(episode, rng)
-    least = {n: best[found.items == n].max() for n in range(3)}
-    first, second, third = sorted(least, key=lambda n: -least[n])
-    assert scores[second] - scores[third] == pytest.approx(least[second] - least[third], rel=1e-4)
+    highest = {n: best[found.items == n].max() for n in range(3)}
+    first, second, third = sorted(highest, key=lambda n: -highest[n])
+    assert scores[second] - scores[third] == pytest.approx(
+        highest[second] - highest[third], rel=1e-4
+    )
     assert scores[first] - scores[second] == pytest.approx(
-        1 + least[first] - least[second], rel=1e-4
+        1 + highest[first] - highest[second], rel=1e-4
     )
 
 

@@ -22,7 +22,7 @@ _STACK = 256
 
 
 @kernel
-def relation(one, other, turn, shift, region, witness):
+def relation(one, other, turn, shift, region):
     """Decide whether two surfaces cross in a region.
 
     Parameters
@@ -36,8 +36,6 @@ def relation(one, other, turn, shift, region, witness):
         (3,) float64, the translation of the other surface after its rotation.
     region : ndarray
         (2, 3) float64, lowest and highest corner of a box that contains all common points.
-    witness : ndarray
-        (2,) int64, the leaves that were found to cross last, which are compared first; 0 for none.
 
     Returns
     -------
@@ -48,8 +46,6 @@ def relation(one, other, turn, shift, region, witness):
     _, other_boxes, other_starts = other
     leaves, other_leaves = len(starts) - 1, len(other_starts) - 1
     moved = np.empty((2, 3, 3))
-    if witness[0] and _leaf_relation(one, other, witness, turn, shift, region, moved) == CROSSING:
-        return CROSSING
     waiting = np.empty((_STACK, 2), np.int64)
     waiting[0] = 1
     top = 1
@@ -62,7 +58,6 @@ def relation(one, other, turn, shift, region, witness):
         if a >= leaves and b >= other_leaves:
             found = _leaf_relation(one, other, waiting[top], turn, shift, region, moved)
             if found == CROSSING:
-                witness[0], witness[1] = a, b
                 return CROSSING
             unsure = unsure or found == UNSURE
         else:

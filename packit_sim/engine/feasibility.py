@@ -28,7 +28,7 @@ from packit_sim.engine.screening import (
     screen_at,
     screen_pair,
 )
-from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, next_unblocked, take_free
+from packit_sim.engine.screening_kernels import BLOCKED, FREE, OPEN, mark_free, next_unblocked
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import ORIGIN, Triple, grid_nodes
@@ -59,7 +59,7 @@ def feasible(occupancy: Occupancy[Any], item: Item) -> Mask:
     if not fits(occupancy.cells, item):
         return mask
     states, tables = _states(occupancy, item)
-    undecided = take_free(states, mask)
+    undecided = mark_free(states, mask)
     mask[tuple(undecided.T)] = _feasible_at(occupancy, item, tables, undecided)
     count("masks", states.size, len(undecided))
     return mask
@@ -116,7 +116,7 @@ def feasible_in_any(occupancy: Occupancy[Any], item: Item) -> Mask:
         if not fits(occupancy.cells, turned):
             continue
         states = screen(occupancy, turned, mask)
-        left_open.append((turned, states.size, take_free(states, mask)))
+        left_open.append((turned, states.size, mark_free(states, mask)))
     for turned, size, locations in left_open:
         undecided = locations[~mask[tuple(locations.T)]]
         mask[tuple(undecided.T)] = ~excluded(occupancy, turned, undecided)

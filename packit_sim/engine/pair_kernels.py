@@ -41,7 +41,6 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
     other_tree, other_parts, other_outline, other_matrix = other
     states = np.empty(len(shifts), np.int64)
     moved = np.empty(3)
-    witness = np.zeros(2, np.int64)
     cells = np.empty((2, 3), np.int64)
     densest = np.empty((2, 3), np.int64)
     region = np.empty((2, 3))
@@ -54,14 +53,14 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
                 moved[d] = 0.0
                 for e in range(3):
                     moved[d] += to_first[d, e] * shifts[n, e]
-            # Of surfaces that cross, 19 in 20 do so where they share most fine cells.
+            # Of surfaces that cross, 19 in 20 cross in the cell with the most shared fine cells.
             _bound_cells(densest, size, to_first, region)
             states[n] = relation_in(tree, other_tree, turn, moved, region, space)
             if states[n] != CROSSING:
                 _bound_cells(cells, size, to_first, region)
                 states[n] = relation_in(tree, other_tree, turn, moved, region, space)
             if states[n] < 0:
-                states[n] = relation(tree, other_tree, turn, moved, region, witness)
+                states[n] = relation(tree, other_tree, turn, moved, region)
         if states[n] != APART:
             continue
         points, _, triangles, part, boxes, starts = parts

@@ -83,7 +83,7 @@ def screen(box, item, spans, size, known):
 
 
 @kernel
-def take_free(states, mask):
+def mark_free(states, mask):
     """Set a mask True at locations that are free, and return those that are open: (n, 3) int64."""
     nx, ny, nz = states.shape
     count = 0
@@ -258,7 +258,8 @@ def shared_fine_cells(fixed, item, offset, found, densest):
         (2, 3) int64, filled with the lowest of these fine cells, and the highest plus 1, in the
         cell box of the first.
     densest : ndarray
-        (2, 3) int64, filled with the same for the fine cells of the cell that has most of them.
+        (2, 3) int64, filled with the first fine cells of the cell that has the most of them, and
+        the last plus 1.
 
     Returns
     -------

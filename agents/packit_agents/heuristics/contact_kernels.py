@@ -91,17 +91,39 @@ def _digits(words, x, y, z):
 
 
 @kernel
-def bound_contacts(sums, bricks, outer, runs, mask):
+def offsets_in(bricks, shape):
+    """Return by how much the number of each brick exceeds that of its location.
+
+    Parameters
+    ----------
+    bricks : numpy.ndarray
+        Int16 (n, 3), see `voxels.Voxels`.
+    shape : tuple of int
+        Bricks of the box along x, y and z, which are numbered in C order.
+
+    Returns
+    -------
+    numpy.ndarray
+        Int32 (n,).
+    """
+    offsets = np.empty(len(bricks), np.int32)
+    for n in range(len(bricks)):
+        offsets[n] = (bricks[n, 0] * shape[1] + bricks[n, 1]) * shape[2] + bricks[n, 2]
+    return offsets
+
+
+@kernel
+def bound_contacts(sums, outer, offsets, runs, mask):
     """Compute upper bounds of the contacts at the locations of a mask.
 
     Parameters
     ----------
     sums : numpy.ndarray
         Int16 [x, y, z], see `contacts.Neighbours`.
-    bricks : numpy.ndarray
-        Int16 (n, 3), see `voxels.Voxels`.
     outer : Words
-        The outer cells of each of these bricks, (n,).
+        The outer cells of each of the item's bricks, (n,).
+    offsets : numpy.ndarray
+        Int32 (n,), see `offsets_in`.
     runs : CellRuns
         Runs of nodes, see `column_runs`.
 
@@ -118,12 +140,12 @@ def bound_contacts(sums, bricks, outer, runs, mask):
     nx, ny, nz = mask.shape
     dense = np.zeros(mask.size, np.int32)
     part = np.empty(mask.size, np.int16)
-    there, offsets = sums.ravel(), _offsets(bricks, mask.shape)
+    there = sums.ravel()
     for begin, end in runs:
         total, some = dense[begin:end], part[begin:end]
-        for first in range(0, len(bricks), _AT_ONCE):
+        for first in range(0, len(offsets), _AT_ONCE):
             some[:] = 0
-            for n in range(first, min(first + _AT_ONCE, len(bricks))):
+            for n in range(first, min(first + _AT_ONCE, len(offsets))):
                 limit = np.int16(_MOST_NEIGHBOURS * count_bits(outer[n]))
                 counts = there[begin + offsets[n] : end + offsets[n]]
                 for m in range(len(some)):
@@ -145,15 +167,6 @@ def bound_contacts(sums, bricks, outer, runs, mask):
 
 
 @kernel
-def _offsets(bricks, shape):
-    """Return by how much the number of each brick, in C order, exceeds that of its location."""
-    offsets = np.empty(len(bricks), np.int32)
-    for n in range(len(bricks)):
-        offsets[n] = (bricks[n, 0] * shape[1] + bricks[n, 1]) * shape[2] + bricks[n, 2]
-    return offsets
-
-
-@kernel
 def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     """Find the first of the locations with the most contacts.
 
@@ -162,7 +175,7 @@ def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     filled : tuple
         The fields of `contacts.Neighbours`.
     item : tuple
-        The item's bricks and their outer cells, see `voxels.Voxels`.
+        The item's bricks and their outer cells (see `voxels.Voxels`), and their offsets.
     locations : numpy.ndarray
         Int64 (n, 3), the locations.
     first_bounds : numpy.ndarray
@@ -185,18 +198,17 @@ def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     if found < 0:
         return -1
     known = (first_bounds, bounds, counted)
-    offsets = _offsets(item[0], filled[1].shape)
-    most = _contacts(filled, item, offsets, locations, known, found, 0) - 1
+    most = _contacts(filled, item, locations, known, found, 0) - 1
     for n in range(len(bounds)):
         if bounds[n] > most:
-            count = _contacts(filled, item, offsets, locations, known, n, most + 1)
+            count = _contacts(filled, item, locations, known, n, most + 1)
             if count > most:
                 most, found = count, n
     return found
 
 
 @kernel
-def _contacts(filled, item, offsets, locations, known, number, least):
+def _contacts(filled, item, locations, known, number, least):
     """Return the contacts at a location, or a bound of them that is less than `least`.
 
     The contacts of one brick after the other replace its bound in the sum.
@@ -205,7 +217,7 @@ def _contacts(filled, item, offsets, locations, known, number, least):
     if counted[number]:
         return np.int64(bounds[number])
     words, sums = filled
-    bricks, outer = item
+    bricks, outer, offsets = item
     i, j, k = locations[number]
     _, ny, nz = sums.shape
     start, there = (i * ny + j) * nz + k, sums.ravel()

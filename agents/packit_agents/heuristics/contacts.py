@@ -16,6 +16,7 @@ from packit_agents.heuristics.column_runs import mask_runs
 from packit_agents.heuristics.contact_kernels import (
     bound_contacts,
     most_contacts,
+    offsets_in,
     sum_neighbours,
 )
 from packit_sim.geometry.bits import Words
@@ -73,8 +74,10 @@ def by_contacts(filled: Neighbours, item: Item, mask: Mask) -> Iterator[tuple[in
     of the other bounds is too small.
     """
     voxels = item.voxels
-    own = voxels.bricks, voxels.outer
-    locations, first_bounds = bound_contacts(filled.sums, *own, mask_runs(mask), mask)
+    offsets = offsets_in(voxels.bricks, mask.shape)
+    own = voxels.bricks, voxels.outer, offsets
+    runs = mask_runs(mask)
+    locations, first_bounds = bound_contacts(filled.sums, voxels.outer, offsets, runs, mask)
     bounds, counted = first_bounds.copy(), np.zeros(len(locations), dtype=bool)
     known = locations, first_bounds, bounds, counted
     while (n := most_contacts(tuple(filled), own, *known)) >= 0:

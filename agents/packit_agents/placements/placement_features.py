@@ -15,6 +15,7 @@ from packit_agents.placements.free_kernels import corners, count_free
 from packit_agents.placements.free_space import FreeSpace, LoneItem
 from packit_agents.placements.measure_kernels import MEASURES, measure, neighbours, sum_filled
 from packit_sim.box import BaseBox
+from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.lattice import Triple
 from packit_sim.placement import PlacedItem
@@ -93,7 +94,7 @@ class Placements:
     def __len__(self) -> int:
         return len(self.items)
 
-    @property
+    @cached_property
     def rotations(self) -> npt.NDArray[np.int64]:
         """The rotation of each, 0 to 23: int64 (n,)."""
         found = np.empty(len(self), dtype=np.int64)

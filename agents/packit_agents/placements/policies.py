@@ -20,8 +20,8 @@ from packit_sim.core.assets import assets_folder
 from packit_sim.game.episode import Episode, Stage
 from packit_sim.placement import ItemInBox
 
-UNSEEN = 1e-6
-"""Weight of an action of which no placement was scored, relative to the best one that was."""
+UNSCORED = 1e-6
+"""Weight of an action without a scored placement; the placement with the highest score has 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ class Planner:
             return by_weight(valid.astype(float))
         agree, actions = _agree(compared.found, episode), compared.actions(episode)
         scores = compared.scores[agree].astype(float)
-        weights = np.full(len(valid), UNSEEN)
+        weights = np.full(len(valid), UNSCORED)
         np.maximum.at(weights, actions[agree], np.exp(scores - scores.max()))
         weights[actions[compared.chosen]] = np.e
         return by_weight(weights * valid)
