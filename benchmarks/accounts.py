@@ -15,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.engine import occupancy, screening_kernels
-from packit_sim.generation.evolution import Evolution
+from packit_sim.game.generation.evolution import Evolution
 
 _T = TypeVar("_T")
 

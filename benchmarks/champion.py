@@ -22,7 +22,7 @@ from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import Scorer
 from packit_agents.planning.budgets import Budget
 from packit_sim import Agent, Episode, Task, load_tasks
-from packit_sim.game.episode import Stage
+from packit_sim.game.episodes.episode import Stage
 
 ALMOST_1000 = range(800, 1201)
 """Numbers of placements that count as about 1,000."""

@@ -33,8 +33,8 @@ from packit_agents.placements.policy_gradient import relative
 from packit_sim import load_tasks
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.provenance import RETURN_SLACK
-from packit_sim.evaluation.learning_curves import TrainingRecord
+from packit_sim.game.datasets.provenance import RETURN_SLACK
+from packit_sim.game.evaluation.learning_curves import TrainingRecord
 from packit_sim.geometry.arrays import Floats
 from packit_sim.render import plots
 

@@ -30,11 +30,11 @@ from benchmarks.common import argument_parser, machine, summary, write_json
 from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.generation import jobs
-from packit_sim.generation.evolution import Evolution
-from packit_sim.generation.jobs import GenerationJob
+from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.generation import jobs
+from packit_sim.game.generation.evolution import Evolution
+from packit_sim.game.generation.jobs import GenerationJob
 
 PAPERS_PACKS = 2009
 

@@ -22,9 +22,9 @@ from rich.table import Table
 from benchmarks.common import argument_parser, machine, write_json
 from packit_sim import Agent, Pack, ShapeLibrary, dataset_file, play, verify
 from packit_sim.core.confidence import Estimate
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.pack_files import read_packs
-from packit_sim.generation.densification import Densification
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.pack_files import read_packs
+from packit_sim.game.generation.densification import Densification
 
 V1 = "everyday-v1"
 

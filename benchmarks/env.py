@@ -18,7 +18,7 @@ from rich.table import Table
 
 from benchmarks.common import argument_parser, machine, write_json
 from packit_sim import ShapeLibrary
-from packit_sim.envs.env import PackItEnv
+from packit_sim.game.envs.env import PackItEnv
 
 PAPER = 0.39
 """Shape-Selection steps per second of the paper's training: 200,000 in 6 days."""

@@ -25,7 +25,7 @@ from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches, typed_json
 from packit_sim.core.counters import Counters, counters
 from packit_sim.core.parallel import Workers
-from packit_sim.generation.evolution import Evolution
+from packit_sim.game.generation.evolution import Evolution
 
 AIM = 5
 """Largest number of minutes for a pack: 1000 generations, a pool of 50, two cores."""

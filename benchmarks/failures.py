@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.common import argument_parser, machine, markdown_table, plot_file, write_json
 from packit_sim import Rollout, Task, load_tasks, read_results
-from packit_sim.datasets.pack_files import dataset_library
-from packit_sim.paper.figures import draw_failures
+from packit_sim.game.datasets.pack_files import dataset_library
+from packit_sim.game.paper.figures import draw_failures
 
 WORST = 5
 """Tasks to draw."""

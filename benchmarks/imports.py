@@ -21,7 +21,7 @@ CASES = {
         "_, info = env.reset(seed=1)\n"
         "env.step(int(info['action_mask'].argmax()))"
     ),
-    "make the environment, imports only": "import packit_sim, packit_sim.envs.env",
+    "make the environment, imports only": "import packit_sim, packit_sim.game.envs.env",
 }
 
 TEMPLATE = """

@@ -31,9 +31,9 @@ from packit_agents.learning.training import Training
 from packit_agents.learning.training_settings import TrainingSettings
 from packit_agents.learning.weights import write_weights
 from packit_sim import Agent, ShapeLibrary
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.envs.observations import PLACEMENT_FEATURES
-from packit_sim.game.episode import Episode
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.envs.observations import PLACEMENT_FEATURES
+from packit_sim.game.episodes.episode import Episode
 
 CASES: dict[str, tuple[NetworkSettings, str]] = {
     "packnn": (NetworkSettings(), "features"),

@@ -36,9 +36,9 @@ from packit_agents.learning.features_extractor import ShapeSetExtractor
 from packit_agents.learning.networks import NetworkSettings
 from packit_sim import PackItVectorEnv, ShapeLibrary, evaluate_batched, load_tasks
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.observations import Observation
-from packit_sim.envs.wrappers import flattened
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.observations import Observation
+from packit_sim.game.envs.wrappers import flattened
 
 SETTINGS: dict[str, Any] = {"rotation": "aligned", "location": "blbf", "observation": "features"}
 

@@ -28,7 +28,7 @@ from benchmarks.common import (
     write_json,
 )
 from packit_sim import Item, Shape, ShapeLibrary
-from packit_sim.datasets.evolution_settings import SCALES
+from packit_sim.game.datasets.evolution_settings import SCALES
 from packit_sim.geometry.deviation import deviation
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.simplification import Simplification

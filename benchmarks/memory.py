@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import packit_sim.envs.vector  # noqa: F401 (registers the environments, and has the caches)
+import packit_sim.game.envs.vector  # noqa: F401 (registers the environments, and has the caches)
 from benchmarks.common import argument_parser, machine, write_json
 from packit_sim.core import caches
 

@@ -25,7 +25,7 @@ from rich.table import Table
 from benchmarks.common import argument_parser, write_json
 from packit_sim import Agent, Rules, ShapeLibrary, evaluate
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.generation.sequences import SequenceSampler
+from packit_sim.game.generation.sequences import SequenceSampler
 
 AGENTS = ("best-fit/best-fit/best-fit", "oldest-first/lowest/blbf")
 

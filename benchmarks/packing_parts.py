@@ -30,9 +30,9 @@ from benchmarks.peers.spectral import Spectral
 from benchmarks.peers.validity import QualityScores
 from packit_sim import Box, Item, PackSettings, Part, ShapeLibrary, pack
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.packs import Pack, Task
+from packit_sim.game.datasets.packs import Pack, Task
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.parts.part_sizes import fits
+from packit_sim.parts.reading.part_sizes import fits
 
 LIBRARY = "everyday"
 

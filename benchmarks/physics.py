@@ -28,9 +28,9 @@ from benchmarks.common import argument_parser, machine, summary, summary_table, 
 from packit_sim import Pack, Shape, ShapeLibrary, read_packs
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import dataset_file
 from packit_sim.engine.compaction import compact, drops
 from packit_sim.engine.disassembly import disassemble
+from packit_sim.game.datasets.pack_files import dataset_file
 from packit_sim.physics.convex.decomposition import (
     Decomposition,
     decompose,

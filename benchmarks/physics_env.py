@@ -30,9 +30,9 @@ from benchmarks.physics import decompose_with_progress
 from packit_sim import Agent, ShapeLibrary, Task
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.envs.env import PackItEnv
-from packit_sim.game.episode import Episode
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.rules import Rules

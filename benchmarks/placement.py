@@ -37,9 +37,9 @@ from packit_sim.core import caches
 from packit_sim.core.counters import Counters, counters
 from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
-from packit_sim.generation.chromosomes import Chromosome, crossover, mutate
-from packit_sim.generation.pack_creator import PackCreator
-from packit_sim.generation.strategies import select
+from packit_sim.game.generation.chromosomes import Chromosome, crossover, mutate
+from packit_sim.game.generation.pack_creator import PackCreator
+from packit_sim.game.generation.strategies import select
 
 
 def time_preparation(pools: list[Pool], rng: np.random.Generator) -> Times:

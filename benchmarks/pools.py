@@ -10,10 +10,10 @@ import numpy as np
 from benchmarks.common import PAIR_CACHES, Times, milliseconds
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve, placement
 from packit_sim.core import caches
-from packit_sim.datasets.evolution_settings import SCALES
 from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.nofit import MEETINGS
-from packit_sim.generation.pack_creator import draw_pool
+from packit_sim.game.datasets.evolution_settings import SCALES
+from packit_sim.game.generation.pack_creator import draw_pool
 from packit_sim.geometry.lattice import BOX_CELLS
 
 DENSITY = 0.3

@@ -20,10 +20,10 @@ import numpy as np
 from benchmarks.common import argument_parser, machine, plot_file, write_json
 from packit_sim import Rollout, evaluate
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.pack_files import WHOLE, load_tasks, read_packs
-from packit_sim.datasets.packs import Task
-from packit_sim.datasets.provenance import RETURN_SLACK, Puzzle, PuzzleName
-from packit_sim.generation.puzzles import PuzzleJob, generate_puzzles
+from packit_sim.game.datasets.pack_files import WHOLE, load_tasks, read_packs
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.datasets.provenance import RETURN_SLACK, Puzzle, PuzzleName
+from packit_sim.game.generation.puzzles import PuzzleJob, generate_puzzles
 from packit_sim.render import plots
 
 RULE = "largest-fitting-first/lowest/maximal-contact"

@@ -28,10 +28,10 @@ from rich.table import Table
 
 from benchmarks.common import argument_parser, machine, write_json
 from benchmarks.env import CASES
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.task_source import TaskSource
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.task_source import TaskSource
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode
 
 CHECKOUT = Path(__file__).parents[1]
 

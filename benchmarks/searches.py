@@ -26,9 +26,9 @@ from packit_sim import EvolutionSettings, ShapeLibrary
 from packit_sim.core import caches
 from packit_sim.core.files import replace_text
 from packit_sim.core.parallel import Workers
-from packit_sim.generation.evolution import densities
-from packit_sim.generation.pack_creator import Recipe
-from packit_sim.generation.strategies import Elitist, EvolutionStrategy, Generational
+from packit_sim.game.generation.evolution import densities
+from packit_sim.game.generation.pack_creator import Recipe
+from packit_sim.game.generation.strategies import Elitist, EvolutionStrategy, Generational
 
 PAPERS = "generational (the paper's)"
 

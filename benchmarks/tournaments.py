@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from deap import algorithms, base, tools
 
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.generation.chromosomes import Chromosome
-from packit_sim.generation.strategies import EvolutionStrategy
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.generation.chromosomes import Chromosome
+from packit_sim.game.generation.strategies import EvolutionStrategy
 from packit_sim.geometry import rotations
 
 TOURNAMENT = 3

@@ -23,11 +23,11 @@ from benchmarks.formula_shapes import write_shapes
 from packit_sim import Rollout, ShapeLibrary, Task, evaluate, load_tasks
 from packit_sim.core.confidence import Comparison, Estimate, format_estimate
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.provenance import RETURN_SLACK
-from packit_sim.generation.jobs import GenerationJob, generate
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.provenance import RETURN_SLACK
+from packit_sim.game.generation.jobs import GenerationJob, generate
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
-from packit_sim.nesting.instances import builtin_instances, read_instance
+from packit_sim.parts.packings.instances import builtin_instances, read_instance
 
 CHAMPION = "champion"
 

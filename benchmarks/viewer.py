@@ -21,8 +21,8 @@ from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import BoxState, PlacedItem
 from packit_sim.render.looks import Cut
-from packit_sim.viewer.box_view import BoxView, DisplaySettings
-from packit_sim.viewer.web_page import WebPage
+from packit_sim.web.box_view import BoxView, DisplaySettings
+from packit_sim.web.web_page import WebPage
 
 ITEMS = 50
 SECTIONS = (200, 127)

@@ -22,13 +22,13 @@ from packit_agents.learning.weights import read_weights
 from packit_agents.placements import champion_training
 from packit_agents.placements.network import PlacementNetwork
 from packit_sim.cli.app import main
-from packit_sim.datasets.pack_files import dataset_file, read_packs
-from packit_sim.evaluation import results_store
-from packit_sim.evaluation.results import read_results
-from packit_sim.generation import jobs
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs
+from packit_sim.game.evaluation import results_store
+from packit_sim.game.evaluation.results import read_results
+from packit_sim.game.generation import jobs
 from packit_sim.libraries import importer
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.render.renderers import RENDERER_VARIABLE
 
 OUT = "out"

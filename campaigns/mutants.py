@@ -48,8 +48,8 @@ MODULES = (
     *(f"packit_sim/geometry/{name}.py" for name in (*_GEOMETRY, "word_kernels")),
     *(f"packit_sim/engine/{name}.py" for name in _ENGINE),
     "packit_sim/box.py",
-    *(f"packit_sim/datasets/{name}.py" for name in ("packs", "pack_files", "pack_checks")),
-    *(f"packit_sim/evaluation/{name}.py" for name in ("results", "results_store")),
+    *(f"packit_sim/game/datasets/{name}.py" for name in ("packs", "pack_files", "pack_checks")),
+    *(f"packit_sim/game/evaluation/{name}.py" for name in ("results", "results_store")),
     "packit_sim/rules.py",
 )
 """The modules that are mutated. `packit_sim/placement.py` only names others' functions."""

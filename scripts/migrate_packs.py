@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from packit_sim.datasets.pack_files import read_packs, write_packs
+from packit_sim.game.datasets.pack_files import read_packs, write_packs
 
 
 def main(sources: list[str]) -> None:

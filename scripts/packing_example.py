@@ -12,8 +12,8 @@ from pathlib import Path
 
 from packit_sim import PackSettings, Part, ShapeLibrary, pack
 from packit_sim.parts import Requirements, drop_violations, lowered, removable
-from packit_sim.parts.box_pictures import draw
-from packit_sim.parts.packing_film import film_packing
+from packit_sim.parts.results.box_pictures import draw
+from packit_sim.parts.results.packing_film import film_packing
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 

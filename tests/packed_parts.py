@@ -10,10 +10,10 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 
 BOX = BoxContainer((100, 100, 100))
 

@@ -18,10 +18,10 @@ from unittest import mock
 from typer.testing import CliRunner
 
 from packit_sim.cli.app import app, main
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.datasets.provenance import Played
-from packit_sim.evaluation.results import Rollout, write_results
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.datasets.provenance import Played
+from packit_sim.game.evaluation.results import Rollout, write_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import PACKIT, End, Rules
 

@@ -13,8 +13,8 @@ import pytest
 
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.check_reports import Report
-from packit_sim.datasets.manifests import manifest_path
-from packit_sim.datasets.pack_files import (
+from packit_sim.game.datasets.manifests import manifest_path
+from packit_sim.game.datasets.pack_files import (
     builtin_datasets,
     dataset_files,
     dataset_library,
@@ -23,9 +23,9 @@ from packit_sim.datasets.pack_files import (
     read_packs,
     write_packs,
 )
-from packit_sim.datasets.provenance import Puzzle
-from packit_sim.datasets.verification import verify_dataset
-from packit_sim.generation.jobs import work_folder
+from packit_sim.game.datasets.provenance import Puzzle
+from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.generation.jobs import work_folder
 
 SAMPLE = 2
 """Packs of each file: the first, the last, and with more, what lies evenly between."""

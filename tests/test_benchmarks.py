@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from packit_sim import EvolutionSettings, ShapeLibrary
-from packit_sim.generation.chromosomes import Chromosome
-from packit_sim.generation.evolution import Evolution, evolve
+from packit_sim.game.generation.chromosomes import Chromosome
+from packit_sim.game.generation.evolution import Evolution, evolve
 
 pytest.importorskip("torch")
 from benchmarks.evolution import Meter, early_stop

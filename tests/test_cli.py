@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from trimesh import creation
 
-from packit_sim.datasets.pack_files import read_packs
-from packit_sim.evaluation.results import read_results
+from packit_sim.game.datasets.pack_files import read_packs
+from packit_sim.game.evaluation.results import read_results
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.scene import Scene

@@ -20,10 +20,10 @@ from packit_sim import BoxContainer, ItemType, NestSettings, nest
 from packit_sim.core import parallel
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.parallel import Workers, WorkersError
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import Pack
-from packit_sim.generation import jobs
-from packit_sim.generation.jobs import GenerationJob, generate, under_way
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.generation import jobs
+from packit_sim.game.generation.jobs import GenerationJob, generate, under_way
 from packit_sim.libraries.library import ShapeLibrary
 
 pytestmark = [
@@ -78,7 +78,7 @@ def begun(tmp_path, monkeypatch) -> Path:
     def logged(*job):  # a nested function, so that it travels by value
         import json
 
-        from packit_sim.generation import jobs
+        from packit_sim.game.generation import jobs
 
         _, _, folder, number, _ = job
         jobs.CHECKPOINT_SECONDS = 0.0

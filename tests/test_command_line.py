@@ -18,9 +18,9 @@ from trimesh import creation
 from packit_sim.cli.app import COMMANDS, app
 from packit_sim.core.errors import PhysicsError
 from packit_sim.core.version import DOCUMENTATION, __version__
-from packit_sim.datasets.pack_files import BUILTIN_DATASETS, builtin_datasets, write_packs
-from packit_sim.envs.env import PackItEnv
-from packit_sim.evaluation.results import read_results
+from packit_sim.game.datasets.pack_files import BUILTIN_DATASETS, builtin_datasets, write_packs
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.evaluation.results import read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics import world
 from packit_sim.physics.convex import decomposition, disk_cache
@@ -285,7 +285,7 @@ def test_a_task_with_a_broken_mesh_is_skipped_by_number(
 ) -> None:
     """As where the digest of a library does not cover the content of its files (ShapeNet)."""
     from packit_sim.core.errors import MeshError
-    from packit_sim.datasets.packs import Pack
+    from packit_sim.game.datasets.packs import Pack
 
     whole = Pack.task
     tasks = iter(range(3))

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 from packit_sim.box import Box
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.pack_files import write_packs
 from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.engine.compaction import GAP, Compacted, compact, drops
 from packit_sim.engine.sweeping import surface
+from packit_sim.game.datasets.pack_files import write_packs
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 from packit_sim.geometry.shapes import Item
 from tests.examples import examples

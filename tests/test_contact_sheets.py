@@ -14,9 +14,8 @@ from trimesh import creation
 from packit_sim import scene
 from packit_sim.core.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
-from packit_sim.media import contact_sheets
-from packit_sim.media.contact_sheets import contact_sheet, picture
-from packit_sim.render import lettering
+from packit_sim.render import contact_sheets, lettering
+from packit_sim.render.contact_sheets import contact_sheet, picture
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.looks import BACKGROUND
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO

@@ -18,19 +18,19 @@ from packit_sim import Box, Item
 from packit_sim.cli.app import app
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets import datasheet
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.pack_checks import density_problems, verify
-from packit_sim.datasets.pack_files import read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Densified
-from packit_sim.generation.densification import (
+from packit_sim.game.datasets import datasheet
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.pack_checks import density_problems, verify
+from packit_sim.game.datasets.pack_files import read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.datasets.provenance import Densified
+from packit_sim.game.generation.densification import (
     Densification,
     DensificationError,
     DensificationState,
 )
-from packit_sim.generation.holes import Holes
-from packit_sim.generation.jobs import GenerationError, GenerationJob, generate
+from packit_sim.game.generation.holes import Holes
+from packit_sim.game.generation.jobs import GenerationError, GenerationJob, generate
 from packit_sim.geometry import rotations
 from packit_sim.libraries.library import ShapeLibrary
 

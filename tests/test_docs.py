@@ -21,10 +21,10 @@ from typer.main import get_command
 import packit_sim
 from packit_sim.cli.app import app
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import write_packs
-from packit_sim.game.agents import Agent
-from packit_sim.paper.reproduction import HEURISTIC, TABLES
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import write_packs
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.paper.reproduction import HEURISTIC, TABLES
 from packit_sim.physics.convex import decomposition, disk_cache
 from tests.doc_pages import (
     DOCS,

@@ -17,13 +17,13 @@ from packit_sim.box import BaseBox
 from packit_sim.core import caches
 from packit_sim.core.counters import counted_by
 from packit_sim.core.errors import ArgumentError, StateError
-from packit_sim.datasets.pack_files import load_tasks, write_packs
-from packit_sim.datasets.packs import Pack, Task
 from packit_sim.engine import insertion
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.features import CubeMeans
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Stage
+from packit_sim.game.datasets.pack_files import load_tasks, write_packs
+from packit_sim.game.datasets.packs import Pack, Task
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.features import CubeMeans
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Stage
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
 from packit_sim.libraries.library import ShapeLibrary

@@ -14,16 +14,16 @@ import pytest
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import BusyError, PackItError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import load_tasks, read_packs
-from packit_sim.datasets.packs import Task
-from packit_sim.evaluation import evaluation
-from packit_sim.evaluation.evaluation import Score, compare, evaluate
-from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import load_tasks, read_packs
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation import evaluation
+from packit_sim.game.evaluation.evaluation import Score, compare, evaluate
+from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.paper import reproduction
+from packit_sim.game.paper.reproduction import TABLES, markdown, reproduced
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.paper import reproduction
-from packit_sim.paper.reproduction import TABLES, markdown, reproduced
 from packit_sim.rules import Rules
 from tests.runs import packit
 
@@ -93,9 +93,9 @@ def test_an_evaluation_that_was_killed_resumes(agents, tasks, rollouts, tmp_path
     file = tmp_path / "results.jsonl"
     script = (
         "from packit_sim import ShapeLibrary\n"
-        "from packit_sim.evaluation import evaluation, results_store\n"
-        "from packit_sim.datasets.pack_files import load_tasks\n"
-        "from packit_sim.game.agents import Agent\n"
+        "from packit_sim.game.evaluation import evaluation, results_store\n"
+        "from packit_sim.game.datasets.pack_files import load_tasks\n"
+        "from packit_sim.game.episodes.agents import Agent\n"
         "from pathlib import Path\n"
         "results_store.CHECKPOINT_SECONDS = 0\n"
         f"agents = [Agent.from_name(name) for name in {NAMES!r}]\n"
@@ -277,8 +277,8 @@ def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
 def test_the_portfolio_at_a_glance(tmp_path, monkeypatch) -> None:
     common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path, "--quick")
     monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
-    monkeypatch.setattr("packit_sim.paper.portfolio.QUICK_SECONDS", 0.05)
-    monkeypatch.setattr("packit_sim.paper.portfolio._POINTS", 3)
+    monkeypatch.setattr("packit_sim.game.paper.portfolio.QUICK_SECONDS", 0.05)
+    monkeypatch.setattr("packit_sim.game.paper.portfolio._POINTS", 3)
     packit("reproduce", "portfolio", *common)
     found = json.loads((tmp_path / "portfolio.json").read_text())
     *single, best, everything = found["rows"]

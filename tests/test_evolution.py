@@ -9,12 +9,12 @@ from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.evolution_settings import SEARCHES, EvolutionSettings
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.generation.chromosomes import Chromosome, crossover, mutate, order_crossover
-from packit_sim.generation.evolution import Evolution, EvolutionState, Generation, evolve
-from packit_sim.generation.pack_creator import PackCreator, Recipe, draw_pool
-from packit_sim.generation.strategies import search_of, select
+from packit_sim.game.datasets.evolution_settings import SEARCHES, EvolutionSettings
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.generation.chromosomes import Chromosome, crossover, mutate, order_crossover
+from packit_sim.game.generation.evolution import Evolution, EvolutionState, Generation, evolve
+from packit_sim.game.generation.pack_creator import PackCreator, Recipe, draw_pool
+from packit_sim.game.generation.strategies import search_of, select
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import BALL, CUBE

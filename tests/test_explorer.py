@@ -20,29 +20,29 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.datasets.packs import ItemRecord, Pack, PackedItem
-from packit_sim.datasets.provenance import Other, Played
-from packit_sim.evaluation.results import ResultsError, Rollout
-from packit_sim.explorer import panels
-from packit_sim.explorer.collection import PackCollection
-from packit_sim.explorer.controls import NOTHING
-from packit_sim.explorer.fit_query import FitQuery
-from packit_sim.explorer.redraw_thread import RedrawThread
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs, write_packs
+from packit_sim.game.datasets.packs import ItemRecord, Pack, PackedItem
+from packit_sim.game.datasets.provenance import Other, Played
+from packit_sim.game.evaluation.results import ResultsError, Rollout
+from packit_sim.game.explorer import panels
+from packit_sim.game.explorer.collection import PackCollection
+from packit_sim.game.explorer.controls import NOTHING
+from packit_sim.game.explorer.fit_query import FitQuery
+from packit_sim.game.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
 from packit_sim.rules import End
-from packit_sim.viewer.box_view import corners, reach
-from packit_sim.viewer.surfaces import MOST_TRIANGLES, surface
-from packit_sim.viewer.web_page import _look, _view
+from packit_sim.web.box_view import corners, reach
+from packit_sim.web.surfaces import MOST_TRIANGLES, surface
+from packit_sim.web.web_page import _look, _view
 from tests.runs import run_packit
 from tests.zoo import BALL, CUBE, cube_of
 
 pytest.importorskip("viser")
-from packit_sim.explorer.explorer import Explorer
+from packit_sim.game.explorer.explorer import Explorer
 
 GLASS = 0.12
 
@@ -117,7 +117,7 @@ def test_the_step_says_how_many_items_are_seen(explorer: Explorer) -> None:
 def test_the_sequence_plays_to_its_end(
     explorer: Explorer, packs: list[Pack], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.explorer.explorer.PACE", 0.01)
+    monkeypatch.setattr("packit_sim.game.explorer.explorer.PACE", 0.01)
     explorer.controls.set_step(2)
     explorer.wait()
     explorer.play()

@@ -15,8 +15,8 @@ from lxml import etree
 from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.media import export
-from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.render import export
 from packit_sim.render.coloring import ByNumber, by_item
 from tests.read_3mf import bodies
 from tests.zoo import BALL, BOWL, CUBE, RING, cube_of

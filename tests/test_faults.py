@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from campaigns import injector
-from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.evaluation.results import read_results, write_results
-from packit_sim.evaluation.results_store import opened
+from packit_sim.game.datasets.manifests import Manifest, manifest_path
+from packit_sim.game.evaluation.results import read_results, write_results
+from packit_sim.game.evaluation.results_store import opened
 from tests.runs import run_packit
 
 EVALUATE = [

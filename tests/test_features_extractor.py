@@ -16,10 +16,10 @@ from packit_agents.learning.actor_critic import ActorCritic
 from packit_agents.learning.features_extractor import ShapeSetExtractor
 from packit_agents.learning.networks import NetworkSettings
 from packit_sim.core.errors import ArgumentError
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.wrappers import flattened
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.game.policy_registry import load_policy
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.wrappers import flattened
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policy_registry import load_policy
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 SMALL = NetworkSettings(width=16, encoder_blocks=1, trunk_blocks=1)

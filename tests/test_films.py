@@ -18,8 +18,8 @@ from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.shapes import Item, Shape
-from packit_sim.media import films, video
-from packit_sim.media.films import Pace, packing, shot, sides, turning
+from packit_sim.render import films, video
+from packit_sim.render.films import Pace, packing, shot, sides, turning
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut, Look

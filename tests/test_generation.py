@@ -19,12 +19,12 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import BusyError, LibraryError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.parallel import Workers, WorkersError
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import load_tasks, read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.generation import jobs
-from packit_sim.generation.jobs import (
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import load_tasks, read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.generation import jobs
+from packit_sim.game.generation.jobs import (
     GenerationError,
     GenerationJob,
     checkpoint,
@@ -101,7 +101,7 @@ SCRIPT = """
 import sys
 from dataclasses import replace
 from pathlib import Path
-from packit_sim.generation import jobs
+from packit_sim.game.generation import jobs
 from packit_sim.libraries.library import ShapeLibrary
 from tests.test_generation import SMALL, order
 jobs.CHECKPOINT_SECONDS = 0.0

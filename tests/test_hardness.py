@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import read_packs
-from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
-from packit_sim.datasets.provenance import Evolved
-from packit_sim.generation.jobs import GenerationJob, generate
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import read_packs
+from packit_sim.game.datasets.packs import LibraryRef, Pack, PackedItem
+from packit_sim.game.datasets.provenance import Evolved
+from packit_sim.game.generation.jobs import GenerationJob, generate
+from packit_sim.game.paper import hardness
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.paper import hardness
 
 SMALL = EvolutionSettings(
     *(8, 8, 2, 2), generations=6, patience=3, keep_every=2, size_range=(0.6, 0.8)

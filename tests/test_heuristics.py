@@ -16,9 +16,9 @@ from packit_agents.heuristics.column_runs import SHORTEST_GAP, mask_runs
 from packit_agents.heuristics.contacts import Neighbours, by_contacts
 from packit_agents.heuristics.heightmaps import gaps, growth, heightmap, space_below
 from packit_sim.box import Box
-from packit_sim.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.game.policy_registry import load_policy
+from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import STEP, Triple

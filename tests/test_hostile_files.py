@@ -26,9 +26,9 @@ from campaigns.fuzzing.table import HOSTILE, PAGE, table
 from campaigns.fuzzing.verdicts import MAX_MEMORY, judge
 from packit_sim.core.errors import LibraryError, PackItError, UnknownShapeError
 from packit_sim.core.plain_text import MAX_CHARACTERS, plain_logger
-from packit_sim.envs.minari_format import RecordingError
-from packit_sim.envs.recording import stage_steps
-from packit_sim.game.episode import Stage
+from packit_sim.game.envs.minari_format import RecordingError
+from packit_sim.game.envs.recording import stage_steps
+from packit_sim.game.episodes.episode import Stage
 from packit_sim.libraries import folder
 from packit_sim.libraries.library import ShapeLibrary
 

@@ -15,22 +15,23 @@ import pytest
 from trimesh import creation
 
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, PackItError
-from packit_sim.datasets.pack_files import read_packs
+from packit_sim.game.datasets.pack_files import read_packs
 from packit_sim.geometry.poses import Pose
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.nesting import validity
-from packit_sim.nesting.packing_files import verify_packing
-from packit_sim.parts import exports, part_files
-from packit_sim.parts.box_types import BoxType
+from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.packed import PackedParts
-from packit_sim.parts.packing_record import read_earlier
-from packit_sim.parts.part import Part
-from packit_sim.parts.part_files import find_parts
-from packit_sim.parts.task import PackSettings
-from packit_sim.parts.units import lengths
-from packit_sim.workbench.workbench import Workbench
+from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.reading import part_files
+from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.part_files import find_parts
+from packit_sim.parts.reading.units import lengths
+from packit_sim.parts.results import exports
+from packit_sim.parts.results.packed import PackedParts
+from packit_sim.parts.results.packing_record import read_earlier
+from packit_sim.parts.workbench.workbench import Workbench
 
 QUICK = PackSettings(workers=1, iterations=100)
 

@@ -20,9 +20,9 @@ print(json.dumps(sorted(sys.modules)))
 ABSENT = {
     *("coacd", "jinja2", "joblib", "matplotlib", "minari", "pybullet", "ray", "scipy.stats"),
     *("torch", "typer", "viser"),
-    *("packit_sim.cli", "packit_sim.explorer", "packit_sim.media", "packit_sim.paper"),
-    "packit_sim.workbench",
-    *("packit_sim.render", "packit_sim.reports", "packit_sim.scene", "packit_sim.viewer"),
+    *("packit_sim.cli", "packit_sim.game.explorer", "packit_sim.media", "packit_sim.game.paper"),
+    "packit_sim.parts.workbench",
+    *("packit_sim.render", "packit_sim.game.reports", "packit_sim.scene", "packit_sim.web"),
 }
 
 SETTINGS = {"packit_sim.physics", "packit_sim.physics.settings"}
@@ -36,7 +36,7 @@ def modules_after(code: str) -> set[str]:
 
 def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -> None:
     loaded = modules_after(PLAY)
-    assert "packit_sim.envs.env" in loaded
+    assert "packit_sim.game.envs.env" in loaded
     assert loaded & ABSENT == set()
     physics = {name for name in loaded if name.startswith("packit_sim.physics")}
     assert physics <= SETTINGS

@@ -8,10 +8,10 @@ from msgspec import structs
 
 from packit_sim import compare, evaluate, load_tasks, read_results
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.play_checks import play_problems
-from packit_sim.datasets.provenance import Improvement
-from packit_sim.evaluation.results import Rollout
-from packit_sim.paper.portfolio import divided
+from packit_sim.game.datasets.play_checks import play_problems
+from packit_sim.game.datasets.provenance import Improvement
+from packit_sim.game.evaluation.results import Rollout
+from packit_sim.game.paper.portfolio import divided
 from tests.runs import packit
 
 RULE = "largest-first/aligned/blbf"

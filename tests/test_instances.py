@@ -16,15 +16,15 @@ from packit_sim.core.errors import MeshError, PackFormatError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.mesh_files import read
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.instances import (
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.instances import (
     builtin_instances,
     read_instance,
     read_solution,
     write_solution,
 )
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 
 FOLDER = assets_folder() / "instances"
 MESHES = sorted(file for file in FOLDER.rglob("*.*") if file.suffix in (".obj", ".stl"))

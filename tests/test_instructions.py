@@ -16,12 +16,12 @@ from PIL import Image
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.rotations import MATRICES
-from packit_sim.nesting.placements import Placement
-from packit_sim.parts import instructions
-from packit_sim.parts.instructions import NEW, write_instructions
-from packit_sim.parts.removal import Route
-from packit_sim.parts.requirements import Requirements
-from packit_sim.parts.turning import place_in_words, turn_in_words, way_in_words
+from packit_sim.parts.handling.removal import Route
+from packit_sim.parts.handling.requirements import Requirements
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.results import instructions
+from packit_sim.parts.results.instructions import NEW, write_instructions
+from packit_sim.parts.results.turning import place_in_words, turn_in_words, way_in_words
 from tests.packed_parts import BAR, CAGE, cuboid, packed, turned, u_profile
 
 

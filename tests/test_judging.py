@@ -13,16 +13,16 @@ from packit_sim.core.errors import BusyError, PackFormatError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.files import claimed
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import write_packs
-from packit_sim.evaluation import judging, results_store
-from packit_sim.evaluation.judging import SCORES, is_judged, judge
-from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.datasets.pack_files import write_packs
+from packit_sim.game.evaluation import judging, results_store
+from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
+from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.reports import tables
+from packit_sim.game.reports.runs import Runs
 from packit_sim.physics.convex import decomposition, disk_cache
 from packit_sim.physics.quality import QualityScores
 from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.placement import BoxState
-from packit_sim.reports import tables
-from packit_sim.reports.runs import Runs
 from tests.runs import everyday, packit, rollout
 from tests.zoo import cube_of
 

@@ -16,8 +16,8 @@ from benchmarks.common import table_in_page
 from benchmarks.leaderboard import BOARDS, LIMITS, PAGE, Board, Row, add, entries, read_boards
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.core.errors import ArgumentError
-from packit_sim.evaluation.evaluation import Score
-from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.evaluation.evaluation import Score
+from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.rules import PACKIT, Rules
 from tests.runs import packit, rollout
 

@@ -38,17 +38,17 @@ from packit_agents.learning.weights import WeightsError, read_weights, weights_d
 from packit_sim import placement
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import load_tasks, write_packs
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.features import CubeMeans
-from packit_sim.envs.observations import PLACEMENT_FEATURES
-from packit_sim.evaluation.evaluation import evaluate
-from packit_sim.evaluation.learning_curves import TrainingRecord
-from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.game.policy_registry import UnknownPolicyError, load_policy
+from packit_sim.game.datasets.pack_files import load_tasks, write_packs
+from packit_sim.game.datasets.packs import ItemRecord, LibraryRef, Pack
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.features import CubeMeans
+from packit_sim.game.envs.observations import PLACEMENT_FEATURES
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policy_registry import UnknownPolicyError, load_policy
+from packit_sim.game.evaluation.evaluation import evaluate
+from packit_sim.game.evaluation.learning_curves import TrainingRecord
+from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import BOX_CELLS, Triple
 from packit_sim.geometry.rotations import turn_array

@@ -9,9 +9,9 @@ import pytest
 from trimesh import creation
 
 from packit_sim.cli.app import main
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.evaluation.evaluation import evaluate
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.libraries.importer import ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
 

@@ -34,14 +34,14 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
-from packit_sim.nesting import build, strips
-from packit_sim.nesting import nest as nest_module
-from packit_sim.nesting.nest import NestingError
-from packit_sim.nesting.packing_files import verify_packing
-from packit_sim.nesting.problem import Problem
-from packit_sim.nesting.rotation_sets import matrices
-from packit_sim.nesting.tasks import Poses, SearchBudget, SearchTask
-from packit_sim.nesting.validity import tolerance
+from packit_sim.parts.nesting import build, strips
+from packit_sim.parts.nesting import nest as nest_module
+from packit_sim.parts.nesting.nest import NestingError
+from packit_sim.parts.nesting.problem import Problem
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.packings.rotation_sets import matrices
+from packit_sim.parts.packings.validity import tolerance
 
 OPEN = math.inf
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from packit_sim.cli import nest_command
-from packit_sim.nesting.instances import read_solution
+from packit_sim.parts.packings.instances import read_solution
 from tests.runs import packit
 
 INSTANCE = {

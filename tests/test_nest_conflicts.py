@@ -9,9 +9,10 @@ from trimesh import creation
 from trimesh.collision import CollisionManager
 
 from packit_sim.core.compilation import kernel
-from packit_sim.nesting import overlap_kernels, validity
-from packit_sim.nesting.build import build
-from packit_sim.nesting.item_types import ItemType
+from packit_sim.parts.nesting import overlap_kernels
+from packit_sim.parts.nesting.build import build
+from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.item_types import ItemType
 
 BOWL = trimesh.boolean.difference(
     [

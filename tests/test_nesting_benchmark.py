@@ -12,8 +12,8 @@ pytest.importorskip("matplotlib")
 from benchmarks.nesting import ablations, cases, report
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.item_types import ItemType
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
 
 
 @pytest.fixture(name="small")

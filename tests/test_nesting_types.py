@@ -12,11 +12,11 @@ from trimesh import creation
 from packit_sim import Item, Shape
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
-from packit_sim.nesting.rotation_sets import matrices
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.packings.rotation_sets import matrices
 
 BOX = creation.box((1, 2, 3))
 

@@ -15,11 +15,11 @@ from packit_sim import Item, ShapeLibrary
 from packit_sim.core.errors import ArgumentError
 from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.packing_files import verify_packing
-from packit_sim.nesting.placements import Placement
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.packings.placements import Placement
 
 OPEN_STRIP = BoxContainer((10, 10, math.inf))
 

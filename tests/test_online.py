@@ -21,17 +21,17 @@ from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.cli import evaluation_commands
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.pack_files import load_tasks, read_packs
-from packit_sim.datasets.packs import Task
-from packit_sim.datasets.play_checks import play_problems
-from packit_sim.datasets.verification import verify_dataset
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.observations import OBSERVERS
-from packit_sim.evaluation.evaluation import evaluate
-from packit_sim.evaluation.results import Rollout, read_results
-from packit_sim.game.agents import GROUND_TRUTH, Agent
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.generation.sequences import SequenceSampler
+from packit_sim.game.datasets.pack_files import load_tasks, read_packs
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.datasets.play_checks import play_problems
+from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.observations import OBSERVERS
+from packit_sim.game.episodes.agents import GROUND_TRUTH, Agent
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.evaluation.evaluation import evaluate
+from packit_sim.game.evaluation.results import Rollout, read_results
+from packit_sim.game.generation.sequences import SequenceSampler
 from packit_sim.geometry.polycubes import polycube
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary

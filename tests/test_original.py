@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.core.errors import PackFormatError
-from packit_sim.datasets.original import Original, read_original
-from packit_sim.datasets.provenance import FromOriginal
-from packit_sim.envs.env import PackItEnv
-from packit_sim.evaluation.evaluation import play
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.original import Original, read_original
+from packit_sim.game.datasets.provenance import FromOriginal
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.evaluation import play
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End
 

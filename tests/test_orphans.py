@@ -16,8 +16,8 @@ from packit_sim.core.parallel import Workers
 GENERATE = """
 from pathlib import Path
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.generation.jobs import GenerationJob, generate
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
 
 settings = EvolutionSettings(pool=8, population=100, generations=1000)

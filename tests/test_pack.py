@@ -18,16 +18,17 @@ from trimesh import creation
 
 from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError, BusyError
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.packing_files import verify_packing
-from packit_sim.nesting.placements import Placement
-from packit_sim.parts import box_pictures, exports, packing_search
-from packit_sim.parts import prepared as prepared_module
-from packit_sim.parts.original_check import check_originals
-from packit_sim.parts.packing_record import own_folder, read_earlier
-from packit_sim.parts.part_files import ReadSettings
-from packit_sim.parts.prepared import prepare
-from packit_sim.parts.supports import stacking
+from packit_sim.parts.filling import packing_search
+from packit_sim.parts.handling.supports import stacking
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading import prepared as prepared_module
+from packit_sim.parts.reading.part_files import ReadSettings
+from packit_sim.parts.reading.prepared import prepare
+from packit_sim.parts.results import box_pictures, exports
+from packit_sim.parts.results.original_check import check_originals
+from packit_sim.parts.results.packing_record import own_folder, read_earlier
 from tests.read_3mf import bodies
 
 QUICK = PackSettings(workers=1, iterations=300)
@@ -363,7 +364,7 @@ def test_parts_are_in_an_order_in_which_they_can_be_put_in() -> None:
 def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkeypatch) -> None:
     first = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
     seen = []
-    monkeypatch.setattr("packit_sim.parts.packing_search.nest", None)  # it must not be called
+    monkeypatch.setattr("packit_sim.parts.filling.packing_search.nest", None)  # never called
     again = pack(
         [cube(count=8)],
         (20, 20, 20),

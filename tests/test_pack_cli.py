@@ -9,7 +9,7 @@ from trimesh import creation
 from packit_sim.cli import pack_command
 from packit_sim.cli.console import read_seconds
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts import instructions
+from packit_sim.parts.results import instructions
 from tests.runs import packit
 
 QUICK = ("--workers", 1, "--iterations", 300)

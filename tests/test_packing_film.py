@@ -10,10 +10,10 @@ from trimesh import creation
 
 from packit_sim import PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError, RenderError
-from packit_sim.parts import packing_film
-from packit_sim.parts.packing_film import film_packing
-from packit_sim.parts.posed_parts import contents
-from packit_sim.parts.requirements import Requirements, packing_order
+from packit_sim.parts.handling.requirements import Requirements, packing_order
+from packit_sim.parts.packings.posed_parts import contents
+from packit_sim.parts.results import packing_film
+from packit_sim.parts.results.packing_film import film_packing
 from packit_sim.render.layouts import Layout
 from tests.packed_parts import cuboid, packed
 

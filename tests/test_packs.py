@@ -8,17 +8,17 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import InfeasibleError, PackFormatError
-from packit_sim.datasets.manifests import manifest_path
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import (
+from packit_sim.game.datasets.manifests import manifest_path
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import (
     dataset_file,
     dataset_library,
     load_tasks,
     read_packs,
     write_packs,
 )
-from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import Other
+from packit_sim.game.datasets.packs import LibraryRef, Pack
+from packit_sim.game.datasets.provenance import Other
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary

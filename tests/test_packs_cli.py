@@ -18,14 +18,14 @@ from typer.testing import CliRunner, Result
 from packit_sim.cli.app import app
 from packit_sim.core.errors import PackFormatError, PackItError
 from packit_sim.core.extras import MissingPackageError
-from packit_sim.datasets import datasheet
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.original import read_original
-from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs, write_packs
-from packit_sim.datasets.packs import LibraryRef, Pack, PackedItem
-from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Other, Provenance
-from packit_sim.datasets.statistics import DatasetStatistics, take
-from packit_sim.generation.jobs import GenerationJob, generate
+from packit_sim.game.datasets import datasheet
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.original import read_original
+from packit_sim.game.datasets.pack_files import dataset_files, load_tasks, read_packs, write_packs
+from packit_sim.game.datasets.packs import LibraryRef, Pack, PackedItem
+from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Evolved, Other, Provenance
+from packit_sim.game.datasets.statistics import DatasetStatistics, take
+from packit_sim.game.generation.jobs import GenerationJob, generate
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render.plots import COLORS
 from tests.test_original import CHAIR, GOOD, MUG, pack, write

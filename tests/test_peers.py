@@ -23,9 +23,9 @@ from benchmarks.peers.rows import Row, read, summaries, write
 from benchmarks.peers.spectral import Metrics, Spectral, distances
 from benchmarks.peers.validity import QualityScores
 from packit_sim import Box, Item, Shape
-from packit_sim.datasets.packs import LibraryRef, Pack, Task
+from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
 from packit_sim.geometry import rotations
-from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.parts.packings.packing_files import verify_packing
 from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED, cube_of, random_item
 

@@ -19,13 +19,15 @@ from trimesh import creation, transformations
 
 from packit_sim import Agent
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import write_packs
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack, Task
-from packit_sim.datasets.verification import verify_dataset
-from packit_sim.envs.env import PackItEnv
-from packit_sim.evaluation.results import ResultsError, Rollout, read_results, write_results
-from packit_sim.game.episode import Episode
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import write_packs
+from packit_sim.game.datasets.packs import ItemRecord, LibraryRef, Pack, Task
+from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results
+from packit_sim.game.reports.examples import gallery
+from packit_sim.game.reports.runs import Runs
 from packit_sim.geometry.lattice import CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
@@ -35,10 +37,8 @@ from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
 from packit_sim.physics.settling import SettledItem
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle
-from packit_sim.reports.examples import gallery
-from packit_sim.reports.runs import Runs
 from packit_sim.rules import End, Rules
-from packit_sim.viewer.viewer import Viewer
+from packit_sim.web.viewer import Viewer
 from tests.runs import packit
 from tests.zoo import BALL, BOWL, CUBE, PLATE, TILTED, ZOO, cube_of
 

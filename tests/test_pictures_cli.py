@@ -21,13 +21,13 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.cli.app import main
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import read_packs, write_packs
-from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.generation.evolution import evolve
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import read_packs, write_packs
+from packit_sim.game.datasets.packs import LibraryRef, Pack
+from packit_sim.game.generation.evolution import evolve
+from packit_sim.game.paper import figures
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.paper import figures
 from packit_sim.render.coloring import ramp
 from packit_sim.render.looks import BACKGROUND
 from tests.zoo import cube_of

@@ -26,7 +26,7 @@ from packit_agents.placements.playing import (
 from packit_agents.placements.policy_gradient import StepSettings, improve
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import dataset_file, load_tasks
+from packit_sim.game.datasets.pack_files import dataset_file, load_tasks
 from packit_sim.libraries.library import ShapeLibrary
 
 

@@ -24,11 +24,11 @@ from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.evaluation.evaluation import play
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.game.policy_registry import UnknownPolicyError
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policy_registry import UnknownPolicyError
+from packit_sim.game.evaluation.evaluation import play
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.placement import BoxState

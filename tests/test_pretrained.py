@@ -21,10 +21,10 @@ from packit_agents.learning.weights import read_weights
 from packit_agents.placements.champion_training import PlacementTrainingSettings
 from packit_agents.placements.network import PlacementNetwork
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from packit_sim import Pack, ShapeLibrary, write_packs
 from packit_sim.box import Box
 from packit_sim.cli.app import app
-from packit_sim.datasets.packs import LibraryRef
-from packit_sim.datasets.provenance import Other, Played
+from packit_sim.game.datasets.packs import LibraryRef
+from packit_sim.game.datasets.provenance import Other, Played
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.quality import QualityScores, pack_quality

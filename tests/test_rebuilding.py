@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from trimesh import creation
 
-from packit_sim.nesting.build import build
-from packit_sim.nesting.filling import constructed, loaded, rebuilt
-from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.problem import boxes_of
-from packit_sim.nesting.tasks import SearchTask
+from packit_sim.parts.nesting.build import build
+from packit_sim.parts.nesting.filling import constructed, loaded, rebuilt
+from packit_sim.parts.nesting.problem import boxes_of
+from packit_sim.parts.nesting.tasks import SearchTask
+from packit_sim.parts.packings.item_types import ItemType
 
 SIZE = (4.0, 4.0, 4.0)
 

@@ -9,19 +9,19 @@ import pytest
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import MissingPackageError
-from packit_sim.datasets.pack_files import load_tasks, write_packs
-from packit_sim.datasets.packs import Task
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.recording import (
+from packit_sim.game.datasets.pack_files import load_tasks, write_packs
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.recording import (
     CUT_SHORT,
     Recorder,
     RecordingError,
     record,
     stage_steps,
 )
-from packit_sim.envs.wrappers import flattened
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Stage
+from packit_sim.game.envs.wrappers import flattened
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Stage
 from packit_sim.libraries.library import ShapeLibrary
 
 minari = pytest.importorskip("minari", reason="Minari comes with the extra learn")
@@ -354,8 +354,8 @@ def test_an_exception_leaves_nothing(tmp_path) -> None:
 def test_a_process_that_dies_leaves_nothing_at_the_path(tmp_path) -> None:
     code = f"""
 import os, sys
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.recording import Recorder
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.recording import Recorder
 assert not {{"minari", "h5py"}} & sys.modules.keys()
 recorder = Recorder(PackItEnv(observation="none", **{SHAPE_ONLY!r}), {str(tmp_path / "r")!r})
 recorder.reset(seed=0)

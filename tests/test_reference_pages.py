@@ -25,18 +25,18 @@ from packit_sim import (
     pack,
 )
 from packit_sim.core.assets import assets_folder
-from packit_sim.datasets import packs, provenance
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.envs.observations import OBSERVERS
-from packit_sim.evaluation.judging import SCORES
-from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
+from packit_sim.game.datasets import packs, provenance
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.manifests import Manifest, manifest_path
+from packit_sim.game.envs.observations import OBSERVERS
+from packit_sim.game.evaluation.judging import SCORES
+from packit_sim.game.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
-from packit_sim.nesting import instances, packing_files
-from packit_sim.parts import manifest
+from packit_sim.parts.packings import instances, packing_files
+from packit_sim.parts.reading import manifest
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables

@@ -15,12 +15,12 @@ from trimesh import creation
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
-from packit_sim.nesting.containers import BoxContainer
-from packit_sim.nesting.item_types import ItemType
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
-from packit_sim.parts.part_sweeps import AXES, PartSweeps
-from packit_sim.parts.removal import Removal, removable
+from packit_sim.parts.handling.part_sweeps import AXES, PartSweeps
+from packit_sim.parts.handling.removal import Removal, removable
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 from tests.examples import examples
 from tests.packed_parts import BAR, CAGE, bowl, cuboid, moved, packed, turned, u_profile
 

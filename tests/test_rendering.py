@@ -230,7 +230,7 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) ->
 def test_a_world_is_replaced_before_it_has_too_many_sections(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.scene._MAX_SECTIONS", 6000)
+    monkeypatch.setattr("packit_sim.render.scene._MAX_SECTIONS", 6000)
     box = Box()
     box.place(Item(BALL, 0.1), (5, 5, 0))
     with Scene(box) as scene:

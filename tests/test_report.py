@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 
 from packit_sim.core.errors import PackItError
-from packit_sim.evaluation.evaluation import Score, compare
-from packit_sim.evaluation.learning_curves import CurveError, TrainingRecord
-from packit_sim.evaluation.results import write_results
-from packit_sim.media import page_models
-from packit_sim.media.page_models import Models
-from packit_sim.reports import charts, tables
-from packit_sim.reports.examples import SOLUTION, Example, extremes, gallery
-from packit_sim.reports.page import page
-from packit_sim.reports.runs import ReportError, Runs
+from packit_sim.game.evaluation.evaluation import Score, compare
+from packit_sim.game.evaluation.learning_curves import CurveError, TrainingRecord
+from packit_sim.game.evaluation.results import write_results
+from packit_sim.game.reports import charts, tables
+from packit_sim.game.reports.examples import SOLUTION, Example, extremes, gallery
+from packit_sim.game.reports.page import page
+from packit_sim.game.reports.runs import ReportError, Runs
 from packit_sim.rules import Rules
+from packit_sim.web import page_models
+from packit_sim.web.page_models import Models
 from tests.runs import everyday, packit, results, rollout, tasks, training
 
 GOOD, BAD = "largest-first/aligned/blbf", "random/random/<b>&random"

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from packit_sim.game.reports.examples import SOLUTION, gallery
+from packit_sim.game.reports.page import page
+from packit_sim.game.reports.runs import Runs
 from packit_sim.render.image_files import RGBImage
-from packit_sim.reports.examples import SOLUTION, gallery
-from packit_sim.reports.page import page
-from packit_sim.reports.runs import Runs
 from tests.runs import everyday, results, tasks, training
 
 REFERENCE = Path(__file__).parent / "references" / "report-model.png"

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.nesting.packing import Packing
-from packit_sim.nesting.placements import Placement
-from packit_sim.parts.dropping import Dropping, drop_violations
-from packit_sim.parts.packing_stages import stage_motions
-from packit_sim.parts.requirements import Requirements, packing_order, violations
+from packit_sim.parts.handling.dropping import Dropping, drop_violations
+from packit_sim.parts.handling.packing_stages import stage_motions
+from packit_sim.parts.handling.requirements import Requirements, packing_order, violations
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 from tests.examples import examples
 from tests.packed_parts import CAGE, bowl, cuboid, moved, packed, table
 

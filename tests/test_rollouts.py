@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core import caches
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.envs.env import PackItEnv
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.envs.env import PackItEnv
 from packit_sim.libraries.library import ShapeLibrary
 from tests.examples import examples
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from packit_sim.core import caches
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import Rules
 

@@ -7,8 +7,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.wrappers import features_only, flattened
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.wrappers import features_only, flattened
 
 pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra learn")
 
@@ -54,7 +54,9 @@ def test_the_checker_is_content_where_there_are_no_grids(name) -> None:
 @pytest.mark.parametrize("vectorized", [DummyVecEnv, SubprocVecEnv])
 def test_vector_environments_play_like_single_ones(vectorized) -> None:
     settings = {"observation": "features", **SHAPE_ONLY}
-    multiprocessing.set_forkserver_preload(["packit_sim.envs.env"])  # once, not in each process
+    multiprocessing.set_forkserver_preload(
+        ["packit_sim.game.envs.env"]
+    )  # once, not in each process
     envs = vectorized([functools.partial(gym.make, "packit_sim:PackIt-v0", **settings)] * 2)
     singles = [PackItEnv(**settings) for _ in range(2)]
     finished = 0

@@ -155,7 +155,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
 ) -> None:
     with Scene(three_items()) as scene:
         world = scene._world
-        monkeypatch.setattr("packit_sim.scene._MAX_SHAPES", 2)
+        monkeypatch.setattr("packit_sim.render.scene._MAX_SHAPES", 2)
         box = Box((60, 80, 100))
         box.place(cube_of(20), (5, 5, 0))
         scene.update(box)
@@ -166,7 +166,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
 def test_a_world_is_replaced_before_it_has_too_many_triangles(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.scene._MAX_TRIANGLES", 6000)
+    monkeypatch.setattr("packit_sim.render.scene._MAX_TRIANGLES", 6000)
     with Scene(Box()) as scene:
         for scale in (0.1, 0.11, 0.12, 0.13):
             box = Box()

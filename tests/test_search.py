@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from trimesh import creation
 
 from packit_agents.planning.budgets import Budget
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.evaluation.evaluation import evaluate, play
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode
-from packit_sim.game.policy_registry import UnknownPolicyError, load_search
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.episodes.policy_registry import UnknownPolicyError, load_search
+from packit_sim.game.evaluation.evaluation import evaluate, play
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules

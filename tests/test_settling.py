@@ -15,7 +15,7 @@ from trimesh import creation, transformations
 from packit_sim import ShapeLibrary, read_packs
 from packit_sim.box import Box
 from packit_sim.core.errors import PhysicsError
-from packit_sim.datasets.pack_files import dataset_file
+from packit_sim.game.datasets.pack_files import dataset_file
 from packit_sim.geometry.lattice import STEP, Triple
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics import settling, world

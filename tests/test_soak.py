@@ -12,7 +12,7 @@ from trimesh import creation
 pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 from campaigns import soak
-from packit_sim.datasets.packs import ItemRecord, LibraryRef, Pack
+from packit_sim.game.datasets.packs import ItemRecord, LibraryRef, Pack
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.libraries.library import ShapeLibrary
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import LibraryRef, Pack
-from packit_sim.datasets.provenance import UNKNOWN_PROVENANCE, Evolved
-from packit_sim.generation.jobs import EvolutionProgress
-from packit_sim.generation.time_estimates import ENOUGH, TimeEstimate, format_remaining
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.packs import LibraryRef, Pack
+from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Evolved
+from packit_sim.game.generation.jobs import EvolutionProgress
+from packit_sim.game.generation.time_estimates import ENOUGH, TimeEstimate, format_remaining
 
 SETTINGS = EvolutionSettings(generations=99, patience=20)
 """An evolution has 100 generations, the first included, or ends 20 after its best."""

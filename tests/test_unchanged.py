@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from packit_sim.core.assets import assets_folder
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import load_tasks, read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.evaluation.evaluation import evaluate
-from packit_sim.evaluation.judging import is_judged
-from packit_sim.evaluation.results import Rollout, read_results
-from packit_sim.game.agents import Agent
-from packit_sim.generation.evolution import Evolution
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import load_tasks, read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.evaluation import evaluate
+from packit_sim.game.evaluation.judging import is_judged
+from packit_sim.game.evaluation.results import Rollout, read_results
+from packit_sim.game.generation.evolution import Evolution
 from packit_sim.libraries.library import ShapeLibrary
 
 RECORDS = Path(__file__).parent / "references" / "format-1"

@@ -6,10 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.vector import PackItVectorEnv
-from packit_sim.evaluation.evaluation import evaluate, evaluate_batched
-from packit_sim.game.agents import Agent
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.vector import PackItVectorEnv
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.evaluation import evaluate, evaluate_batched
 
 SHAPES_ONLY = {"observation": "features", "rotation": "aligned", "location": "blbf"}
 

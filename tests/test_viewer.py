@@ -21,14 +21,14 @@ from msgspec.msgpack import encode
 from packit_sim.box import Box
 from packit_sim.core.errors import PackItError, RenderError
 from packit_sim.geometry.shapes import Item
-from packit_sim.viewer.viewer import Viewer
+from packit_sim.web.viewer import Viewer
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of
 
 viser = pytest.importorskip("viser")
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
-from packit_sim.core.web_origins import is_own_page  # noqa: E402
+from packit_sim.web.origins import is_own_page  # noqa: E402
 
 CAMERA = (
     *("wxyz", "position", "fov", "near", "far"),
@@ -41,7 +41,7 @@ BYTES = 4
 
 LEFT_OPEN = """
 from packit_sim.box import Box
-from packit_sim.viewer.viewer import Viewer
+from packit_sim.web.viewer import Viewer
 print(Viewer(Box()).address)
 """
 
@@ -273,7 +273,7 @@ def test_a_closed_viewer_says_so(viewer: Viewer) -> None:
 
 def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    spec = importlib.util.find_spec("packit_sim.viewer.viewer")
+    spec = importlib.util.find_spec("packit_sim.web.viewer")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -14,13 +14,13 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from packit_sim.datasets.pack_files import dataset_file, read_packs
-from packit_sim.explorer.collection import PackCollection
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs
+from packit_sim.game.explorer.collection import PackCollection
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.viewer.box_view import corners, reach
+from packit_sim.web.box_view import corners, reach
 
 pytest.importorskip("viser")
-from packit_sim.explorer.explorer import Explorer
+from packit_sim.game.explorer.explorer import Explorer
 
 REFERENCES = Path(__file__).parent / "pages"
 WINDOW = {"width": 640, "height": 480}

@@ -13,7 +13,7 @@ USE = """
 import packit_agents
 import packit_sim
 from packit_sim import Box, Item, ShapeLibrary
-from packit_sim.game.agents import Agent
+from packit_sim.game.episodes.agents import Agent
 
 assert not packit_sim.__file__.startswith({root!r}), packit_sim.__file__
 library = ShapeLibrary.open("everyday")

@@ -18,9 +18,9 @@ import trimesh
 from trimesh import creation
 
 from packit_sim.core.errors import RenderError
-from packit_sim.parts import exports
-from packit_sim.workbench import uploads as uploads_module
-from packit_sim.workbench.workbench import Workbench
+from packit_sim.parts.results import exports
+from packit_sim.parts.workbench import uploads as uploads_module
+from packit_sim.parts.workbench.workbench import Workbench
 
 ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
 

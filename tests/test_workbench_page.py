@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from trimesh import creation
 
-from packit_sim.parts import exports
-from packit_sim.workbench.workbench import Workbench
+from packit_sim.parts.results import exports
+from packit_sim.parts.workbench.workbench import Workbench
 
 LONG = 120_000
 """Milliseconds that a busy machine may take."""

@@ -4,8 +4,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.wrappers import features_only, flattened
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.wrappers import features_only, flattened
 
 SHAPE_ONLY = {"rotation": "aligned", "location": "blbf", "max_shapes": 40}
 

@@ -25,10 +25,10 @@ from benchmarks.common import argument_parser, machine, write_json
 from benchmarks.nesting.cases import CASES
 from benchmarks.nesting.runs import Search, run
 from packit_sim import NestSettings, nest
-from packit_sim.nesting import search, separation_kernels, strips
-from packit_sim.nesting.problem import Problem
-from packit_sim.nesting.rounds import Problems
-from packit_sim.nesting.tasks import Poses, SearchTask
+from packit_sim.parts.nesting import search, separation_kernels, strips
+from packit_sim.parts.nesting.problem import Problem
+from packit_sim.parts.nesting.rounds import Problems
+from packit_sim.parts.nesting.tasks import Poses, SearchTask
 
 FILE = "nesting_ablations.json"
 

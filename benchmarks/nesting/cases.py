@@ -13,7 +13,7 @@ import numpy as np
 from packit_sim import Box, BoxContainer, Item, ItemType, ShapeLibrary, load_tasks
 from packit_sim.core.assets import assets_folder
 from packit_sim.geometry import rotations as grid_rotations
-from packit_sim.nesting.instances import builtin_instances, read_instance
+from packit_sim.parts.packings.instances import builtin_instances, read_instance
 from packit_sim.placement import PlacedItem
 
 DATASET, SPLIT = "everyday-v1", "test"

@@ -16,7 +16,7 @@ from benchmarks.common import RESULTS, plot_file
 from benchmarks.nesting import ablations
 from benchmarks.nesting.runs import Results, Search
 from packit_sim.core.files import replace_text
-from packit_sim.parts import box_pictures
+from packit_sim.parts.results import box_pictures
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "nesting.md"
 

@@ -18,8 +18,8 @@ from trimesh.collision import CollisionManager
 from benchmarks.common import machine, write_json
 from benchmarks.nesting.cases import CASES, Case
 from packit_sim import NestSettings, Packing, nest
-from packit_sim.nesting.placements import Placement
-from packit_sim.nesting.rounds import Problems
+from packit_sim.parts.nesting.rounds import Problems
+from packit_sim.parts.packings.placements import Placement
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ from packit_sim import ShapeLibrary
 from packit_sim.cli.console import console, progress_bars
 from packit_sim.cli.evaluation_commands import interval, show_agents
 from packit_sim.core import caches
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
 from packit_sim.render import plots
 
 AGENTS = (

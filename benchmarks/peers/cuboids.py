@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.peers.posed import AXIS_ORDERS, Posed
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL
 

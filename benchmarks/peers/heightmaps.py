@@ -15,7 +15,7 @@ import numpy.typing as npt
 from benchmarks.peers.grids import profile_turned, profiles
 from benchmarks.peers.posed import ALL_ROTATIONS, Posed, largest_first
 from packit_sim.core.compilation import kernel
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.lattice import CELL, FINE, FINE_PER_CELL, Triple
 from packit_sim.geometry.shapes import Item

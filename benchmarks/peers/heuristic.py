@@ -13,7 +13,7 @@ from benchmarks.peers.grids import Voxels, voxels
 from benchmarks.peers.posed import Posed, largest_first
 from benchmarks.peers.spectral import Metrics
 from packit_sim import placement
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 

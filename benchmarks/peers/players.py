@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.peers.posed import Posed
-from packit_sim.datasets.packs import Task
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.rules import End
 
 SEED = 0

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry import rotations
 from packit_sim.geometry.shapes import Item
 

@@ -14,8 +14,8 @@ from benchmarks.peers.posed import Posed
 from benchmarks.peers.validity import QualityScores
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.files import replace_text
-from packit_sim.datasets.packs import Task
-from packit_sim.datasets.provenance import RETURN_SLACK
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.datasets.provenance import RETURN_SLACK
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 
 DIGITS = 6

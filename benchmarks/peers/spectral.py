@@ -23,7 +23,7 @@ from scipy import ndimage
 from benchmarks.peers.grids import Voxels, voxels
 from benchmarks.peers.posed import AXIS_ORDERS, Posed, largest_first
 from packit_sim.core.caches import cached_property
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, Triple
 from packit_sim.geometry.shapes import Item

@@ -15,14 +15,14 @@ from campaigns.fuzzing import world
 from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.datasets.original import read_original
-from packit_sim.datasets.pack_files import dataset_library, read_packs, write_packs
-from packit_sim.datasets.verification import verify_dataset
-from packit_sim.evaluation.results import check_results, read_results
+from packit_sim.game.datasets.manifests import Manifest, manifest_path
+from packit_sim.game.datasets.original import read_original
+from packit_sim.game.datasets.pack_files import dataset_library, read_packs, write_packs
+from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.evaluation.results import check_results, read_results
 from packit_sim.geometry.items import PlacedItem
-from packit_sim.nesting.instances import ITEM_ORIGINS, read_instance, read_solution
-from packit_sim.nesting.packing_files import verify_packing
+from packit_sim.parts.packings.instances import ITEM_ORIGINS, read_instance, read_solution
+from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.rules import Rules
 from packit_sim.selftest.cases import Case
 from packit_sim.selftest.replays import read_replay, replay_text

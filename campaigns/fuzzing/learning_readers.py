@@ -19,9 +19,9 @@ from packit_agents.learning.training_settings import read_settings
 from packit_agents.learning.weights import read_weights, write_weights
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import FEATURES
-from packit_sim.envs.recording import record, stage_steps
-from packit_sim.evaluation.learning_curves import TrainingRecord
-from packit_sim.game.episode import Stage
+from packit_sim.game.envs.recording import record, stage_steps
+from packit_sim.game.episodes.episode import Stage
+from packit_sim.game.evaluation.learning_curves import TrainingRecord
 from tests import bad_meshes
 
 

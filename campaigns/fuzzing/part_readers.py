@@ -14,17 +14,17 @@ from campaigns.fuzzing.reader import Reader
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_line
-from packit_sim.parts.box_types import box_types
+from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.packing_record import RECORD, read_earlier, write_record
-from packit_sim.parts.part import Part
-from packit_sim.parts.part_files import find_parts
-from packit_sim.parts.task import PackSettings
-from packit_sim.parts.units import check_unit, lengths
-from packit_sim.workbench.workbench import _Order
+from packit_sim.parts.reading.box_types import box_types
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.part_files import find_parts
+from packit_sim.parts.reading.units import check_unit, lengths
+from packit_sim.parts.results.packing_record import RECORD, read_earlier, write_record
+from packit_sim.parts.workbench.workbench import _Order
 
 if TYPE_CHECKING:
-    from packit_sim.parts.packed import PackedParts
+    from packit_sim.parts.results.packed import PackedParts
 
 _ROWS = (
     {"file": "box.stl", "count": 2, "value": 1.5, "rotations": "yaw-4", "priority": 1, "mass": 20},

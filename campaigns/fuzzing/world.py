@@ -16,10 +16,10 @@ from typing import Any
 from trimesh import creation
 
 from packit_sim.box import Box
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.packs import ItemRecord, Pack, PackedItem, PoseRecord
-from packit_sim.datasets.provenance import (
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.packs import ItemRecord, Pack, PackedItem, PoseRecord
+from packit_sim.game.datasets.provenance import (
     Densified,
     Drawn,
     Evolved,

@@ -7,8 +7,12 @@ from rich.markup import escape
 
 from packit_sim.cli.console import console
 from packit_sim.cli.output import simple_table
-from packit_sim.game.episode import Stage
-from packit_sim.game.policy_registry import PolicySummary, installed_policies, installed_searches
+from packit_sim.game.episodes.episode import Stage
+from packit_sim.game.episodes.policy_registry import (
+    PolicySummary,
+    installed_policies,
+    installed_searches,
+)
 
 app = typer.Typer(help="List the agents that can play.", no_args_is_help=True)
 

@@ -23,7 +23,7 @@ from rich.segment import Segment
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import BackendName, SearchBackend
 from packit_sim.core.plain_text import plain
-from packit_sim.datasets.pack_files import dataset_library
+from packit_sim.game.datasets.pack_files import dataset_library
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES

@@ -23,15 +23,15 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import print_written, simple_table, write_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replace_text
-from packit_sim.datasets import datasheet, statistics
-from packit_sim.datasets.manifests import Manifest, manifest_path
-from packit_sim.datasets.original import Original, read_original
-from packit_sim.datasets.pack_files import BUILTIN_DATASETS, WHOLE, dataset_files, write_packs
-from packit_sim.datasets.statistics import DatasetStatistics
-from packit_sim.generation.sequences import SequenceSampler
+from packit_sim.game.datasets import datasheet, statistics
+from packit_sim.game.datasets.manifests import Manifest, manifest_path
+from packit_sim.game.datasets.original import Original, read_original
+from packit_sim.game.datasets.pack_files import BUILTIN_DATASETS, WHOLE, dataset_files, write_packs
+from packit_sim.game.datasets.statistics import DatasetStatistics
+from packit_sim.game.generation.sequences import SequenceSampler
+from packit_sim.game.reports import statistics_plot
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
-from packit_sim.reports import statistics_plot
 
 MOST_ROWS = 40
 """Maximum rows of the table of items without a shape; the report contains all."""

@@ -14,12 +14,12 @@ from packit_sim.cli.console import SeedOption, console, prepare_folder, progress
 from packit_sim.cli.evaluation_commands import HEURISTICS, evaluate_shown
 from packit_sim.cli.generation_commands import evolve_shown
 from packit_sim.cli.output import print_written, simple_table
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_checks import verify
-from packit_sim.datasets.pack_files import write_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.evaluation.results import Rollout
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import write_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.results import Rollout
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.scene import Scene
 

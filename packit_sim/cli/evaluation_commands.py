@@ -30,12 +30,12 @@ from packit_sim.cli.output import RESUMABLE, check_shown, print_written, simple_
 from packit_sim.core.confidence import Comparison, Estimate
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
-from packit_sim.datasets.packs import Task
-from packit_sim.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
-from packit_sim.evaluation.judging import SCORES, is_judged, judge
-from packit_sim.evaluation.results import Rollout, read_results
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_file, read_packs
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.evaluation import SUCCESS_LEVELS, Score, compare, evaluate
+from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
+from packit_sim.game.evaluation.results import Rollout, read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings

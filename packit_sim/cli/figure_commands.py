@@ -20,11 +20,11 @@ from packit_sim.cli.evaluation_commands import evaluate_shown
 from packit_sim.cli.generation_commands import evolve_shown
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.picture_commands import PackOption, picked
-from packit_sim.datasets.evolution_settings import EvolutionSettings
-from packit_sim.datasets.pack_files import STARTER_PACKS, dataset_files, load_tasks, read_packs
-from packit_sim.game.agents import Agent
-from packit_sim.paper import figures
-from packit_sim.paper.reproduction import HEURISTIC
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import STARTER_PACKS, dataset_files, load_tasks, read_packs
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.paper import figures
+from packit_sim.game.paper.reproduction import HEURISTIC
 from packit_sim.render import plots
 
 

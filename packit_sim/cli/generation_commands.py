@@ -26,15 +26,15 @@ from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.cli.puzzle_generation import PIECES, check_options, write_puzzles
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.parallel import Workers
-from packit_sim.datasets.densification_settings import DensificationSettings
-from packit_sim.datasets.evolution_settings import EvolutionSettings, SearchName
-from packit_sim.datasets.pack_files import WHOLE, read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Densified, Evolved
-from packit_sim.generation import time_estimates
-from packit_sim.generation.evolution import Evolution, Generation, evolve
-from packit_sim.generation.jobs import GenerationJob, SearchSettings, generate, under_way
-from packit_sim.generation.time_estimates import TimeEstimate
+from packit_sim.game.datasets.densification_settings import DensificationSettings
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings, SearchName
+from packit_sim.game.datasets.pack_files import WHOLE, read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.datasets.provenance import Densified, Evolved
+from packit_sim.game.generation import time_estimates
+from packit_sim.game.generation.evolution import Evolution, Generation, evolve
+from packit_sim.game.generation.jobs import GenerationJob, SearchSettings, generate, under_way
+from packit_sim.game.generation.time_estimates import TimeEstimate
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.splits import Split

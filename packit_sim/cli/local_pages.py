@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from packit_sim.cli.console import console
-from packit_sim.core.web_origins import LOOPBACK
+from packit_sim.web.origins import LOOPBACK
 
 HostOption = Annotated[
     str, typer.Option(help="Address to listen on; 0.0.0.0 allows other machines.")

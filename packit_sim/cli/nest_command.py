@@ -21,11 +21,11 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
 from packit_sim.core.errors import ArgumentError
-from packit_sim.nesting import rotation_sets
-from packit_sim.nesting.instances import builtin_instances, read_instance, write_solution
-from packit_sim.nesting.mesh_paths import MAX_LEVELS
-from packit_sim.nesting.nest import NestSettings, nest
-from packit_sim.nesting.packing import Packing
+from packit_sim.parts.nesting.nest import NestSettings, nest
+from packit_sim.parts.packings import rotation_sets
+from packit_sim.parts.packings.instances import builtin_instances, read_instance, write_solution
+from packit_sim.parts.packings.mesh_paths import MAX_LEVELS
+from packit_sim.parts.packings.packing import Packing
 
 EXAMPLE = "Liu et al. 2015/Experiment1"
 """A built-in instance that messages name."""

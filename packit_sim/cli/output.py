@@ -15,8 +15,8 @@ from rich.table import Table
 from packit_sim.cli.console import console
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.files import replace_text
-from packit_sim.datasets.pack_files import recorded_library
-from packit_sim.evaluation.results import Rollout, check_results
+from packit_sim.game.datasets.pack_files import recorded_library
+from packit_sim.game.evaluation.results import Rollout, check_results
 from packit_sim.libraries.library import ShapeLibrary
 
 RESUMABLE = "repeat the command to resume"

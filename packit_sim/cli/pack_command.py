@@ -20,12 +20,12 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.length_units import Unit
+from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.packed import PackedParts
-from packit_sim.parts.packing_record import FILM, INSTRUCTIONS
-from packit_sim.parts.part_files import ReadSettings
-from packit_sim.parts.task import Goal, PackSettings
-from packit_sim.parts.units import lengths, unit_of
+from packit_sim.parts.reading.part_files import ReadSettings
+from packit_sim.parts.reading.units import lengths, unit_of
+from packit_sim.parts.results.packed import PackedParts
+from packit_sim.parts.results.packing_record import FILM, INSTRUCTIONS
 
 
 def pack_command(

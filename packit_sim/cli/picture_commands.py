@@ -24,16 +24,16 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.cli.shape_commands import CategoryOption, selection
 from packit_sim.core.errors import PackItError
-from packit_sim.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
-from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Played
+from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.datasets.provenance import Played
 from packit_sim.geometry.items import BoxState, Contents, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, CELL
 from packit_sim.geometry.shapes import UP_AXES, Item
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.media import export, films, video
 from packit_sim.physics.settings import DISTANCE
 from packit_sim.physics.settling import settle
+from packit_sim.render import export, films, video
 from packit_sim.render.cameras import CAMERAS, Camera
 from packit_sim.render.coloring import COLORINGS, ByNumber, ByShare, Coloring, by_item
 from packit_sim.render.image_files import MAX_SIDE, RGBImage, save_png

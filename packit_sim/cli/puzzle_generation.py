@@ -11,10 +11,10 @@ import typer
 from packit_sim.cli.console import progress_bars
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, stoppable
 from packit_sim.core.errors import ArgumentError
-from packit_sim.datasets.pack_files import WHOLE
-from packit_sim.datasets.packs import Pack
-from packit_sim.datasets.provenance import Puzzle, PuzzleName
-from packit_sim.generation.puzzles import LIBRARY_FOLDER, PuzzleJob, generate_puzzles
+from packit_sim.game.datasets.pack_files import WHOLE
+from packit_sim.game.datasets.packs import Pack
+from packit_sim.game.datasets.provenance import Puzzle, PuzzleName
+from packit_sim.game.generation.puzzles import LIBRARY_FOLDER, PuzzleJob, generate_puzzles
 
 PIECES = 16
 """The number of pieces by default."""

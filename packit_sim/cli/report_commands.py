@@ -12,12 +12,12 @@ import typer
 from packit_sim.cli.console import DatasetLibraryOption, SplitOption, prepare_folder
 from packit_sim.cli.output import check_shown, print_written
 from packit_sim.core.files import replace_text
-from packit_sim.datasets.pack_files import load_tasks, recorded_library
+from packit_sim.game.datasets.pack_files import load_tasks, recorded_library
+from packit_sim.game.reports import page
+from packit_sim.game.reports.examples import chosen, gallery
+from packit_sim.game.reports.runs import ReportError, Runs
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
-from packit_sim.reports import page
-from packit_sim.reports.examples import chosen, gallery
-from packit_sim.reports.runs import ReportError, Runs
 
 SUFFIXES = (".html", ".htm")
 

@@ -28,14 +28,21 @@ from packit_sim.core.errors import PackItError
 from packit_sim.core.files import claimed, lock_path, replace_text
 from packit_sim.core.parallel import Workers
 from packit_sim.core.version import __version__
-from packit_sim.datasets.pack_files import dataset_files, load_tasks, read_packs
-from packit_sim.datasets.packs import LibraryRef, Task
-from packit_sim.datasets.provenance import Evolved
-from packit_sim.evaluation.results import Rollout
-from packit_sim.game.agents import Agent
+from packit_sim.game.datasets.pack_files import dataset_files, load_tasks, read_packs
+from packit_sim.game.datasets.packs import LibraryRef, Task
+from packit_sim.game.datasets.provenance import Evolved
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.evaluation.results import Rollout
+from packit_sim.game.paper import hardness, portfolio
+from packit_sim.game.paper.reproduction import (
+    HEURISTIC,
+    TABLES,
+    draw,
+    markdown,
+    reproduced,
+    to_json,
+)
 from packit_sim.libraries.splits import Split
-from packit_sim.paper import hardness, portfolio
-from packit_sim.paper.reproduction import HEURISTIC, TABLES, draw, markdown, reproduced, to_json
 from packit_sim.render import plots
 from packit_sim.rules import PACKIT, Rules
 

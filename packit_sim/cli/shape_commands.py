@@ -39,7 +39,7 @@ from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo, listed
 from packit_sim.libraries.splits import SPLITS, Split
-from packit_sim.media.contact_sheets import contact_sheet
+from packit_sim.render.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE
 
 MOST_ROWS = 40

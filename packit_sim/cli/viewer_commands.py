@@ -13,12 +13,12 @@ from packit_sim.cli.local_pages import (
     PortOption,
     serve_until_interrupt,
 )
-from packit_sim.core.web_origins import LOOPBACK
-from packit_sim.datasets.pack_files import dataset_path
-from packit_sim.explorer.collection import PackCollection
-from packit_sim.explorer.explorer import Explorer
+from packit_sim.game.datasets.pack_files import dataset_path
+from packit_sim.game.explorer.collection import PackCollection
+from packit_sim.game.explorer.explorer import Explorer
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.workbench.workbench import Workbench
+from packit_sim.parts.workbench.workbench import Workbench
+from packit_sim.web.origins import LOOPBACK
 
 
 def view_command(

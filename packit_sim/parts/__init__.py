@@ -6,12 +6,17 @@ gravity moves; `violations` and `drop_violations` apply `Requirements`, and `wri
 writes pages for the person who packs.
 """
 
-from packit_sim.parts.dropping import DroppedPart, Reduced, drop_violations
-from packit_sim.parts.instructions import write_instructions
-from packit_sim.parts.packing_stages import StageMotion, stage_motions
-from packit_sim.parts.removal import Removal, Route, StuckPart, removable
-from packit_sim.parts.requirements import Requirements, Violation, packing_order, violations
-from packit_sim.parts.supports import Stacking, lowered, stacking
+from packit_sim.parts.handling.dropping import DroppedPart, Reduced, drop_violations
+from packit_sim.parts.handling.packing_stages import StageMotion, stage_motions
+from packit_sim.parts.handling.removal import Removal, Route, StuckPart, removable
+from packit_sim.parts.handling.requirements import (
+    Requirements,
+    Violation,
+    packing_order,
+    violations,
+)
+from packit_sim.parts.handling.supports import Stacking, lowered, stacking
+from packit_sim.parts.results.instructions import write_instructions
 
 __all__ = [
     "DroppedPart",

@@ -10,18 +10,18 @@ from pathlib import Path
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.length_units import Unit
-from packit_sim.nesting.rotation_sets import FIXED
-from packit_sim.parts.answers import Answer
-from packit_sim.parts.box_types import BoxType, box_types
-from packit_sim.parts.packed import LeftOut, PackedParts
-from packit_sim.parts.packing_record import Earlier, own_folder, read_earlier
-from packit_sim.parts.packing_search import PackingSearch
-from packit_sim.parts.part import Part
-from packit_sim.parts.part_files import Reading, UnreadFile, find_parts
-from packit_sim.parts.part_sizes import too_large, unit_notes
-from packit_sim.parts.prepared import PreparedPart, boxed, least_side, prepare
-from packit_sim.parts.task import Goal, PackSettings, PackTask
-from packit_sim.parts.units import unit_of
+from packit_sim.parts.filling.answers import Answer
+from packit_sim.parts.filling.packing_search import PackingSearch
+from packit_sim.parts.filling.task import Goal, PackSettings, PackTask
+from packit_sim.parts.packings.rotation_sets import FIXED
+from packit_sim.parts.reading.box_types import BoxType, box_types
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.part_files import Reading, UnreadFile, find_parts
+from packit_sim.parts.reading.part_sizes import too_large, unit_notes
+from packit_sim.parts.reading.prepared import PreparedPart, boxed, least_side, prepare
+from packit_sim.parts.reading.units import unit_of
+from packit_sim.parts.results.packed import LeftOut, PackedParts
+from packit_sim.parts.results.packing_record import Earlier, own_folder, read_earlier
 
 Boxes = str | BoxType | Sequence[float] | Sequence[str | BoxType]
 

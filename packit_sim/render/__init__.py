@@ -1,1 +1,1 @@
-"""How pictures look and how they are drawn: cameras, colours, cuts, renderers, plots."""
+"""Pictures of boxes: cameras, colours, cuts, renderers, contact sheets, films, mesh exports."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from packit_agents.heuristics.action_scores import ActionScores, by_weight
 from packit_agents.heuristics.contacts import Neighbours, by_contacts
-from packit_sim.game.episode import Episode
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.geometry.lattice import Triple
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import Mask

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_agents.heuristics.action_scores import ActionScores, by_random_weight, by_rank
-from packit_sim.game.episode import Episode
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import STEP
 from packit_sim.geometry.shapes import Item

@@ -17,7 +17,7 @@ from packit_agents.heuristics.action_scores import (
     by_rank,
     by_weight,
 )
-from packit_sim.game.episode import Episode
+from packit_sim.game.episodes.episode import Episode
 from packit_sim.geometry.shapes import Item
 
 

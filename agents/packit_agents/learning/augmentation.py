@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.envs.observations import Observation
+from packit_sim.game.envs.observations import Observation
 
 _POSES = tuple(
     (order, flipped)

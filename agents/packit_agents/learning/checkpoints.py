@@ -15,7 +15,7 @@ from msgspec import Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.files import replacing
-from packit_sim.evaluation.learning_curves import CurvePoint
+from packit_sim.game.evaluation.learning_curves import CurvePoint
 
 FORMAT = 2
 

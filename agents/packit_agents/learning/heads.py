@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from packit_agents.learning.blocks import blocks
-from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
+from packit_sim.game.envs.observations import BOX_CUBES, SHAPE_CUBES
 from packit_sim.geometry import rotations
 
 _RANK = 8

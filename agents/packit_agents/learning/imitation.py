@@ -20,10 +20,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from packit_agents.learning.dagger_dataset import DaggerDataset
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.observations import Observation
-from packit_sim.game.agents import Agent
-from packit_sim.game.episode import Episode
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.observations import Observation
+from packit_sim.game.episodes.agents import Agent
+from packit_sim.game.episodes.episode import Episode
 
 LABEL = "label"
 """The observation field that holds the label of a state."""

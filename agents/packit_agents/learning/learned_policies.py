@@ -14,8 +14,8 @@ from torch import Tensor, nn
 from packit_agents.heuristics.action_scores import ActionScores
 from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import WeightsError, read_weights, weights_digest
-from packit_sim.envs.observations import FeatureObserver, Observation, PlacementFeatureObserver
-from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.envs.observations import FeatureObserver, Observation, PlacementFeatureObserver
+from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.geometry.lattice import BOX_CELLS
 
 SHAPE_FIELDS = ("shapes", "box", "outside", "placement_features")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packit_sim.datasets.packs import ItemRecord, Pack, Task
+from packit_sim.game.datasets.packs import ItemRecord, Pack, Task
 from packit_sim.libraries.library import ShapeLibrary
 
 

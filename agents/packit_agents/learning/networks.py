@@ -17,8 +17,8 @@ from packit_agents.learning.blocks import blocks
 from packit_agents.learning.heads import LocationHead, RotationHead
 from packit_sim.core.checks import Range, check_settings
 from packit_sim.core.errors import ArgumentError
-from packit_sim.envs.observations import BOX_CUBES, SHAPE_CUBES
-from packit_sim.game.episode import Stage
+from packit_sim.game.envs.observations import BOX_CUBES, SHAPE_CUBES
+from packit_sim.game.episodes.episode import Stage
 from packit_sim.geometry.lattice import BOX_CELLS, grid_nodes
 
 Fields = Mapping[str, Tensor]

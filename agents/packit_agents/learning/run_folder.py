@@ -12,7 +12,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import PackItError, located
 from packit_sim.core.files import claimed, replace_text
 from packit_sim.core.version import __version__
-from packit_sim.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
+from packit_sim.game.evaluation.learning_curves import CURVE_FILE, SETTINGS_FILE, CurvePoint, flat
 
 
 class TrainingError(PackItError, ValueError):

@@ -15,7 +15,7 @@ from packit_sim.render import plots
 
 if TYPE_CHECKING:
     from packit_agents.learning.training import Progress
-    from packit_sim.evaluation.learning_curves import CurvePoint
+    from packit_sim.game.evaluation.learning_curves import CurvePoint
 
 
 def train_command(

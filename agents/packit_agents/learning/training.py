@@ -39,14 +39,14 @@ from packit_agents.learning.training_settings import TrainingSettings
 from packit_sim.core.confidence import Estimate
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.silence import quiet_threads
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import LibraryRef, Task
-from packit_sim.envs.env import PackItEnv
-from packit_sim.envs.observations import Observation
-from packit_sim.envs.task_source import FRESH, TaskMaker
-from packit_sim.envs.vector import PackItVectorEnv
-from packit_sim.evaluation.evaluation import evaluate_batched
-from packit_sim.evaluation.learning_curves import CurvePoint
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import LibraryRef, Task
+from packit_sim.game.envs.env import PackItEnv
+from packit_sim.game.envs.observations import Observation
+from packit_sim.game.envs.task_source import FRESH, TaskMaker
+from packit_sim.game.envs.vector import PackItVectorEnv
+from packit_sim.game.evaluation.evaluation import evaluate_batched
+from packit_sim.game.evaluation.learning_curves import CurvePoint
 from packit_sim.libraries.library import ShapeLibrary
 
 _log = plain_logger(__name__)

@@ -22,9 +22,9 @@ from packit_sim.core.confidence import Estimate
 from packit_sim.core.parallel import Workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.version import __version__
-from packit_sim.datasets.pack_files import load_tasks
-from packit_sim.datasets.packs import Task
-from packit_sim.evaluation.learning_curves import CurvePoint, TrainingRecord
+from packit_sim.game.datasets.pack_files import load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.evaluation.learning_curves import CurvePoint, TrainingRecord
 from packit_sim.libraries.library import ShapeLibrary
 
 FIRST_WEIGHTS = {"log volume": 48.0, "contact": 24.0, "top": -6.0}

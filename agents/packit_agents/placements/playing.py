@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from packit_agents.placements.scored_layout import ScoredLayout, Scorer
 from packit_sim.core.caches import limit
-from packit_sim.datasets.packs import Task
+from packit_sim.game.datasets.packs import Task
 from packit_sim.rules import PACKIT
 
 TRAINING_BUDGET = 3 * 2**30

@@ -17,7 +17,7 @@ from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_agents.placements.scored_layout import Scorer
 from packit_sim.core.assets import assets_folder
-from packit_sim.game.episode import Episode, Stage
+from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.placement import ItemInBox
 
 UNSCORED = 1e-6

@@ -11,9 +11,9 @@ from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import play_on
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.agents import Agent, OnProgress, play_placement
-from packit_sim.game.episode import Episode, Stage
-from packit_sim.game.policy_registry import UnknownPolicyError
+from packit_sim.game.episodes.agents import Agent, OnProgress, play_placement
+from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policy_registry import UnknownPolicyError
 from packit_sim.placement import PlacedItem
 
 MOST_REMOVED = 6

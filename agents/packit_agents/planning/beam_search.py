@@ -10,8 +10,8 @@ import numpy as np
 from packit_agents.planning.budgets import Budget, Clock
 from packit_agents.planning.rollouts import Best, play_on, proposals
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode
+from packit_sim.game.episodes.agents import Agent, OnProgress
+from packit_sim.game.episodes.episode import Episode
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import Best, fill_up, place
-from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode, EpisodeState
+from packit_sim.game.episodes.agents import Agent, OnProgress
+from packit_sim.game.episodes.episode import Episode, EpisodeState
 
 MOST_MOVED = 6
 """Largest number of shapes whose place in the order changes at once."""

@@ -9,8 +9,8 @@ import numpy as np
 from packit_agents.planning.budgets import Budget
 from packit_agents.planning.rollouts import Best, fill_up, play_on, proposals
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.agents import Agent, OnProgress
-from packit_sim.game.episode import Episode, EpisodeState, Stage
+from packit_sim.game.episodes.agents import Agent, OnProgress
+from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage
 
 EXPLORATION = 0.3
 """Weight of exploration, relative to returns of 0 to 1."""

@@ -1,0 +1,455 @@
+"""Packs and tasks: records of packed boxes, and their items for an agent to pack again."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from packit_sim.box import BaseBox, Box
+from packit_sim.core import typed_json
+from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.core.sums import plain_sum
+from packit_sim.core.version import __version__
+from packit_sim.engine.feasibility import checked_location
+from packit_sim.game.datasets import format_1
+from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
+from packit_sim.geometry.items import BoxState, ItemInBox, PlacedItem, PosedItem
+from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
+from packit_sim.geometry.poses import Pose, Quaternion
+from packit_sim.geometry.shapes import Item
+from packit_sim.libraries.library import ShapeLibrary
+
+FORMAT = 2
+"""Version of the format of packs, results and manifests that this module writes."""
+
+FORMATS = (format_1.FORMAT, FORMAT)
+"""The versions that this module reads."""
+
+MAX_SCALE = (MAX_CELLS / CELLS_PER_UNIT) ** 3 * 3**1.5
+"""The largest possible scale: a shape's longest extent is at least 1 / sqrt(3)."""
+
+Scale = Annotated[float, Meta(gt=0, le=MAX_SCALE)]
+
+
+@dataclass(frozen=True)
+class LibraryRef:
+    """The shape library that a pack's shape ids refer to.
+
+    Attributes
+    ----------
+    name : str
+        The library's name.
+    version : str
+        Its version.
+    digest : str
+        The SHA-256 of its content, in hex.
+    source : str, optional
+        What opens it here, if that is known: its name, or its path (see `ShapeLibrary.locator`).
+        Manifests record it, packs do not; it has no influence on equality.
+    """
+
+    name: str
+    version: str
+    digest: str
+    source: str | None = dataclasses.field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, library: ShapeLibrary) -> LibraryRef:
+        return cls(library.name, library.version, library.digest, library.locator)
+
+    def facts(self) -> dict[str, str]:
+        """Return what identifies the library, by name: everything but its source."""
+        return {"name": self.name, "version": self.version, "digest": self.digest}
+
+
+class PoseRecord(Struct, frozen=True):
+    """A rigid pose off the grid, as recorded.
+
+    It has a `Pose`'s fields in JSON's types: a `Pose` has an array, which JSON does not know.
+
+    Attributes
+    ----------
+    position : tuple of float
+        The translation x, y, z in box units.
+    wxyz : Quaternion
+        The rotation from the canonical shape, as a unit quaternion w, x, y, z.
+    """
+
+    position: tuple[float, float, float]
+    wxyz: Quaternion
+
+
+class ItemRecord(Struct, frozen=True):
+    """One item of a task that is not in the box.
+
+    Attributes
+    ----------
+    shape : str
+        The id of its shape.
+    scale : float
+        Its scale, a ratio of volumes.
+    """
+
+    shape: str
+    scale: Scale
+
+
+class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
+    """One item of a pack: on the grid at a location, or off the grid with a pose.
+
+    Attributes
+    ----------
+    rotation : int
+        The index of the rotation in which it was placed, 0 to 23.
+    location : tuple of int, optional
+        The grid node of its cell box's minimum corner, for an item on the grid.
+    pose : PoseRecord, optional
+        Where it came to rest, for an item that settled.
+    counted : bool
+        Whether its volume counts for the density: items that settled count while they are inside
+        the box and stable.
+    """
+
+    rotation: RotationIndex
+    location: Triple | None = None
+    pose: PoseRecord | None = None
+    counted: bool = True
+
+    def __post_init__(self) -> None:
+        if (self.location is None) == (self.pose is None):
+            raise ArgumentError("an item must have either a location or a pose")
+
+    @classmethod
+    def of(cls, inside: ItemInBox) -> PackedItem:
+        """Record an item that is in a box."""
+        item = inside.item
+        fields = item.shape.id, item.scale, item.rotation
+        if isinstance(inside, PlacedItem):
+            return cls(*fields, inside.location)
+        x, y, z = inside.pose.position.tolist()
+        return cls(*fields, None, PoseRecord((x, y, z), inside.pose.wxyz), bool(inside.counts))
+
+    def placed(self, item: Item) -> PlacedItem | PosedItem:
+        """Return the given item at the recorded location or pose."""
+        if self.location is not None:
+            return PlacedItem(item, self.location)
+        assert self.pose is not None
+        return PosedItem.at(item, Pose(np.array(self.pose.position), self.pose.wxyz))
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A packed box: its items in the order of placing, and its provenance.
+
+    Attributes
+    ----------
+    library : LibraryRef
+        The library of its shapes.
+    cells : tuple of int
+        The box's cells along x, y and z.
+    items : tuple of PackedItem
+        The placed items, in the order of placing.
+    density : float
+        The volume of the items that count over the box's volume.
+    provenance : Provenance
+        How the pack came to be.
+    outside : tuple of ItemRecord
+        Further items of its task: those that an agent left outside, or all of its items if no
+        solution on the grid is known, as for the original PackIt's packs.
+    """
+
+    library: LibraryRef
+    cells: Triple
+    items: tuple[PackedItem, ...]
+    density: Annotated[float, Meta(ge=0)]
+    provenance: Provenance = UNKNOWN_PROVENANCE
+    outside: tuple[ItemRecord, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        box: BaseBox[Any],
+        library: LibraryRef | ShapeLibrary,
+        provenance: Provenance = UNKNOWN_PROVENANCE,
+    ) -> Pack:
+        """Record the content of a box.
+
+        Parameters
+        ----------
+        box : BaseBox
+            A `Box`, or a `SettlingBox`, whose items get poses instead of locations.
+        library : LibraryRef or ShapeLibrary
+            The library of the items' shapes.
+        provenance : Provenance
+            How the pack came to be.
+
+        Returns
+        -------
+        Pack
+            The pack, whose density is the box's.
+        """
+        reference = library if isinstance(library, LibraryRef) else LibraryRef.of(library)
+        items = tuple(PackedItem.of(inside) for inside in box.placed)
+        return cls(reference, box.cells, items, float(box.density), provenance)
+
+    @property
+    def is_on_grid(self) -> bool:
+        """Whether all items have a location on the grid."""
+        return all(item.location is not None for item in self.items)
+
+    @property
+    def counted_volume(self) -> float:
+        """The volume of the items that count, in box units cubed."""
+        return self.density * float(np.prod(self.cells)) * CELL**3
+
+    def placed(self, library: ShapeLibrary) -> tuple[PlacedItem | PosedItem, ...]:
+        """Return the items in their poses, unchecked.
+
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        tuple of PlacedItem or PosedItem
+            The items on the grid, or off it, in the order of placing.
+
+        Raises
+        ------
+        PackFormatError
+            If the library is not the pack's.
+        UnknownShapeError
+            If the library does not have a shape.
+        """
+        if self.library != LibraryRef.of(library):
+            raise PackFormatError(
+                f"the pack is of library {self.library.name!r} {self.library.version} "
+                f"({self.library.digest[:12]}), this is {library.name!r} {library.version} "
+                f"({library.digest[:12]})"
+            )
+        return tuple(i.placed(Item(library[i.shape], i.scale, i.rotation)) for i in self.items)
+
+    def contents(self, library: ShapeLibrary) -> BoxState[PlacedItem]:
+        """Return the box's state on the grid, unchecked.
+
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        BoxState
+            What is in the box.
+
+        Raises
+        ------
+        PackFormatError
+            If items settled off the grid, and whatever `placed` raises.
+        """
+        placed = self.placed(library)
+        on_grid = tuple(one for one in placed if isinstance(one, PlacedItem))
+        if len(on_grid) < len(placed):
+            raise PackFormatError(
+                f"{len(placed) - len(on_grid)} of the pack's {len(placed)} items settled off the "
+                "grid: this needs a pack whose items are on the grid"
+            )
+        return BoxState(self.cells, on_grid)
+
+    def replay(self, library: ShapeLibrary) -> Box:
+        """Pack a new box, item by item.
+
+        Parameters
+        ----------
+        library : ShapeLibrary
+            The pack's library.
+
+        Returns
+        -------
+        Box
+            The packed box.
+
+        Raises
+        ------
+        InfeasibleError
+            At the first item that is not feasible.
+        PackFormatError
+            If items settled off the grid, and whatever `placed` raises.
+        """
+        box = Box(self.cells)
+        for placed in self.contents(library).placed:
+            box.place(placed.item, placed.location)
+        return box
+
+    def task(self, library: ShapeLibrary) -> Task:
+        """Return the task of the pack, its items sorted by shape and scale."""
+        items = [p.item.turned(0) for p in self.placed(library)]
+        items += [Item(library[i.shape], i.scale) for i in self.outside]
+        order = sorted(range(len(items)), key=lambda n: (items[n].shape.id, items[n].scale, n))
+        steps = tuple(
+            (order.index(n), item.rotation, item.location)
+            for n, item in enumerate(self.items)
+            if item.location is not None
+        )
+        return Task(
+            items=tuple(items[n] for n in order),
+            pack=self,
+            solution=steps if self.is_on_grid else (),
+        )
+
+    def to_json(self) -> str:
+        """Write the pack as one line of JSON; floats keep every bit."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields["library"] = self.library.facts()
+        if not self.outside:
+            del fields["outside"]
+        return typed_json.encode({"format": FORMAT, "version": __version__, **fields})
+
+    @classmethod
+    def from_json(cls, line: bytes | str) -> Pack:
+        """Read one line, of this format or of version 1.
+
+        Parameters
+        ----------
+        line : bytes | str
+            The JSON text of a pack.
+
+        Returns
+        -------
+        Pack
+            The pack. Every field is in range; whether items overlap is not checked.
+
+        Raises
+        ------
+        PackFormatError
+            If the line is not a pack; the message names the field that is wrong.
+        """
+        number = typed_json.format_of(line, PackFormatError, "a pack")
+        if number not in FORMATS or isinstance(number, bool):
+            known = " and ".join(map(str, FORMATS))
+            raise PackFormatError(f"field 'format' is {number!r:.40}: this version reads {known}")
+        if number == FORMAT:
+            pack = typed_json.decode(line, cls, PackFormatError, "a pack")
+        else:
+            raw = typed_json.decode(line, dict[str, Any], PackFormatError, "a pack")
+            pack = typed_json.convert(format_1.pack(raw), cls, PackFormatError, "a pack")
+        pack._check()
+        return pack
+
+    def _check(self) -> None:
+        """Raise PackFormatError if the box or a location is not possible."""
+        n: int | None = None
+        try:
+            box_cells(self.cells)
+            for n, item in enumerate(self.items):  # noqa: B007 (used in the message)
+                if item.location is not None:
+                    checked_location(self.cells, item.location)
+        except ValueError as error:
+            field = "cells" if n is None else f"items[{n}].location"
+            raise PackFormatError(f"field {field!r}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Task:
+    """The items of a pack outside the box, in canonical orientation.
+
+    Attributes
+    ----------
+    items : tuple of Item
+        The items, sorted by shape and scale.
+    pack : Pack
+        The ground truth.
+    solution : tuple of tuple
+        (index into items, rotation, location) for each of the pack's items, in its order; empty
+        if items settled off the grid.
+    """
+
+    items: tuple[Item, ...]
+    pack: Pack
+    solution: tuple[tuple[int, int, Triple], ...]
+
+    @property
+    def cells(self) -> Triple:
+        """The box's cells along x, y and z."""
+        return self.pack.cells
+
+    @property
+    def volume(self) -> float:
+        """The total volume of the items, in box units cubed."""
+        return plain_sum(item.volume for item in self.items)
+
+    @property
+    def digest(self) -> str:
+        """A digest of the library, the box's cells and the items, which identifies the task.
+
+        It does not depend on the order of the items.
+        """
+        items = sorted((item.shape.id, item.scale) for item in self.items)
+        return task_digest(self.pack.library.digest, self.cells, items)
+
+    @cached_property
+    def arriving(self) -> Task:
+        """The same task with its items in the order in which they arrive in the online game."""
+        ranked = sorted(
+            range(len(self.items)),
+            key=lambda n: (self.items[n].shape.id, self.items[n].scale),
+        )
+        order = [ranked[n] for n in arrival_order(self.digest, len(ranked))]
+        items = tuple(self.items[n] for n in order)
+        if items == self.items:
+            return self
+        steps = tuple((order.index(n), turn, at) for n, turn, at in self.solution)
+        return dataclasses.replace(self, items=items, solution=steps)
+
+
+def task_digest(library: str, cells: Triple, items: Sequence[tuple[str, float]]) -> str:
+    """Compute the digest of a task.
+
+    Parameters
+    ----------
+    library : str
+        The digest of its library.
+    cells : tuple of int
+        The box's cells along x, y and z.
+    items : sequence of tuple
+        The shape and scale of each item, sorted.
+
+    Returns
+    -------
+    str
+        16 hex digits.
+    """
+    facts = (library, cells, items)
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+
+
+def arrival_order(digest: str, count: int) -> list[int]:
+    """Return the order in which the items of a task arrive in the online game.
+
+    Parameters
+    ----------
+    digest : str
+        The digest of the task.
+    count : int
+        The number of its items.
+
+    Returns
+    -------
+    list of int
+        Indices into the items sorted by shape and scale, the first to arrive first.
+
+    Notes
+    -----
+    The order is that of SHA-256 of "DIGEST INDEX": as if drawn at random, and the same wherever the
+    task is played or its results are verified.
+    """
+    return sorted(range(count), key=lambda n: hashlib.sha256(f"{digest} {n}".encode()).digest())

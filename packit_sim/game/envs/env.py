@@ -1,0 +1,443 @@
+"""The Gymnasium environments `PackIt-v0`, `PackItEasy-v0` and `PackItPhysics-v0`: one class.
+
+An action is a number of one Discrete space whatever the stage: the index of a shape, a rotation, or
+the C-order index of a location. `action_mask` in the observation marks the valid ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from packit_sim.core.counters import ComparisonCounter, counted_by
+from packit_sim.core.errors import ArgumentError, StateError
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.game.datasets.pack_files import STARTER_PACKS
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.envs.observations import OBSERVERS, Observation
+from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
+from packit_sim.game.episodes.agents import Policy
+from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
+from packit_sim.game.episodes.policy_registry import load_policy
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import grid_nodes
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import PACKIT, Rules
+
+if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
+    from packit_sim.scene import Look, Scene
+    from packit_sim.web.viewer import Viewer
+
+MAX_SHAPES = 50
+"""The most shapes of a task by default: the paper's pool."""
+
+_log = plain_logger(__name__)
+
+
+@dataclass(frozen=True)
+class EnvState:
+    """The whole state of an environment: a value, which can be pickled.
+
+    Attributes
+    ----------
+    task : int or Task
+        The number of the task, or the task itself if it was made on the fly.
+    episode : EpisodeState
+        The state of the episode.
+    random : dict
+        The state of the environment's random generator.
+    terminated : bool
+        Whether a step has returned that the episode is over.
+    policies : tuple of str
+        What plays shapes, rotations and locations: the type of a policy and the digest of its
+        weights, if it has any, or "the agent".
+    """
+
+    task: int | Task
+    episode: EpisodeState
+    random: dict[str, Any]
+    terminated: bool
+    policies: tuple[str, ...]
+
+
+class PackItEnv(gym.Env[Observation, np.int64]):
+    """Pack the shapes of a task into its box, one choice a step.
+
+    Parameters
+    ----------
+    tasks : str, Path, sequence of Task, or callable
+        The name or path of a dataset (see `dataset_file`); tasks; a function that makes one with a
+        random generator; or "fresh": made on the fly (see `TaskSampler`).
+    library : str, Path or ShapeLibrary, optional
+        Name, path or open library of the shapes. By default the one that a dataset records, or
+        "everyday" for fresh tasks.
+    split : str, optional
+        Split of the dataset, or of the library for fresh tasks.
+    order : str
+        "random" draws a task at each reset, "cycle" takes them in turn, whatever the seed.
+    rules : Rules
+        The rules to play by; by default those of the paper.
+    shape : Policy or str, optional
+        A policy for shapes or its name, if shapes are not the agent's choice: then they are not a
+        step, and the action space has only the actions of the other sub-tasks.
+    rotation : Policy or str, optional
+        The same for rotations.
+    location : Policy or str, optional
+        The same for locations.
+    observation : str
+        "features", "heightmap", "placement-features", "voxels" or "none" (see `observations`).
+        Voxels take 50 MB for each observation that is stored, heightmaps 4 MB, features 0.1 MB.
+    max_shapes : int
+        The most items that a task may have.
+    render_mode : str, optional
+        "rgb_array" for `render()`, or "human" for a page that shows the box as it fills.
+    look : Look, optional
+        How `render()` draws (see `looks`).
+    **changes : Any
+        Fields of `rules` by their names, such as `easy=True`; `physics=True` stands for the
+        default world.
+
+    Attributes
+    ----------
+    rules : Rules
+        The rules that are played.
+    cells : tuple of int
+        Cells of the box along x, y and z.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is out of range or the tasks do not go together.
+
+    Notes
+    -----
+    The reward is the placed volume over the volume of the task's items; with physics it is the
+    change of the volume that is inside and stable, which may be negative, and "density" and
+    "placed_volume" are about that volume. `info` has "task" (its number, -1 for one made on the
+    fly), "action_mask", "density" of the box, "placed_volume", "mesh_comparisons" that this
+    environment made since its last reset, and, when the episode is over, "end": why.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # noqa: RUF012
+    action_space: spaces.Discrete
+
+    def __init__(
+        self,
+        tasks: str | Path | Sequence[Task] | TaskMaker = STARTER_PACKS,
+        library: str | Path | ShapeLibrary | None = None,
+        *,
+        split: str | None = None,
+        order: Order = "random",
+        rules: Rules = PACKIT,
+        shape: Policy | str | None = None,
+        rotation: Policy | str | None = None,
+        location: Policy | str | None = None,
+        observation: str = "features",
+        max_shapes: int = MAX_SHAPES,
+        render_mode: str | None = None,
+        look: Look | None = None,
+        **changes: Any,
+    ) -> None:
+        _one_of("render mode", render_mode, (None, *self.metadata["render_modes"]))
+        _one_of("order", order, ("random", "cycle"))
+        _one_of("observation", observation, tuple(OBSERVERS))
+        self.rules = rules.changed(**changes)
+        self._source = TaskSource(tasks, library, split, order, self.rules.cells)
+        self.cells = self.rules.cells or self._source.cells
+        self.render_mode = render_mode
+        self.look = look
+        self._max_shapes = max_shapes
+        self._fixed = {
+            stage: load_policy(stage, policy) if isinstance(policy, str) else policy
+            for stage, policy in zip(Stage, (shape, rotation, location), strict=True)
+        }
+        self._policies = tuple(map(_description, self._fixed.values()))
+        sizes = (max_shapes, rotations.COUNT, math.prod(grid_nodes(self.cells)))
+        free = [stage for stage in Stage if not self._fixed[stage]]
+        if not free:
+            raise ArgumentError("shape, rotation and location all have policies: no step is left")
+        for task in self.tasks:
+            self._check(task)
+        in_turn = stages(self.rules)
+        last = max(in_turn.index(stage) for stage in free)
+        actions = max(sizes[stage] for stage in free)
+        self._observer = OBSERVERS[observation](
+            self.cells, max_shapes, actions, in_turn[1 : last + 1]
+        )
+        self.action_space = spaces.Discrete(actions)
+        self.observation_space = self._observer.space
+        self._episode: Episode | None = None
+        self._number = GENERATED
+        self._terminated = False
+        self._comparisons = ComparisonCounter()
+        self._scene: Scene | None = None
+        self._viewer: Viewer | None = None
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The tasks; empty if they are generated on the fly."""
+        return self._source.tasks
+
+    @property
+    def maker(self) -> TaskMaker | None:
+        """The function that generates tasks, if they are generated on the fly."""
+        return self._source.maker
+
+    @property
+    def episode(self) -> Episode:
+        """The episode being played. Raises StateError before the first reset."""
+        if self._episode is None:
+            raise StateError("there is no episode yet: call reset() first")
+        return self._episode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start the next task.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Seed of the environment's random generator.
+        options : dict, optional
+            "task" may be the number of a task, or a task itself.
+
+        Returns
+        -------
+        observation : dict
+            See `observations`.
+        info : dict
+            See the class.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such task or option, or the task does not go with this environment.
+
+        Notes
+        -----
+        With a fixed shape policy the episode may be over before the first choice: then no action is
+        valid, and the first step returns that it is terminated.
+        """
+        wanted = _wanted_task(options)
+        named = None if wanted is None else self._named_task(wanted)
+        super().reset(seed=seed)
+        task, self._number = named or self._source.draw(self._number, self.np_random)
+        self._check(task)
+        self._episode = Episode(task, self.rules)
+        self._terminated = False
+        self._comparisons = ComparisonCounter()
+        with counted_by(self._comparisons):
+            self._play_fixed()
+            self._show()
+            return self._observe()
+
+    def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Play one choice, and those of fixed policies after it.
+
+        Parameters
+        ----------
+        action : int
+            An action of this stage; one that is not valid ends the episode.
+
+        Returns
+        -------
+        observation : dict
+            See `observations`.
+        reward : float
+            The volume that was placed, as a share of the task's.
+        terminated : bool
+            Whether the episode is over.
+        truncated : bool
+            Always False.
+        info : dict
+            See the class.
+
+        Raises
+        ------
+        StateError
+            If called after termination.
+        ArgumentError
+            If the action is not an integer. The environment is unchanged.
+        """
+        if self._terminated:
+            raise StateError(f"the episode is over: {self.episode.end}: call reset()")
+        reward = 0.0
+        with counted_by(self._comparisons):
+            if self.episode.end is None:
+                reward = self.episode.step(action) + self._play_fixed()
+            self._terminated = self.episode.end is not None
+            self._show()
+            observation, info = self._observe()
+        return observation, reward, self._terminated, False, info
+
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Return the valid actions, bool (actions,); none when the episode is over."""
+        mask = np.zeros(int(self.action_space.n), dtype=bool)
+        if self.episode.end is None:
+            valid = self.episode.action_mask()
+            mask[: len(valid)] = valid
+        return mask
+
+    def get_state(self) -> EnvState:
+        """Save the state of the environment, for `set_state`: cheap, exact, and picklable."""
+        task = self._number if self._number != GENERATED else self.episode.task
+        random = dict(self.np_random.bit_generator.state)
+        return EnvState(task, self.episode.state(), random, self._terminated, self._policies)
+
+    def set_state(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
+        """Return to a state of an environment with the same settings.
+
+        Parameters
+        ----------
+        state : EnvState
+            As `get_state` returned it.
+
+        Returns
+        -------
+        observation : dict
+            The observation in that state.
+        info : dict
+            The same for `info`.
+
+        Raises
+        ------
+        ArgumentError
+            If it is a state of another task, of other rules or of other policies. The environment
+            is unchanged.
+        """
+        if not isinstance(state, EnvState):
+            raise ArgumentError(f"{state!r:.80} is not a state: give what get_state() returned")
+        for stage, theirs, ours in zip(Stage, state.policies, self._policies, strict=True):
+            if theirs != ours:
+                raise ArgumentError(
+                    f"a state in which {theirs} plays {stage.name.lower()}s can't be restored "
+                    f"where {ours} does"
+                )
+        task, number = self._named_task(state.task)
+        episode = self._episode
+        if episode is None or episode.task is not ordered(task, self.rules):
+            episode = Episode(task, self.rules)
+        episode.restore(state.episode)
+        self._episode, self._number = episode, number
+        self._terminated = state.terminated
+        self.np_random.bit_generator.state = state.random
+        with counted_by(self._comparisons):
+            return self._observe()
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Draw the box: uint8 (512, 512, 3) if the render mode is "rgb_array", else None."""
+        if self.render_mode != "rgb_array":
+            return None
+        box = self.episode.box
+        if self._scene is None:
+            from packit_sim.scene import Scene
+
+            self._scene = Scene(box)
+        self._scene.update(box)
+        return self._scene.snapshot(look=self.look).image
+
+    def close(self) -> None:
+        """Close the scene and the page, if there are any."""
+        if self._scene is not None:
+            self._scene.close()
+            self._scene = None
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def _show(self) -> None:
+        """Bring the page up to date if the render mode is "human"."""
+        if self.render_mode != "human":
+            return
+        if self._viewer is None:
+            from packit_sim.web.viewer import Viewer
+
+            self._viewer = Viewer(self.episode.box)
+            _log.warning("the box is shown at %s", self._viewer.address)
+        self._viewer.update(self.episode.box)
+
+    def _play_fixed(self) -> float:
+        """Play the sub-tasks that have a policy, up to the next that has none."""
+        reward = 0.0
+        while self.episode.end is None:
+            policy = self._fixed[self.episode.stage]
+            if policy is None:
+                break
+            reward += self.episode.step(policy(self.episode, self.np_random))
+        return reward
+
+    def _observe(self) -> tuple[Observation, dict[str, Any]]:
+        """Return the observation and `info` of the episode's state."""
+        episode = self.episode
+        action_mask = self.action_masks()
+        observation = self._observer.observe(episode, action_mask)
+        density = episode.box.density
+        info: dict[str, Any] = {
+            "task": self._number,
+            "action_mask": action_mask,
+            "density": density,
+            "placed_volume": density * episode.box.volume,
+            "mesh_comparisons": self._comparisons.mesh_comparisons,
+        }
+        if episode.end is not None:
+            info["end"] = str(episode.end)
+        return observation, info
+
+    def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
+        """Return a task and its number, or raise ArgumentError if it does not go with this."""
+        task, number = self._source.named(wanted)
+        self._check(task)
+        return task, number
+
+    def _check(self, task: Task) -> None:
+        """Raise ArgumentError if a task does not go with this environment."""
+        if self.rules.cells is None and task.cells != self.cells:
+            raise ArgumentError(
+                f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
+            )
+        if len(task.items) > self._max_shapes:
+            raise ArgumentError(
+                f"a task has {len(task.items)} items: max_shapes is only {self._max_shapes}"
+            )
+        for item in task.items:
+            if max(item.cells) > max(self.cells):
+                raise ArgumentError(
+                    f"{item.shape.id!r} (scale {item.scale:g}) of a task needs {item.cells} cells: "
+                    f"it fits into no box of {self.cells}"
+                )
+
+
+def _wanted_task(options: object) -> Any:
+    """Return the option "task" of `reset`, None if it is not given."""
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise ArgumentError(f"options {options!r:.80} are not possible: give a dict, or None")
+    for name in options:
+        if name != "task":
+            raise ArgumentError(f"there is no option {name!r:.80}: choose from task")
+    return options.get("task")
+
+
+def _description(policy: Policy | None) -> str:
+    """Describe what plays a sub-task, for states: the same in each process."""
+    if policy is None:
+        return "the agent"
+    kind = policy if hasattr(policy, "__qualname__") else type(policy)
+    weights = getattr(policy, "weights_digest", None)
+    return kind.__qualname__ + (f" with the weights {weights}" if weights else "")
+
+
+def _one_of(setting: str, value: object, valid: tuple[object, ...]) -> None:
+    if value not in valid:
+        choices = ", ".join(map(repr, valid))
+        raise ArgumentError(f"{setting} {value!r} is not known: choose from {choices}")

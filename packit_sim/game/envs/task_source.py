@@ -1,0 +1,158 @@
+"""Tasks of an environment: given, from a dataset, or generated on the fly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from packit_sim.core.checks import as_integer
+from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.evolution_settings import EvolutionSettings
+from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, load_tasks
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.generation.task_sampler import TaskSampler
+from packit_sim.geometry.lattice import BOX_CELLS, Triple
+from packit_sim.libraries.library import ShapeLibrary
+
+FRESH = "fresh"
+"""The name of tasks that are generated on the fly."""
+
+GENERATED = -1
+"""The number of a task that is not one of the source's own."""
+
+TaskMaker = Callable[[np.random.Generator], Task]
+
+Order = Literal["random", "cycle"]
+
+
+class TaskSource:
+    """The tasks that an environment plays, and which of them is next.
+
+    Parameters
+    ----------
+    tasks : str, Path, sequence of Task, or callable
+        As of `PackItEnv`.
+    library : str, Path or ShapeLibrary, optional
+        As of `PackItEnv`.
+    split : str, optional
+        Split of the dataset, or of the library for fresh tasks.
+    order : {"random", "cycle"}
+        Whether the next task is drawn, or the one after the last.
+    cells : tuple of int, optional
+        Cells of the box of fresh tasks.
+
+    Attributes
+    ----------
+    tasks : tuple of Task
+        The tasks; empty if they are generated on the fly.
+    maker : callable, optional
+        The function that generates tasks with a random generator, if they are.
+
+    Raises
+    ------
+    ArgumentError
+        If there are no tasks, or a split does not apply.
+    """
+
+    def __init__(
+        self,
+        tasks: str | Path | Sequence[Task] | TaskMaker,
+        library: str | Path | ShapeLibrary | None,
+        split: str | None,
+        order: Order,
+        cells: Triple | None,
+    ) -> None:
+        self.tasks: tuple[Task, ...] = ()
+        self.maker: TaskMaker | None = None
+        self._order = order
+        if isinstance(tasks, str | Path):
+            if isinstance(library, str | Path):
+                library = ShapeLibrary.open(library)
+            if tasks != FRESH:
+                self.tasks = load_tasks(tasks, library, split)
+            else:
+                shapes = library or ShapeLibrary.open(DEFAULT_LIBRARY)
+                shapes = shapes.split(split) if split else shapes
+                self.maker = TaskSampler(shapes, EvolutionSettings(cells=cells or BOX_CELLS))
+        elif split is not None:
+            raise ArgumentError(f"split {split!r} is of a dataset or a library: tasks have none")
+        elif callable(tasks):
+            self.maker = tasks
+        elif not tasks:
+            raise ArgumentError("an environment needs a task, or a function that makes them")
+        else:
+            self.tasks = tuple(tasks)
+
+    @property
+    def cells(self) -> Triple:
+        """Cells of the box of all tasks; the benchmark's box if they are generated.
+
+        Raises ArgumentError if the boxes of the tasks differ.
+        """
+        boxes = {task.cells for task in self.tasks} or {BOX_CELLS}
+        if len(boxes) != 1:
+            raise ArgumentError(
+                f"the tasks of an environment must share one box, not {sorted(boxes)}: "
+                "give `cells` to say which"
+            )
+        return boxes.pop()
+
+    def named(self, wanted: Task | int) -> tuple[Task, int]:
+        """Return the task that a caller names.
+
+        Parameters
+        ----------
+        wanted : Task or int
+            A task, or the number of one.
+
+        Returns
+        -------
+        task : Task
+            The task.
+        number : int
+            Its number, or `GENERATED` if it was given itself.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no task of the number, or it is not an integer.
+        """
+        if isinstance(wanted, Task):
+            return wanted, GENERATED
+        number = as_integer("task", wanted)
+        if number not in range(len(self.tasks)):
+            hint = (
+                f"choose 0 to {len(self.tasks) - 1}"
+                if self.tasks
+                else "tasks are generated on the fly"
+            )
+            raise ArgumentError(f"there is no task {number}: {hint}")
+        return self.tasks[number], number
+
+    def draw(self, last: int, rng: np.random.Generator) -> tuple[Task, int]:
+        """Choose the task of the next episode.
+
+        Parameters
+        ----------
+        last : int
+            The number of the last task.
+        rng : np.random.Generator
+            The source of random numbers.
+
+        Returns
+        -------
+        task : Task
+            The task.
+        number : int
+            Its number, or `GENERATED`.
+        """
+        if self.maker is not None:
+            return self.maker(rng), GENERATED
+        if self._order == "cycle":
+            number = (last + 1) % len(self.tasks)
+        else:
+            number = int(rng.integers(len(self.tasks)))
+        return self.tasks[number], number

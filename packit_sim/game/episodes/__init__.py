@@ -1,0 +1,1 @@
+"""Episodes of the game and the agents that play them, without Gymnasium."""

@@ -1,0 +1,394 @@
+"""One episode of packing: how the game is played, without Gymnasium (paper, section 4.1).
+
+Three sub-tasks repeat: choose a shape that is outside, a rotation for it, and a location. In
+PackIt-Easy the location is chosen before the rotation. In the online game only the items of a
+buffer are visible; the next item arrives when one of them is placed.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, replace
+from typing import Any, SupportsIndex
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import as_integer
+from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.episodes.chosen_item import ChosenItem
+from packit_sim.geometry import rotations
+from packit_sim.geometry.items import ItemInBox, PlacedItem
+from packit_sim.geometry.lattice import Triple
+from packit_sim.geometry.shapes import Item
+from packit_sim.rules import PACKIT, End, Rules
+
+
+class Stage(enum.IntEnum):
+    """The next sub-task of an episode."""
+
+    SHAPE = 0
+    ROTATION = 1
+    LOCATION = 2
+
+
+_ORDER = (Stage.SHAPE, Stage.ROTATION, Stage.LOCATION)
+_EASY_ORDER = (Stage.SHAPE, Stage.LOCATION, Stage.ROTATION)
+
+
+def stages(rules: Rules) -> tuple[Stage, ...]:
+    """Return the sub-tasks in the order in which they are played by some rules."""
+    return _EASY_ORDER if rules.easy else _ORDER
+
+
+def ordered(task: Task, rules: Rules) -> Task:
+    """Return a task with its items in the order of an episode: online in that of their arrival."""
+    return task if rules.buffer is None else task.arriving
+
+
+@dataclass(frozen=True)
+class EpisodeState:
+    """The whole state of an episode, to return to with `Episode.restore`.
+
+    Attributes
+    ----------
+    task : str
+        The digest of the task.
+    rules : Rules
+        The rules that are played.
+    box : Any
+        The state of the episode's box, as its `snapshot()` returns it.
+    outside : tuple of bool
+        Which items of the task are still outside.
+    stage : Stage
+        The next sub-task.
+    shape, rotation, location : int, int, tuple of int
+        The choices for the item that is being placed; None where not chosen yet.
+    total : float
+        The sum of rewards so far.
+    end : End, optional
+        Why the episode is over; None if it is not.
+    """
+
+    task: str
+    rules: Rules
+    box: Any
+    outside: tuple[bool, ...]
+    stage: Stage
+    shape: int | None
+    rotation: int | None
+    location: Triple | None
+    total: float
+    end: End | None
+
+
+class Episode:
+    """A task being played.
+
+    Parameters
+    ----------
+    task : Task
+        The items to pack.
+    rules : Rules
+        The rules to play by; by default those of the paper.
+
+    Attributes
+    ----------
+    task : Task
+        The task; in the online game with its items in the order of their arrival.
+    box : BaseBox
+        What is packed so far.
+    outside : ndarray
+        Bool (n items,), which items of the task are still outside.
+    stage : Stage
+        The next sub-task.
+    shape, rotation, location : int, int, tuple of int
+        The choices for the item that is being placed; None where not chosen yet.
+    chosen_item : ChosenItem, optional
+        That item and where it fits, from when its location can be asked for: once its rotation is
+        chosen, in PackIt-Easy once its shape is. None before.
+    total : float
+        The sum of rewards so far.
+    end : End, optional
+        Why the episode is over; None if it is not.
+
+    Notes
+    -----
+    In the online game a choice is valid only if the item can still be placed after it: shapes must
+    be visible and fit in an allowed rotation, rotations must have a feasible location. The episode
+    ends when no visible item can be placed.
+    """
+
+    def __init__(self, task: Task, rules: Rules = PACKIT) -> None:
+        self.task = ordered(task, rules)
+        self.rules = rules
+        self.box = rules.new_box(task.cells)
+        self.outside: npt.NDArray[np.bool_] = np.ones(len(task.items), dtype=bool)
+        self.stage = Stage.SHAPE
+        self.shape: int | None = None
+        self.rotation: int | None = None
+        self.location: Triple | None = None
+        self.chosen_item: ChosenItem | None = None
+        self.total = 0.0
+        self.end: End | None = None
+        self._fitting: dict[tuple[str, float, int], tuple[int, Triple | None]] = {}
+        self._placements: dict[int, tuple[int, PlacedItem | None]] = {}
+        self._placements_among: tuple[ItemInBox, ...] = ()
+        self._find_end()
+
+    @property
+    def arrived(self) -> int:
+        """How many items have arrived: the first of the task; all unless the game is online."""
+        count = len(self.outside)
+        if self.rules.buffer is None:
+            return count
+        return min(count, count - int(np.count_nonzero(self.outside)) + self.rules.buffer)
+
+    @property
+    def visible(self) -> npt.NDArray[np.bool_]:
+        """Bool (n items,): which items are outside and have arrived."""
+        if self.rules.buffer is None:
+            return self.outside.copy()
+        return self.outside & (np.arange(len(self.outside)) < self.arrived)
+
+    def visible_alone(self) -> Episode:
+        """Create an episode of the visible items alone, with the same content of the box.
+
+        It is not online, so that whoever plans ahead in it knows only what is visible.
+        """
+        items = tuple(self.task.items[n] for n in np.flatnonzero(self.visible).tolist())
+        known = Episode(
+            replace(self.task, items=items, solution=()), self.rules.changed(buffer=None)
+        )
+        known.box.restore(self.box.snapshot())
+        return known
+
+    def action_mask(self) -> npt.NDArray[np.bool_]:
+        """Compute the valid actions of this stage.
+
+        Returns
+        -------
+        ndarray
+            Bool: (n items,) for shapes, (24,) for rotations, or (nodes,) for locations, which are
+            the grid nodes in C order.
+        """
+        if self.stage is Stage.SHAPE:
+            if self.rules.buffer is None:
+                return self.outside.copy()
+            return np.array([bool(seen) and self._fits(n) for n, seen in enumerate(self.visible)])
+        if self.stage is Stage.LOCATION:
+            assert self.chosen_item is not None
+            return self.chosen_item.feasible.ravel().copy()
+        mask = np.zeros(rotations.COUNT, dtype=bool)
+        allowed = self.rules.allowed_rotations
+        if self.location is not None:
+            assert self.chosen_item is not None
+            mask[allowed] = self.chosen_item.rotations(self.location)[allowed]
+        elif self.rules.buffer is None:
+            mask[allowed] = True
+        else:
+            assert self.shape is not None
+            mask[allowed] = [self._fits_in(self.task.items[self.shape], n) for n in allowed]
+        return mask
+
+    def step(self, action: SupportsIndex) -> float:
+        """Play an action of this stage.
+
+        Parameters
+        ----------
+        action : SupportsIndex
+            An index into `action_mask()`: an int, or an integer of NumPy. An action that is not
+            valid ends the episode.
+
+        Returns
+        -------
+        float
+            The reward; 0 unless an item was placed.
+
+        Raises
+        ------
+        StateError
+            If the episode is over.
+        ArgumentError
+            If the action is not an integer.
+        """
+        if self.end is not None:
+            raise StateError(f"the episode is over: {self.end}")
+        number = as_integer("action", action)
+        choose = (self._choose_shape, self._choose_rotation, self._choose_location)[self.stage]
+        if not choose(number):
+            self.end = End.INVALID_ACTION
+            return 0.0
+        order = stages(self.rules)
+        if self.stage is order[-1]:
+            return self._place()
+        self.stage = order[order.index(self.stage) + 1]
+        if self.stage is Stage.LOCATION:
+            self.chosen_item = self._choose_item()
+            if self.chosen_item.blbf is None:
+                self.end = End.NO_LOCATION
+        return 0.0
+
+    def heuristic_placement(self, shape: int) -> PlacedItem | None:
+        """Find where the paper's Heuristic would place an item if it was the next.
+
+        The item gets the aligned rotation and the bottom-left-back-fill location; in PackIt-Easy
+        and online the first rotation that fits, in the order of alignment. While items are only
+        added to the box, an earlier answer is reused if it is still feasible.
+
+        Parameters
+        ----------
+        shape : int
+            Index of the item in the task.
+
+        Returns
+        -------
+        PlacedItem or None
+            The item where it would be placed; None if it does not fit.
+        """
+        placed = tuple(self.box.placed)
+        if placed[: len(self._placements_among)] != self._placements_among:
+            self._placements.clear()
+        self._placements_among = placed
+        if shape in self._placements:
+            among, found = self._placements[shape]
+            if found is None or among == len(placed):
+                return found
+            if self.box.is_feasible(found.item, found.location):
+                self._placements[shape] = len(placed), found
+                return found
+        found = self._find_placement(self.task.items[shape])
+        self._placements[shape] = len(placed), found
+        return found
+
+    def state(self) -> EpisodeState:
+        """Save the state of the episode, for `restore`; costs next to nothing."""
+        choices = self.shape, self.rotation, self.location
+        outside = tuple(self.outside.tolist())
+        return EpisodeState(
+            self._task_digest,
+            self.rules,
+            self.box.snapshot(),
+            outside,
+            self.stage,
+            *choices,
+            self.total,
+            self.end,
+        )
+
+    def restore(self, state: EpisodeState) -> None:
+        """Return to a state of an episode of the same task and rules.
+
+        Parameters
+        ----------
+        state : EpisodeState
+            As `state` returned it.
+
+        Raises
+        ------
+        ArgumentError
+            If it is a state of another task or of other rules. The episode is unchanged.
+        """
+        if state.task != self._task_digest:
+            raise ArgumentError(
+                f"a state of the task {state.task} can't be restored in the task "
+                f"{self._task_digest}: their items or boxes differ"
+            )
+        if state.rules != self.rules:
+            raise ArgumentError(
+                f"a state of the rules {str(state.rules)!r} can't be restored under the rules "
+                f"{str(self.rules)!r}"
+            )
+        self.box.restore(state.box)
+        self.outside = np.array(state.outside, dtype=bool)
+        self.stage = state.stage
+        self.shape, self.rotation, self.location = state.shape, state.rotation, state.location
+        self.total, self.end = state.total, state.end
+        self._fitting.clear()
+        is_chosen = self.shape is not None and (self.rules.easy or self.rotation is not None)
+        self.chosen_item = self._choose_item() if is_chosen else None
+
+    @cached_property
+    def _task_digest(self) -> str:
+        return self.task.digest
+
+    def _find_placement(self, item: Item) -> PlacedItem | None:
+        ranked = self.rules.by_alignment(item)
+        is_any = self.rules.easy or self.rules.buffer is not None
+        for turned in ranked if is_any else ranked[:1]:
+            location = self.box.blbf(turned)
+            if location is not None:
+                return PlacedItem(turned, location)
+        return None
+
+    def _fits(self, shape: int) -> bool:
+        """Return whether an item has a feasible location in an allowed rotation."""
+        item = self.task.items[shape]
+        return any(self._fits_in(item, n) for n in self.rules.allowed_rotations)
+
+    def _fits_in(self, item: Item, rotation: int) -> bool:
+        """Return whether an item fits in a rotation: first try where it fitted before."""
+        turned, count = item.turned(rotation), len(self.box.placed)
+        among, known = self._fitting.get(turned.key, (-1, (0, 0, 0)))
+        if known is not None and among != count and not self.box.is_feasible(turned, known):
+            known = self.box.blbf(turned)
+        self._fitting[turned.key] = count, known
+        return known is not None
+
+    def _find_end(self) -> None:
+        """End the episode if nothing is left, or online if nothing visible can be placed."""
+        if not self.outside.any():
+            self.end = End.COMPLETE
+        elif self.rules.buffer is not None and not self.action_mask().any():
+            self.end = End.NO_LOCATION
+
+    def _choose_shape(self, shape: int) -> bool:
+        if not (0 <= shape < len(self.outside) and self.action_mask()[shape]):
+            return False
+        self.shape = shape
+        return True
+
+    def _choose_rotation(self, rotation: int) -> bool:
+        if not (0 <= rotation < rotations.COUNT and self.action_mask()[rotation]):
+            return False
+        self.rotation = rotation
+        return True
+
+    def _choose_location(self, number: int) -> bool:
+        nodes = self.box.nodes
+        if not 0 <= number < math.prod(nodes):
+            return False
+        if self.rules.easy and not self.action_mask()[number]:
+            return False
+        i, rest = divmod(number, nodes[1] * nodes[2])
+        self.location = i, *divmod(rest, nodes[2])
+        return True
+
+    def _choose_item(self) -> ChosenItem:
+        assert self.shape is not None
+        item = self.task.items[self.shape]
+        if self.rotation is not None:
+            item = item.turned(self.rotation)
+        return ChosenItem(self.box, item, self.rules.allowed_rotations if self.rules.easy else None)
+
+    def _place(self) -> float:
+        """Place the chosen item and return the reward."""
+        assert self.shape is not None and self.rotation is not None and self.location is not None
+        item = self.task.items[self.shape].turned(self.rotation)
+        try:
+            gained = self.box.put(item, self.location)
+        except InfeasibleError:
+            self.end = End.INVALID_ACTION
+            return 0.0
+        reward = gained / self.task.volume
+        self.total += reward
+        self.outside[self.shape] = False
+        self.shape = self.rotation = self.location = self.chosen_item = None
+        self.stage = Stage.SHAPE
+        if self.rules.physics is not None:  # items move, so that others may fit again
+            self._fitting.clear()
+        self._find_end()
+        return reward

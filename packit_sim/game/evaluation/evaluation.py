@@ -1,0 +1,354 @@
+"""Evaluation: agents play tasks, and get scores with intervals (paper, section 5)."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.core.checks import check_range
+from packit_sim.core.confidence import Comparison, Estimate
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.game.datasets.packs import Task
+from packit_sim.game.datasets.provenance import RETURN_SLACK, Improvement
+from packit_sim.game.envs.observations import Observation
+from packit_sim.game.episodes.agents import Agent, OnProgress
+from packit_sim.game.episodes.episode import Episode
+from packit_sim.game.evaluation.results import ResultsError, Rollout
+from packit_sim.game.evaluation.results_store import check_evaluation, opened
+from packit_sim.rules import PACKIT, Rules
+
+if TYPE_CHECKING:
+    from packit_sim.core.parallel import Workers
+    from packit_sim.game.envs.env import PackItEnv
+    from packit_sim.game.envs.vector import PackItVectorEnv
+
+_log = plain_logger(__name__)
+
+SUCCESS_LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""The x of Success@x."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """An agent's row of the paper's table 1.
+
+    Attributes
+    ----------
+    agent : str
+        The agent's name.
+    tasks : int
+        The number of tasks.
+    reward : Estimate
+        Average Reward.
+    success : dict[float, Estimate]
+        Success@x in percent, by x.
+    density : Estimate
+        The mean density of the boxes at the end.
+    seconds : float
+        The median processor seconds of a task.
+    """
+
+    agent: str
+    tasks: int
+    reward: Estimate
+    success: dict[float, Estimate]
+    density: Estimate
+    seconds: float
+
+    @classmethod
+    def of(cls, agent: str, rollouts: Iterable[Rollout]) -> Score:
+        """Score an agent's rollouts, one for each task."""
+        own = [rollout for rollout in rollouts if rollout.agent == agent]
+        totals = np.array([rollout.total for rollout in own])
+        return cls(
+            agent,
+            len(own),
+            Estimate.of(totals),
+            {x: Estimate.of(100.0 * (totals >= x - RETURN_SLACK)) for x in SUCCESS_LEVELS},
+            Estimate.of([rollout.pack.density for rollout in own]),
+            float(np.median([rollout.seconds for rollout in own])),
+        )
+
+
+def compare(
+    first: Iterable[Rollout], second: Iterable[Rollout], seconds: float | None = None
+) -> Comparison:
+    """Compare the returns of two agents on the tasks that both have played.
+
+    Parameters
+    ----------
+    first : Iterable[Rollout]
+        The results of one agent.
+    second : Iterable[Rollout]
+        The results of the other.
+    seconds : float, optional
+        Compare what they had reached after so many processor seconds (`Rollout.return_after`), not
+        what they reached at the end.
+
+    Returns
+    -------
+    Comparison
+        The first compared with the second.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such task.
+    """
+    ours, theirs = (
+        {
+            each.task_digest: each.total if seconds is None else each.return_after(seconds)
+            for each in rollouts
+        }
+        for rollouts in (first, second)
+    )
+    shared = [digest for digest in ours if digest in theirs]
+    if not shared:
+        raise ArgumentError("there is no task that both have played")
+    return Comparison.of([ours[d] for d in shared], [theirs[d] for d in shared], RETURN_SLACK)
+
+
+def play(
+    task: Task,
+    agent: Agent,
+    rng: np.random.Generator,
+    *,
+    rules: Rules = PACKIT,
+    on_progress: OnProgress = lambda rollouts, best: None,
+) -> Episode:
+    """Let an agent play a task to its end.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    agent : Agent
+        The agent.
+    rng : np.random.Generator
+        The source of random numbers.
+    rules : Rules
+        The rules to play by.
+    on_progress : OnProgress
+        Called by the agent's search, if it has one.
+
+    Returns
+    -------
+    Episode
+        The episode, which is over.
+    """
+    episode = Episode(task, rules)
+    agent.play(episode, rng, on_progress)
+    return episode
+
+
+def evaluate(
+    agents: Sequence[Agent | str],
+    tasks: Sequence[Task],
+    seed: int,
+    on_rollout: Callable[[Rollout], None] = lambda rollout: None,
+    *,
+    rules: Rules = PACKIT,
+    workers: Workers | int | None = None,
+    file: Path | str | None = None,
+    numbers: Sequence[int] | None = None,
+) -> list[Rollout]:
+    """Let each agent play each task once.
+
+    Parameters
+    ----------
+    agents : Sequence[Agent | str]
+        The agents, or their names, such as "largest-first/aligned/blbf".
+    tasks : Sequence[Task]
+        The tasks.
+    seed : int
+        The seed of the evaluation.
+    on_rollout : Callable[[Rollout], None]
+        Called after each rollout.
+    rules : Rules
+        The rules to play by.
+    workers : Workers | int | None
+        The processes that play, or their number (0: one per core); by default this process plays.
+    file : Path | str | None
+        The file of results, which are written as they come. Those that it contains are not played
+        again, and results of other agents are kept.
+    numbers : Sequence[int] | None
+        The numbers of the tasks in their dataset; by default 0, 1, 2 and so on.
+
+    Returns
+    -------
+    list[Rollout]
+        The rollouts, by agent, then by task.
+
+    Raises
+    ------
+    ArgumentError
+        If an agent is not one, or there are not as many numbers as tasks.
+    UnknownPolicyError
+        If an agent's name is not known.
+    ResultsError
+        If the file contains results of another evaluation, or weights changed since the start.
+    BusyError
+        If another process works on the file.
+
+    Notes
+    -----
+    The random numbers of a rollout depend only on the seed, the agent's name and the task's
+    number. So it is the same with any other agents and tasks, on any number of workers.
+    """
+    if isinstance(workers, int):
+        from packit_sim.core.parallel import Workers
+
+        with Workers(workers) as processes:
+            return evaluate(
+                agents,
+                tasks,
+                seed,
+                on_rollout,
+                rules=rules,
+                workers=processes,
+                file=file,
+                numbers=numbers,
+            )
+    players = [_player(agent) for agent in ([agents] if isinstance(agents, str) else agents)]
+    file = None if file is None else Path(file)
+    numbers = range(len(tasks)) if numbers is None else numbers
+    check_range(
+        "numbers", numbers, (len(numbers) == len(tasks), f"one for each of the {len(tasks)} tasks")
+    )
+    numbered = dict(zip(numbers, tasks, strict=True))
+    weights = {agent.name: agent.weights for agent in players}
+    with opened(file, list(weights)) as store:
+        if file is not None:
+            known = {agent.name: agent.known_weights for agent in players}
+            check_evaluation(file, store.rollouts, known, numbered, seed, rules)
+        jobs = []
+        for number, task in numbered.items():
+            missing = [agent for agent in players if (agent.name, number) not in store]
+            if missing:
+                jobs.append((missing, task, number, seed, rules))
+        playing = sum(len(missing) for missing, *_ in jobs)
+        counts = len(players), len(tasks), len(players) * len(tasks) - playing, playing
+        _log.info("%d agents, %d tasks: %d results exist, %d to play", *counts)
+        started = time.monotonic()
+        played = starmap(_played, jobs) if workers is None else workers.as_done(_played, jobs)
+        for rollouts in played:
+            for rollout in rollouts:
+                if rollout.weights != weights[rollout.agent]:
+                    raise ResultsError(
+                        f"the weights of {rollout.agent} changed during the evaluation: "
+                        f"{rollout.weights}, not {weights[rollout.agent]}"
+                    )
+                _log.debug("task %d, %s: return %.3f", rollout.task, rollout.agent, rollout.total)
+                on_rollout(rollout)
+            store.add(rollouts)
+        _log.info("%d results in %.1f s", playing, time.monotonic() - started)
+        return [store[agent.name, number] for agent in players for number in numbered]
+
+
+def _player(agent: Agent | str) -> Agent:
+    if isinstance(agent, str):
+        return Agent.from_name(agent)
+    valid = 'an Agent, or a name such as "largest-first/aligned/blbf"'
+    check_range("agent", agent, (isinstance(agent, Agent), valid))
+    return agent
+
+
+def _played(
+    agents: Sequence[Agent], task: Task, number: int, seed: int, rules: Rules
+) -> list[Rollout]:
+    """Let several agents play a task."""
+    return [_rollout(agent, task, number, seed, rules) for agent in agents]
+
+
+def _rollout(agent: Agent, task: Task, number: int, seed: int, rules: Rules) -> Rollout:
+    """Let an agent play a task, and record when its search found something better."""
+    started = time.process_time()
+    improvements: list[Improvement] = []
+
+    def record(rollouts: int, best: float) -> None:
+        if not improvements or best > improvements[-1].total:
+            seconds = round(time.process_time() - started, 4)
+            improvements.append(Improvement(seconds, float(best)))
+
+    rng = _stream(agent.name, seed, number)
+    episode = play(task, agent, rng, rules=rules, on_progress=record)
+    seconds = time.process_time() - started
+    weights = agent.weights
+    return Rollout.of(episode, agent.name, number, seed, seconds, weights, improvements)
+
+
+def evaluate_batched(
+    name: str,
+    act: Callable[[Observation], npt.NDArray[np.integer[Any]]],
+    envs: PackItVectorEnv,
+    seed: int,
+    on_rollout: Callable[[Rollout], None] = lambda rollout: None,
+) -> list[Rollout]:
+    """Let one agent play each task of environments once, in batches: for networks.
+
+    Parameters
+    ----------
+    name : str
+        The agent's name.
+    act : Callable
+        Takes the observations of n environments, a dict of arrays with n as first axis, and returns
+        n actions. At the end n is less than the number of environments.
+    envs : PackItVectorEnv
+        The environments. Each starts the next task as soon as it has finished one.
+    seed : int
+        The seed of the evaluation.
+    on_rollout : Callable[[Rollout], None]
+        Called after each rollout.
+
+    Returns
+    -------
+    list[Rollout]
+        The rollouts in the order of tasks, with 0 seconds each. They do not depend on the number of
+        environments, provided that the actions do not.
+    """
+    waiting = iter(range(len(envs.tasks)))
+    playing: dict[PackItEnv, tuple[int, Observation]] = {}
+    rollouts: list[Rollout] = []
+
+    def start_next(env: PackItEnv) -> None:
+        """Start the next task in which the agent has something to choose."""
+        playing.pop(env, None)
+        for number in waiting:
+            stream = int(_stream(name, seed, number).integers(2**32))
+            observation, _ = env.reset(seed=stream, options={"task": number})
+            if env.episode.end is None:
+                playing[env] = number, observation
+                return
+            finish(env, number)
+
+    def finish(env: PackItEnv, number: int) -> None:
+        rollouts.append(Rollout.of(env.episode, name, number, seed, 0.0))
+        on_rollout(rollouts[-1])
+
+    for env in envs.members:
+        start_next(env)
+    while playing:
+        observed = [observation for _, observation in playing.values()]
+        batch = {key: np.stack([each[key] for each in observed]) for key in observed[0]}
+        actions = act(batch)
+        for (env, (number, _)), action in zip(list(playing.items()), actions, strict=True):
+            observation, _, over, _, _ = env.step(int(action))
+            playing[env] = number, observation
+            if over:
+                finish(env, number)
+                start_next(env)
+    return sorted(rollouts, key=lambda rollout: rollout.task)
+
+
+def _stream(agent: str, seed: int, task: int) -> np.random.Generator:
+    """Return the random numbers of a rollout."""
+    return np.random.default_rng((seed, zlib.crc32(agent.encode()), task))

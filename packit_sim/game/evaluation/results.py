@@ -1,0 +1,263 @@
+"""Results: the boxes that agents packed, and files of them.
+
+A file of results is a file of packs (see `packs`) with `Played` as provenance: it can be verified
+and drawn like any dataset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from msgspec import structs
+
+from packit_sim.core.errors import PackItError
+from packit_sim.game.datasets.pack_files import read_packs, write_packs
+from packit_sim.game.datasets.packs import ItemRecord, Pack
+from packit_sim.game.datasets.play_checks import play_problems, task_of
+from packit_sim.game.datasets.provenance import Improvement, Played
+from packit_sim.game.episodes.episode import Episode
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.rules import End, Rules
+
+
+class ResultsError(PackItError, ValueError):
+    """A file without results, or with results of another evaluation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One episode that was played. Two are equal if they differ only in the time that it took.
+
+    Parameters
+    ----------
+    pack : Pack
+        The box as the agent left it, with a provenance of `Played`.
+
+    Raises
+    ------
+    ResultsError
+        If the pack was not played.
+    """
+
+    pack: Pack
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pack.provenance, Played):
+            raise ResultsError(
+                f"this is not a result, its provenance is {self.pack.provenance.producer!r}: "
+                "results are written by `packit evaluate --out`"
+            )
+
+    @classmethod
+    def of(
+        cls,
+        episode: Episode,
+        agent: str,
+        number: int,
+        seed: int,
+        seconds: float,
+        weights: str | None = None,
+        improvements: Iterable[Improvement] = (),
+    ) -> Rollout:
+        """Record an episode that is over.
+
+        Parameters
+        ----------
+        episode : Episode
+            The episode.
+        agent : str
+            The name of the agent.
+        number : int
+            The number of the task.
+        seed : int
+            The seed of the evaluation.
+        seconds : float
+            The processor seconds that the episode took.
+        weights : str | None
+            The digest of the agent's weights, for an agent that learned.
+        improvements : Iterable[Improvement]
+            Each better return that the agent's search found.
+
+        Returns
+        -------
+        Rollout
+            The record.
+        """
+        assert episode.end is not None
+        played = Played(
+            agent=agent,
+            task=number,
+            task_digest=episode.task.digest,
+            seed=seed,
+            rules=episode.rules,
+            total=float(episode.total),
+            end=episode.end,
+            seconds=round(seconds, 6),
+            improvements=tuple(improvements),
+            weights=weights,
+        )
+        task = episode.task
+        pack = Pack.of(episode.box, task.pack.library, played)
+        left = [item for item, is_left in zip(task.items, episode.outside, strict=True) if is_left]
+        outside = tuple(ItemRecord(item.shape.id, item.scale) for item in left)
+        return cls(replace(pack, outside=outside))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Rollout):
+            return NotImplemented
+        return self._timeless == other._timeless
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def _timeless(self) -> Pack:
+        timeless = tuple(each._replace(seconds=0.0) for each in self.played.improvements)
+        played = structs.replace(self.played, seconds=0.0, improvements=timeless)
+        return replace(self.pack, provenance=played)
+
+    @property
+    def played(self) -> Played:
+        """How it was played."""
+        assert isinstance(self.pack.provenance, Played)
+        return self.pack.provenance
+
+    @property
+    def agent(self) -> str:
+        """The name of the agent."""
+        return self.played.agent
+
+    @property
+    def task(self) -> int:
+        """The number of the task."""
+        return self.played.task
+
+    @property
+    def task_digest(self) -> str:
+        """The digest of the task."""
+        return self.played.task_digest
+
+    @property
+    def seed(self) -> int:
+        """The seed of the evaluation."""
+        return self.played.seed
+
+    @property
+    def rules(self) -> Rules:
+        """The rules that were played."""
+        return self.played.rules
+
+    @property
+    def total(self) -> float:
+        """The return of the episode."""
+        return self.played.total
+
+    @property
+    def end(self) -> End:
+        """Why the episode ended."""
+        return self.played.end
+
+    @property
+    def seconds(self) -> float:
+        """The processor seconds that the episode took."""
+        return self.played.seconds
+
+    @property
+    def weights(self) -> str | None:
+        """The digest of the agent's weights, None for an agent that did not learn."""
+        return self.played.weights
+
+    def return_after(self, seconds: float) -> float:
+        """Return what the agent's search had reached by then: one run gives its whole curve.
+
+        Parameters
+        ----------
+        seconds : float
+            Processor seconds since the start of the episode.
+
+        Returns
+        -------
+        float
+            The best return until then; 0 before the first end of an episode was found. An agent
+            without a search reaches its return when the episode is over.
+        """
+        found = self.played.improvements or (Improvement(self.seconds, self.total),)
+        return max((each.total for each in found if each.seconds <= seconds), default=0.0)
+
+
+def read_results(path: Path | str) -> list[Rollout]:
+    """Read a file of results.
+
+    Parameters
+    ----------
+    path : Path | str
+        The file.
+
+    Returns
+    -------
+    list of Rollout
+        The rollouts, in the order of the file.
+
+    Raises
+    ------
+    ResultsError
+        If a pack is not a result; the message names the file and the pack.
+    PackFormatError
+        If the file can't be read as packs; the message names the file and the line.
+    """
+    rollouts = []
+    for number, pack in enumerate(read_packs(path), start=1):
+        try:
+            rollouts.append(Rollout(pack))
+        except ResultsError as error:
+            raise ResultsError(f"{path}, pack {number}: {error}") from None
+    return rollouts
+
+
+def check_results(
+    path: Path | str, rollouts: Iterable[Rollout], library: ShapeLibrary | None = None
+) -> int:
+    """Check that returns and ends follow from the recorded items and tasks.
+
+    Parameters
+    ----------
+    path : Path | str
+        The file of the results.
+    rollouts : Iterable[Rollout]
+        The results, in the order of the file.
+    library : ShapeLibrary | None
+        Their library. Without it returns and densities are not computed.
+
+    Returns
+    -------
+    int
+        How many returns can't be checked: former versions did not record the items outside the box,
+        and the task is not built in; or there is no library.
+
+    Raises
+    ------
+    ResultsError
+        If one does not hold, or an agent has two results on a task.
+    """
+    found: set[tuple[str, int]] = set()
+    volume = None if library is None else (lambda id: library.info(id).volume)
+    unchecked = 0
+    for number, rollout in enumerate(rollouts, start=1):
+        if (rollout.agent, rollout.task) in found:
+            raise ResultsError(
+                f"{path} holds two results of {rollout.agent!r} on task {rollout.task}: "
+                "write each evaluation to a separate file"
+            )
+        found.add((rollout.agent, rollout.task))
+        for problem in play_problems(rollout.pack, rollout.played, volume):
+            raise ResultsError(
+                f"{path}, pack {number}: {problem}; `packit verify` reports all problems"
+            )
+        unchecked += volume is None or task_of(rollout.pack, rollout.played) is None
+    return unchecked
+
+
+def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
+    """Write a file of results, completely or not at all."""
+    write_packs(path, [rollout.pack for rollout in rollouts])

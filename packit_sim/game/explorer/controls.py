@@ -1,0 +1,229 @@
+"""The panel next to the boxes: what is shown, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from packit_sim.game.explorer.collection import PackView
+from packit_sim.geometry import rotations
+from packit_sim.geometry.lattice import CELL, STEP, Triple, grid_nodes
+from packit_sim.geometry.shapes import UP_AXES
+from packit_sim.render.coloring import COLORINGS
+from packit_sim.render.looks import Cut
+
+if TYPE_CHECKING:
+    from packit_sim.web.web_page import GuiApi, GuiInputHandle
+
+NOTHING = "nothing"
+_WIDTH = 360
+_EXPLODE = 1.5
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """The state of the panel: what it requests.
+
+    Attributes
+    ----------
+    pack : int
+        The number of the pack.
+    second : int | None
+        The number of the pack next to it.
+    step : int
+        How many items are in the box.
+    explode : float
+        How far items are moved apart; 0 while "Why not here?" is used, which is about locations.
+    cut : Cut | None
+        Where the box is cut open.
+    coloring : str
+        The name of the rule that colours items.
+    chosen : int | None
+        The number of the selected item.
+    wanted : int | None
+        The number of the item that "Why not here?" is about.
+    rotation : int
+        Its rotation.
+    location : Triple
+        Its location.
+    """
+
+    pack: int
+    second: int | None
+    step: int
+    explode: float
+    cut: Cut | None
+    coloring: str
+    chosen: int | None
+    wanted: int | None
+    rotation: int
+    location: Triple
+
+
+class Controls:
+    """Sliders, lists and buttons.
+
+    Parameters
+    ----------
+    gui : GuiApi
+        Viser's panel.
+    titles : Sequence[str]
+        Titles of the packs.
+    pack : int
+        The number of the pack that is shown at first.
+    second : int | None
+        The number of the pack next to it.
+    changed : Callable[[], None]
+        Called after each change of a control, also by the program.
+    """
+
+    def __init__(
+        self,
+        gui: GuiApi,
+        titles: Sequence[str],
+        pack: int,
+        second: int | None,
+        changed: Callable[[], None],
+    ) -> None:
+        self._titles = titles
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_WIDTH)
+        self._pack = gui.add_dropdown("pack", titles, initial_value=titles[pack])
+        switch = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
+        switch.on_click(lambda event: self._switch_pack(-1 if switch.value == "previous" else 1))
+        side = NOTHING if second is None else titles[second]
+        self._second = gui.add_dropdown(
+            "second pack", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
+        )
+        self._second.visible = len(titles) > 1
+        self._step = gui.add_slider("step", 0, 1, 1, 1, hint="how many items are in the box")
+        self.play = gui.add_button("Play")
+        self._notice = gui.add_markdown("", visible=False)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Items"):
+            self._item = gui.add_dropdown("item", (NOTHING,), hint="or click it in the box")
+            self.items = gui.add_html("")
+        with tabs.add_tab("Look"):
+            self._explode = gui.add_slider("explode", 0.0, _EXPLODE, 0.05, 0.0)
+            self._axis = gui.add_dropdown("cut across", (NOTHING, *UP_AXES))
+            self._at = gui.add_slider("cut at", 0.0, 1.0, STEP * CELL / 4, 0.5, disabled=True)
+            self._color = gui.add_dropdown("colours", tuple(COLORINGS))
+            self.legend = gui.add_html("")
+        with tabs.add_tab("Why not here?"):
+            self._wanted = gui.add_dropdown("item outside", (NOTHING,))
+            self._rotation = gui.add_slider("rotation", 0, rotations.COUNT - 1, 1, 0)
+            self._location = tuple(gui.add_slider(axis, 0, 24, 1, 0) for axis in UP_AXES)
+            self.first = gui.add_button("To the first free place")
+            self.answer = gui.add_markdown("")
+        with tabs.add_tab("About"):
+            self.facts = gui.add_html("")
+        handles: list[GuiInputHandle[Any]] = [
+            self._pack,
+            self._second,
+            self._item,
+            self._axis,
+        ]
+        handles += [self._color, self._wanted, self._step, self._explode, self._at, self._rotation]
+        handles += self._location
+        for handle in handles:
+            _on_update(handle, changed)
+
+    @property
+    def request(self) -> ViewRequest:
+        """The current state of all controls."""
+        axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
+        x, y, z = (slider.value for slider in self._location)
+        wanted = _number(self._wanted.value)
+        return ViewRequest(
+            self._titles.index(self._pack.value),
+            None if self._second.value == NOTHING else self._titles.index(self._second.value),
+            self._step.value,
+            self._explode.value if wanted is None else 0.0,
+            None if axis is None else Cut(axis, max(self._at.value, CELL)),
+            self._color.value,
+            _number(self._item.value),
+            wanted,
+            self._rotation.value,
+            (x, y, z),
+        )
+
+    def set_rivals(self, rivals: Sequence[int], second: int | None) -> None:
+        """Offer packs to stand next to the first one, and select one."""
+        self._second.options = (NOTHING, *(self._titles[n] for n in rivals))
+        _set(self._second, NOTHING if second is None else self._titles[second])
+
+    def set_steps(self, steps: int) -> None:
+        """Set the number of steps, and show all of them."""
+        self._step.max = max(1, steps)
+        _set(self._step, steps)
+
+    def set_pack(self, view: PackView) -> None:
+        """Offer the items and the extents of another pack, with nothing selected."""
+        _set(self._item, NOTHING)
+        _set(self._wanted, NOTHING)
+        self._item.options = (NOTHING, *(label(view, n) for n in range(len(view.items))))
+        self._axis.disabled = not view.is_on_grid
+        self._at.max = max(view.cells) * CELL
+        for slider, nodes in zip(self._location, grid_nodes(view.cells), strict=True):
+            _set(slider, 0)
+            slider.max = nodes - 1
+
+    def set_outside(self, view: PackView, step: int) -> None:
+        """Offer the items that are outside after so many steps; none if the others settled."""
+        first = min(step, len(view.placed)) if view.is_on_grid else len(view.items)
+        options = (NOTHING, *(label(view, n) for n in range(first, len(view.items))))
+        if options != self._wanted.options:
+            self._wanted.options = options
+
+    def enable(self, request: ViewRequest) -> None:
+        """Enable the position of a cut if there is one, and the location if an item is wanted."""
+        self._at.disabled = request.cut is None
+        idle = request.wanted is None
+        self._explode.disabled = not idle
+        for handle in (self._rotation, *self._location, self.first):
+            handle.disabled = idle
+
+    def show_notice(self, notice: str) -> None:
+        """Show a line above the lists, "" for none."""
+        self._notice.visible = bool(notice)
+        self._notice.content = notice
+
+    def set_step(self, step: int) -> None:
+        """Show so many items."""
+        _set(self._step, step)
+
+    def choose(self, view: PackView, number: int) -> None:
+        """Select an item, or none if it is selected already."""
+        text = label(view, number)
+        _set(self._item, NOTHING if self._item.value == text else text)
+
+    def set_query(self, rotation: int, location: Triple) -> None:
+        """Set the rotation and the location of "Why not here?"."""
+        _set(self._rotation, rotation)
+        for slider, node in zip(self._location, location, strict=True):
+            _set(slider, node)
+
+    def _switch_pack(self, by: int) -> None:
+        """Select another pack; the first follows the last."""
+        number = self._titles.index(self._pack.value) + by
+        _set(self._pack, self._titles[number % len(self._titles)])
+
+
+def label(view: PackView, number: int) -> str:
+    """Return an item's entry in a list."""
+    left = "" if number < len(view.placed) else " (left outside)"
+    return f"{number} {view.items[number].shape.id}{left}"
+
+
+def _number(text: str) -> int | None:
+    """Return the number of the item with this entry."""
+    return None if text == NOTHING else int(text.partition(" ")[0])
+
+
+def _set(handle: GuiInputHandle[Any], value: object) -> None:
+    handle.value = value  # type: ignore[misc] # viser's setter stands apart from its property
+
+
+def _on_update(handle: GuiInputHandle[Any], changed: Callable[[], None]) -> None:
+    handle.on_update(lambda event: changed())

@@ -1,0 +1,89 @@
+"""Sequences of shapes at their real sizes: tasks for the online game."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from packit_sim.core.checks import check_range
+from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.packs import MAX_SCALE, ItemRecord, LibraryRef, Pack, Task
+from packit_sim.game.datasets.provenance import Drawn
+from packit_sim.geometry.lattice import CELL, STEP, Triple, box_cells
+from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.sources import SizeCm
+
+
+@dataclass(frozen=True)
+class SequenceSampler:
+    """Draws the items of a task from a library, each shape with the same probability.
+
+    Parameters
+    ----------
+    library : ShapeLibrary
+        The library of shapes, or one of its splits; their real sizes must be known.
+    cells : tuple of int
+        Cells of the box along x, y and z.
+    step_cm : float
+        Length of a grid step, 4 cells, in cm.
+    items : int
+        Number of items of a task.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is not possible, a shape's real size is not known or much larger than the box, or
+        no shape fits into it.
+
+    Notes
+    -----
+    The order in which items arrive follows from the task (see `Task.arriving`): each order is as
+    likely as any other, as if shapes were drawn one by one.
+    """
+
+    library: ShapeLibrary
+    cells: Triple
+    step_cm: float
+    items: int = 50
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", box_cells(self.cells))
+        check_range("items", self.items, (self.items >= 1, "1 or more"))
+        check_range("step_cm", self.step_cm, (0 < self.step_cm < math.inf, "more than 0"))
+        sizes = np.array([self._size_cm(id) for id in self.library])
+        cells = np.ceil(np.sort(sizes) / self.step_cm * STEP - 1e-6)
+        fits = (cells <= np.sort(self.cells)).all(axis=1)
+        too_large = [id for id in self.library if self._scale(id) > MAX_SCALE]
+        if too_large or not fits.any():
+            what = f"shape {too_large[0]!r} is" if too_large else "all shapes are"
+            sides = " x ".join(f"{count * self.step_cm / STEP:.4g}" for count in self.cells)
+            raise ArgumentError(
+                f"{what} larger than the box of {sides} cm: choose a longer step_cm or more cells"
+            )
+
+    def pack(self, seed: int) -> Pack:
+        """Draw a sequence from a seed: an empty box with all items outside."""
+        return self._pack(np.random.default_rng(seed), seed)
+
+    def __call__(self, rng: np.random.Generator) -> Task:
+        """Draw a task, as an environment wants it."""
+        return self._pack(rng).task(self.library)
+
+    def _pack(self, rng: np.random.Generator, seed: int | None = None) -> Pack:
+        ids = self.library.ids
+        drawn = [ids[n] for n in rng.integers(len(ids), size=self.items)]
+        outside = tuple(ItemRecord(id, self._scale(id)) for id in drawn)
+        library = LibraryRef.of(self.library)
+        return Pack(library, self.cells, (), 0.0, Drawn(seed=seed), outside)
+
+    def _scale(self, id: str) -> float:
+        unit_cm = self.step_cm / (STEP * CELL)
+        return (math.hypot(*self._size_cm(id)) / unit_cm) ** 3
+
+    def _size_cm(self, id: str) -> SizeCm:
+        size = self.library.info(id).size_cm
+        if size is None:
+            raise ArgumentError(f"the real size of shape {id!r} is not known: choose other shapes")
+        return size

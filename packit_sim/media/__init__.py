@@ -1,1 +1,0 @@
-"""Contact sheets, films and exported files."""

@@ -1,1 +1,0 @@
-"""Packings off the grid: meshes with a demand each, at any place of a container."""

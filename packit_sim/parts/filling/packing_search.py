@@ -1,0 +1,343 @@
+"""The search for a packing of parts: box after box, or all boxes of one size together."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import signal
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.sums import plain_sum
+from packit_sim.parts.filling.answers import Answer, FilledBox
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.part_sizes import fits
+
+_FULL = 0.6
+"""Share of the boxes' volume above which parts are not expected to fit into all of them."""
+
+_SECONDS = 0.05, 1e6
+"""Seconds that a box gets, at least and at most."""
+
+_REPEATS = 4
+"""Searches for a box, if their iterations are limited, while constraints leave parts out."""
+
+_NEXT_SEED = 1000
+"""Between the seeds of searches for a box; an earlier answer's next search adds 1."""
+
+
+@dataclass(eq=False)
+class PackingSearch:
+    """A search for an answer to a task.
+
+    Attributes
+    ----------
+    task : PackTask
+        The task.
+    end : float
+        When it ends, by `time.perf_counter`.
+    seed : int
+        The seed.
+    best : Answer
+        The best answer so far.
+    callback : callable, optional
+        Called with each better answer.
+    """
+
+    task: PackTask
+    end: float
+    seed: int
+    best: Answer = field(default_factory=Answer)
+    callback: Callable[[Answer], object] | None = None
+
+    def run(self) -> Answer:
+        """Search until the time is over, nothing better is possible, or Ctrl-C.
+
+        Returns
+        -------
+        Answer
+            The best answer.
+
+        Raises
+        ------
+        NestingError
+            If no valid packing was found.
+        """
+        self._stopped = self.task.settings.stop or threading.Event()
+        self._first = self.best
+        fitting = [self._fits(n) for n in range(len(self.task.parts))]
+        counts = {n: part.part.count for n, part in enumerate(self.task.parts) if fitting[n]}
+        if not counts or self._is_done(self.best, counts):
+            return self.best
+        try:
+            with _stop_noted(self._stopped):
+                self._search(counts)
+        except KeyboardInterrupt:
+            if not self.best.boxes:
+                raise
+        except NestingError:
+            if not self.best.boxes:
+                raise
+        return self.best
+
+    def _search(self, counts: Mapping[int, int]) -> None:
+        objective, first = self.task.objective, self.task.boxes[0]
+        may_be_together = objective == "boxes" and not self.task.obstacles
+        if may_be_together and self._can_all_fit(counts):
+            self._fill_together(counts)
+        else:
+            left = self._fill_one_by_one(counts)
+            if objective == "height" and not left and not self._is_over:
+                self._lower(first, counts)
+
+    def _fill_one_by_one(self, counts: Mapping[int, int]) -> dict[int, int]:
+        """Fill box after box; return the parts that are left."""
+        left = dict(counts)
+        stock = {box: math.inf if box.count is None else box.count for box in self.task.boxes}
+        boxes = list(self.task.boxes)
+        if self.task.objective == "boxes":
+            boxes.sort(key=lambda box: -box.container.volume)
+        full: list[FilledBox] = []
+        while left:
+            usable = (b for b in boxes if stock[b] > 0 and any(self._fits(n, b) for n in left))
+            box = next(usable, None)
+            if box is None:
+                break
+            stock[box] -= 1
+            own = {n: k for n, k in left.items() if self._fits(n, box)}
+            found = self._fill(box, own, full, self._seconds(own, box, sum(stock.values())))
+            if found is None:
+                break
+            full.append(found)
+            for n, k in self.task.counts(found.packing.placements).items():
+                left[n] -= k
+            left = {n: k for n, k in left.items() if k > 0}
+            if self._stopped.is_set():
+                break
+        return left
+
+    def _fill(
+        self, box: BoxType, counts: Mapping[int, int], full: list[FilledBox], seconds: float
+    ) -> FilledBox | None:
+        """Fill one box; return its best contents, or None if nothing goes in."""
+        best: tuple[Answer, FilledBox] | None = None
+        total = sum(counts.values()) + sum(len(each.packing.placements) for each in full)
+
+        def better(packing: Packing) -> None:
+            nonlocal best
+            (found,) = self._in_boxes(packing, box) or (None,)
+            if found is not None:
+                answer = Answer.of(self.task, [*full, found])
+                if best is None or answer.score > best[0].score:
+                    best = answer, found
+                self._offer(answer)
+
+        end = clock.perf_counter() + seconds
+        start = self._earlier(box, len(full))
+        for number in range(_REPEATS) if self.task.settings.iterations else itertools.count():
+            before = clock.perf_counter()
+            seed = self.seed + _NEXT_SEED * number
+            self._nest(self._inner(box), "knapsack", counts, end - before, better, start, seed)
+            start = None
+            now = clock.perf_counter()
+            is_over = self._stopped.is_set() or now + (now - before) > end
+            is_all = best is not None and sum(best[0].counts(self.task).values()) == total
+            if is_over or is_all or not self.task.constraints:
+                break
+        if best is None or len(best[0].boxes) <= len(full):
+            return None
+        return best[0].boxes[-1]
+
+    def _fill_together(self, counts: Mapping[int, int]) -> None:
+        """Search for the fewest boxes, of one size or of several that there are enough of."""
+        types = self.task.boxes
+        limit = types[0].count
+
+        def better(packing: Packing) -> None:
+            boxes = self._in_boxes(packing, *types)
+            if limit is not None and len(boxes) > limit:
+                boxes.sort(key=self._weight, reverse=True)
+                boxes = boxes[:limit]
+            self._offer(Answer.of(self.task, boxes))
+
+        inner = [self._inner(each) for each in types]
+        self._nest(inner, "bins", counts, self._left, better)
+
+    def _lower(self, box: BoxType, counts: Mapping[int, int]) -> None:
+        """Search for the least height of all parts, below the box's."""
+        inner = self._inner(box)
+        x, y, z = inner.size
+
+        def better(packing: Packing) -> None:
+            if packing.height <= z:
+                packing = replace(packing, container=inner, objective="knapsack")
+                self._offer(Answer.of(self.task, self._in_boxes(packing, box)))
+
+        strip = BoxContainer((x, y, math.inf), inner.obstacles)
+        self._nest(strip, "strip", counts, self._left, better, self._earlier(box, 0))
+
+    def _earlier(self, box: BoxType, number: int) -> FilledBox | None:
+        """Return the box of this number in the packing that the search began with."""
+        if number >= len(self._first.boxes) or self._first.boxes[number].type != box:
+            return None
+        return self._first.boxes[number]
+
+    def _nest(
+        self,
+        container: BoxContainer | Sequence[BoxContainer],
+        objective: str,
+        counts: Mapping[int, int],
+        seconds: float,
+        better: Callable[[Packing], None],
+        start: FilledBox | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """Nest some of the parts; the packings' types are those of all parts."""
+        task, settings = self.task, self.task.settings
+        numbers = sorted(counts)
+        types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
+
+        def of_all(packing: Packing, _: float) -> None:
+            placements = [replace(one, type=numbers[one.type]) for one in packing.placements]
+            better(replace(packing, types=task.types, placements=tuple(placements)))
+
+        nest(
+            types,
+            container,
+            objective,
+            min(max(seconds, _SECONDS[0]), _SECONDS[1]),
+            self.seed if seed is None else seed,
+            task.gap,
+            of_all,
+            NestSettings(
+                settings.workers,
+                settings.backend,
+                settings.address,
+                settings.iterations,
+                start=None if start is None else self._start(start, types, numbers),
+                stop=self._stopped,
+            ),
+        )
+
+    def _start(self, box: FilledBox, types: Sequence[ItemType], numbers: Sequence[int]) -> Packing:
+        """Move the parts of a box into the inner container, as a packing of some types."""
+        shift = np.eye(4)
+        shift[:3, 3] = -self.task.margin
+        placements = [
+            Placement(numbers.index(one.type), shift @ one.pose)
+            for one in box.packing.placements
+            if one.type in numbers
+        ]
+        return Packing(tuple(types), self._inner(box.type), tuple(placements), 0.0, "knapsack")
+
+    def _in_boxes(self, packing: Packing, *types: BoxType) -> list[FilledBox]:
+        """Move a packing from the inner containers into its boxes, which are of some types."""
+        by_size = {self._inner(each).size: each for each in reversed(types)}
+        shift = np.eye(4)
+        shift[:3, 3] = self.task.margin
+        found: dict[int, list[Placement]] = {}
+        for one in packing.placements:
+            found.setdefault(one.box, []).append(Placement(one.type, shift @ one.pose))
+        return [
+            FilledBox(
+                box,
+                Packing(
+                    self.task.types,
+                    self.task.container(box),
+                    tuple(found[n]),
+                    self.task.gap,
+                    "knapsack",
+                ),
+            )
+            for n in sorted(found)
+            for box in [by_size.get(packing.container_of(n).size, types[0])]
+        ]
+
+    def _offer(self, answer: Answer) -> None:
+        if answer.score > self.best.score and answer.boxes:
+            self.best = answer
+            if self.callback is not None:
+                self.callback(answer)
+
+    def _inner(self, box: BoxType) -> BoxContainer:
+        margin = self.task.margin
+        x, y, z = (side - 2 * margin for side in box.size)
+        return BoxContainer((x, y, z), self._obstacles)
+
+    @cached_property
+    def _obstacles(self) -> tuple[ItemType, ...]:
+        """What the parts keep clear of, in the coordinates of the inner container."""
+        own = (each.item_type for each in self.task.obstacles)
+        return tuple(replace(each, vertices=each.vertices - self.task.margin) for each in own)
+
+    def _fits(self, number: int, box: BoxType | None = None) -> bool:
+        own = self.task.parts[number].sides
+        boxes = self.task.boxes if box is None else (box,)
+        return any(fits(own, each.size, self.task.margin) for each in boxes)
+
+    def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
+        """Return whether all parts may be expected to fit into boxes that are filled together."""
+        box, *others = self.task.boxes
+        if box.count is None or others:
+            return all(each.count is None for each in self.task.boxes)
+        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
+        return box.count > 1 and volume <= _FULL * box.count * box.container.volume
+
+    def _is_done(self, answer: Answer, counts: Mapping[int, int]) -> bool:
+        """Return whether nothing better is possible: all parts are packed."""
+        is_all = answer.counts(self.task) == dict(counts)
+        if self.task.objective == "boxes":
+            return is_all and len(answer.boxes) == 1
+        return is_all and self.task.objective != "height"
+
+    def _weight(self, box: FilledBox) -> float:
+        counts = self.task.counts(box.packing.placements)
+        return sum(self.task.weights[n] * k for n, k in counts.items())
+
+    def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
+        """Return the time for a box: that of all boxes that may follow is the same."""
+        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
+        needed = math.ceil(volume / (_FULL * self._inner(box).volume))
+        return self._left / max(1, min(needed, more + 1))
+
+    @property
+    def _left(self) -> float:
+        """Seconds that are left; without end where passes are counted instead."""
+        if self.task.settings.iterations is not None:
+            return math.inf
+        return self.end - clock.perf_counter()
+
+    @property
+    def _is_over(self) -> bool:
+        return self._left <= 0 or self._stopped.is_set()
+
+
+@contextmanager
+def _stop_noted(stopped: threading.Event) -> Iterator[None]:
+    """Note Ctrl-C, which the nester catches when it has a packing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: object) -> None:
+        stopped.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

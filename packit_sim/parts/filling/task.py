@@ -1,0 +1,327 @@
+"""What is packed: the prepared parts, the boxes, and what a packing must keep."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.parallel import SearchBackend
+from packit_sim.parts.handling.constraints import Constraint
+from packit_sim.parts.handling.dropping import Dropping
+from packit_sim.parts.handling.requirements import Requirements
+from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.part_files import ReadSettings
+from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
+from packit_sim.parts.reading.units import check_unit
+
+Goal = Literal["volume", "count", "value", "height", "boxes"]
+
+GOALS: tuple[Goal, ...] = get_args(Goal)
+"""What is sought: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
+
+
+@dataclass(frozen=True)
+class PackSettings:
+    """How parts are read and packed.
+
+    Parameters
+    ----------
+    clearance : float
+        Smallest distance between two parts.
+    wall_clearance : float
+        Smallest distance to the walls.
+    accuracy : float, optional
+        Largest deviation of a collision mesh from its file; by default 0.002 of its diagonal.
+    boxes : int, optional
+        How many boxes there are of a size that does not say so; by default 1, or for the objective
+        "boxes" as many as are needed.
+    unit : str, optional
+        The unit of boxes, clearances and results; by default that of the box's text, or else mm.
+    reading : ReadSettings
+        How files are read.
+    removable : bool
+        Whether every part can be taken out of its box by straight moves, in some order.
+    insertable : bool
+        Whether every part can be put in straight down, in some order.
+    stable : float, optional
+        The largest distance that a part may move under gravity at any stage of packing.
+    keep_out : sequence of Part, Path or str
+        Volumes that stay free in every box, as meshes in the box's coordinates: parts keep the
+        clearance from them.
+    fixed : sequence of Part, Path or str
+        Parts that are in the box already, as meshes in its coordinates. Others keep the clearance
+        from them and may rest on them.
+    constraints : sequence of Constraint
+        What else every packing must fulfil; parts that break a constraint are left out.
+    workers : int
+        The number of searches at a time; 0: one per core.
+    backend : str
+        Where they run: "threads" of this process, or processes of a "ray" cluster.
+    address : str, optional
+        The address of the Ray cluster's head.
+    iterations : int, optional
+        Passes over the parts of each search, instead of the time: a repeatable search.
+    stop : threading.Event, optional
+        Ends the search early when another thread sets it, as Ctrl-C does.
+
+    Raises
+    ------
+    ArgumentError
+        If a clearance is negative, or the accuracy is not above 0.
+    """
+
+    clearance: float = 0.0
+    wall_clearance: float = 0.0
+    accuracy: float | None = None
+    boxes: int | None = None
+    unit: Unit | None = None
+    reading: ReadSettings = field(default_factory=ReadSettings)
+    removable: bool = False
+    insertable: bool = False
+    stable: float | None = None
+    keep_out: Sequence[Part | Path | str] = ()
+    fixed: Sequence[Part | Path | str] = ()
+    constraints: Sequence[Constraint] = ()
+    workers: int = 0
+    backend: SearchBackend = "threads"
+    address: str | None = None
+    iterations: int | None = None
+    stop: threading.Event | None = None
+
+    def __post_init__(self) -> None:
+        check_range("clearance", self.clearance, Range(0, ends="[)"))
+        check_range("wall clearance", self.wall_clearance, Range(0, ends="[)"))
+        if self.accuracy is not None:
+            check_range("accuracy", self.accuracy, POSITIVE)
+        if self.boxes is not None:
+            check_range("boxes", as_integer("boxes", self.boxes), Range(1))
+        if self.unit is not None:
+            check_unit(self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class PackTask:
+    """What is packed.
+
+    Attributes
+    ----------
+    parts : tuple of PreparedPart
+        The parts.
+    boxes : tuple of BoxType
+        The boxes.
+    objective : str
+        One of `GOALS`.
+    settings : PackSettings
+        The settings.
+    keep_out : tuple of PreparedPart
+        The volumes that stay free in every box.
+    fixed : tuple of PreparedPart
+        The parts that are in the box already.
+    """
+
+    parts: tuple[PreparedPart, ...]
+    boxes: tuple[BoxType, ...]
+    objective: Goal
+    settings: PackSettings
+    keep_out: tuple[PreparedPart, ...] = ()
+    fixed: tuple[PreparedPart, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.objective not in GOALS:
+            raise ArgumentError(
+                f"objective {self.objective!r} is not known: choose from {', '.join(GOALS)}"
+            )
+        if self.objective == "height" and (len(self.boxes) > 1 or self.boxes[0].count != 1):
+            raise ArgumentError("the objective height needs one box: choose boxes for several")
+        if self.objective == "value" and all(each.part.value is None for each in self.parts):
+            raise ArgumentError("the objective value needs parts with a value, from a manifest")
+        if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
+            raise ArgumentError("parts that are fixed need one box: they are only in that one")
+        for each in self.fixed:
+            low, high = each.item_type.low, each.item_type.high
+            depth = float(np.maximum(-low, high - self.boxes[0].size).max())
+            if not depth <= self.tolerance:
+                raise ArgumentError(
+                    f"fixed: part {each.part.name!r} reaches {depth:.4g} {self.unit} beyond the "
+                    "box: choose a keep-out for what is not inside it"
+                )
+        margin = self.margin
+        for box in self.boxes:
+            if min(box.size) <= 2 * margin:
+                raise ArgumentError(
+                    f"box {box.name!r}: {margin:.4g} {self.unit} at each wall leave no space in it"
+                )
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of all lengths."""
+        return self.settings.unit or "mm"
+
+    @cached_property
+    def types(self) -> tuple[ItemType, ...]:
+        """The types of items, one for each part, with what one of it is worth as its value.
+
+        Those of fixed parts follow.
+        """
+        found = (
+            each.item_type.changed(value=weight)
+            for each, weight in zip(self.parts, self.weights, strict=True)
+        )
+        return (*found, *(each.item_type for each in self.fixed))
+
+    @property
+    def all_parts(self) -> tuple[PreparedPart, ...]:
+        """The parts, and then those that are fixed."""
+        return (*self.parts, *self.fixed)
+
+    @property
+    def obstacles(self) -> tuple[PreparedPart, ...]:
+        """What the parts keep clear of: volumes that stay free, and fixed parts."""
+        return (*self.keep_out, *self.fixed)
+
+    @cached_property
+    def requirements(self) -> Requirements | None:
+        """What the parts of each box must meet besides being valid, if anything."""
+        settings = self.settings
+        parts = [each.part for each in self.all_parts]
+        max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
+        no_stack = frozenset(n for n, one in enumerate(parts) if one.no_stack)
+        wishes = (settings.removable, settings.insertable, settings.stable is not None)
+        if not (any(wishes) or no_stack or max_loads):
+            return None
+        for each in self.parts:
+            if max_loads and each.mass is None:
+                raise ArgumentError(
+                    f"load limits need masses: part {each.part.name!r} has no mass or density"
+                )
+        centimetres = UNITS_CM[self.unit]
+        return Requirements(
+            removable=settings.removable,
+            insertable=settings.insertable,
+            stable=settings.stable,
+            no_stack=no_stack,
+            max_loads=max_loads,
+            masses=tuple(
+                each.volume * centimetres**3 if each.mass is None else each.mass
+                for each in self.all_parts
+            ),
+            fixed=self.fixed_numbers,
+            metres=centimetres / 100,
+        )
+
+    @cached_property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What each better packing of the search must fulfil."""
+        own = () if self.requirements is None else (Dropping(self.requirements, self.with_fixed),)
+        return (*own, *self.settings.constraints)
+
+    @cached_property
+    def tolerance(self) -> float:
+        """How far the nester lets items reach into each other, at most."""
+        longest = max(max(box.size) for box in self.boxes)
+        return max(
+            (
+                validity.tolerance(longest, float(each.item_type.extents.max()))
+                for each in (*self.parts, *self.obstacles)
+            ),
+            default=0.0,
+        )
+
+    def container(self, box: BoxType) -> BoxContainer:
+        """Return a box with what the parts keep clear of."""
+        return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles))
+
+    @property
+    def fixed_numbers(self) -> frozenset[int]:
+        """The numbers that `with_fixed` gives to the placements of the fixed parts."""
+        return frozenset(range(len(self.fixed)))
+
+    def with_fixed(self, packing: Packing) -> Packing:
+        """Return a packing of this task with the fixed parts as its first placements."""
+        first = len(self.parts)
+        fixed = [Placement(first + n, np.eye(4)) for n in range(len(self.fixed))]
+        container = replace(packing.container, obstacles=())
+        placements = (*fixed, *packing.placements)
+        return replace(packing, container=container, placements=placements)
+
+    @cached_property
+    def gap(self) -> float:
+        """The distance of two collision meshes that keeps the clearance of the files' surfaces."""
+        return self.settings.clearance + largest_sum((*self.parts, *self.obstacles))
+
+    @cached_property
+    def margin(self) -> float:
+        """The distance of collision meshes from the walls, for the same purpose."""
+        clearance = self.settings.wall_clearance
+        deviation = max((each.deviation for each in self.parts), default=0.0)
+        return clearance + deviation + (self.tolerance if clearance else 0.0)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that decides which packing is better."""
+        settings = self.settings
+        numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
+        boxes = [(box.name, box.size, box.count) for box in self.boxes]
+        wishes = (settings.removable, settings.insertable, settings.stable)
+        constraints = list(map(repr, settings.constraints))
+        text = repr((self.objective, numbers, boxes, wishes, constraints))
+        sha = hashlib.sha256(text.encode())
+        for each in (*self.parts, *self.obstacles):
+            sha.update(each.part.digest.encode())
+        sha.update(repr((len(self.keep_out), len(self.fixed))).encode())
+        return sha.hexdigest()
+
+    @cached_property
+    def worth(self) -> tuple[float, ...]:
+        """What one of each part is worth by the objective, among parts of the same priority."""
+        if self.objective == "count":
+            return (1.0,) * len(self.parts)
+        if self.objective == "value":
+            values = (each.part.value for each in self.parts)
+            return tuple(1.0 if value is None else value for value in values)
+        return tuple(each.volume for each in self.parts)
+
+    @cached_property
+    def weights(self) -> tuple[float, ...]:
+        """The same for all parts: one of a higher priority outweighs all those of lower ones."""
+        found = [0.0] * len(self.parts)
+        total = 0.0
+        for level in sorted({each.part.priority for each in self.parts}):
+            own = [n for n, each in enumerate(self.parts) if each.part.priority == level]
+            least = min((self.worth[n] for n in own if self.worth[n] > 0), default=1.0)
+            factor = max(1.0, 1.001 * total / least)
+            for n in own:
+                found[n] = factor * self.worth[n]
+                total += found[n] * self.parts[n].part.count
+        return tuple(found)
+
+    def worth_by_priority(self, counts: Mapping[int, int]) -> tuple[float, ...]:
+        """Sum what parts are worth, for each priority from the highest on."""
+        levels = sorted({each.part.priority for each in self.parts}, reverse=True)
+        return tuple(
+            sum(self.worth[n] * k for n, k in counts.items() if self.parts[n].part.priority == one)
+            for one in levels
+        )
+
+    def counts(self, placements: Sequence[Placement]) -> dict[int, int]:
+        """Count placements by the number of their part."""
+        found: dict[int, int] = {}
+        for placement in placements:
+            found[placement.type] = found.get(placement.type, 0) + 1
+        return found

@@ -1,0 +1,1 @@
+"""What happens to a packing outside the search: removal, supports, stability, constraints."""

@@ -1,0 +1,219 @@
+"""How far a placed part can move straight, at any pose, before its mesh meets another part's.
+
+Sweeps compare meshes triangle by triangle over the whole motion, without time steps (see
+`engine.sweeping`). For each pair both meshes are drawn in as the validity check of packings does
+it, so that parts which a valid packing lets touch do not block each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+import trimesh
+
+from packit_sim.engine.sweeping import AxisNumber, cyclic
+from packit_sim.engine.sweeping_kernels import least_rise
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.deviation import Surface
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.validity import tolerance
+
+Direction = Literal["up", "+x", "-x", "+y", "-y"]
+
+SIDEWAYS: tuple[Direction, ...] = ("+x", "-x", "+y", "-y")
+
+AXES: dict[Direction, tuple[AxisNumber, int]] = {
+    "up": (2, 1),
+    "+x": (0, 1),
+    "-x": (0, -1),
+    "+y": (1, 1),
+    "-y": (1, -1),
+}
+"""The axis of each direction, and its sign."""
+
+_ANY = 1e9
+"""Longer than any motion: the first obstacle that is found is enough."""
+
+_HERE = np.zeros(3)
+
+
+class PartSweeps:
+    """The placed parts of a packing, and what each meets on straight moves.
+
+    Lengths are relative to the container's longest side that is not infinite. Answers about two
+    parts do not depend on any third one; they are cached.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+
+    Attributes
+    ----------
+    packing : Packing
+        The packing.
+    unit : float
+        The container's longest side that is not infinite.
+    size : ndarray of float64, shape (3,)
+        The container's sides; that along z is inf for a strip.
+    low, high : ndarray of float64, shape (n, 3)
+        The corners of the parts' bounding boxes.
+    held : dict
+        The parts that hold a part, by its number, a number of moves, and whether sides are open:
+        while all of them are there, it can't be taken out (see `removal`).
+    """
+
+    def __init__(self, packing: Packing) -> None:
+        self.packing = packing
+        self.unit = packing.container.longest
+        self.size = np.array(packing.container.size) / self.unit
+        placed = packing.placements
+        corners = [packing.vertices(placement) / self.unit for placement in placed]
+        self.low = np.array([one.min(axis=0) for one in corners]).reshape(-1, 3)
+        self.high = np.array([one.max(axis=0) for one in corners]).reshape(-1, 3)
+        self._boxes = np.array([placement.box for placement in placed], dtype=int)
+        types = packing.types
+        longest = [p.scale * float(types[p.type].extents.max()) / self.unit for p in placed]
+        self._tolerances = [tolerance(1.0, side) for side in longest]
+        self._centres = [self._centre(n) for n in range(len(placed))]
+        self._surfaces: dict[tuple[int, bytes, float, AxisNumber], Surface] = {}
+        self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}
+        self._meetings: dict[tuple[int, int, AxisNumber, bytes], bool] = {}
+        self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
+
+    def __len__(self) -> int:
+        return len(self.packing.placements)
+
+    def together(self, number: int) -> list[int]:
+        """Return the numbers of all parts in the same box, in order; the part itself included."""
+        return np.flatnonzero(self._boxes == self._boxes[number]).tolist()
+
+    def drawn_in(self, one: int, other: int) -> float:
+        """Return by how much the meshes of two parts are drawn in together (see `validity`)."""
+        return min(self._tolerances[one], self._tolerances[other])
+
+    def distance(
+        self, mover: int, other: int, direction: Direction, shift: Floats = _HERE
+    ) -> float:
+        """Compute how far a part can move before it meets another.
+
+        Parameters
+        ----------
+        mover : int
+            The number of the part that moves.
+        other : int
+            The number of the other part.
+        direction : Direction
+            Where it moves.
+        shift : ndarray of float64, shape (3,)
+            Where the motion begins, from the part's pose.
+
+        Returns
+        -------
+        float
+            The distance, inf if they never meet.
+        """
+        lower, upper, axis, apart = self._pair(mover, other, direction, shift)
+        key = lower, upper, axis, apart.tobytes()
+        if key not in self._distances:
+            self._distances[key] = self._rise(lower, upper, axis, apart, 0.0)
+        return self._distances[key]
+
+    def meets(self, mover: int, other: int, direction: Direction, shift: Floats = _HERE) -> bool:
+        """Decide whether a part meets another if it moves on and on; arguments as `distance`."""
+        lower, upper, axis, apart = self._pair(mover, other, direction, shift)
+        key = lower, upper, axis, apart.tobytes()
+        if key in self._distances:
+            return self._distances[key] < math.inf
+        if key not in self._meetings:
+            self._meetings[key] = self._rise(lower, upper, axis, apart, _ANY) < math.inf
+        return self._meetings[key]
+
+    def in_the_way(
+        self, mover: int, others: Iterable[int], direction: Direction, shift: Floats = _HERE
+    ) -> list[tuple[int, float]]:
+        """Return those of other parts whose bounding boxes are in the way of a part's.
+
+        Parameters
+        ----------
+        mover : int
+            The number of the part that moves.
+        others : iterable of int
+            The numbers of other parts.
+        direction : Direction
+            Where it moves.
+        shift : ndarray of float64, shape (3,)
+            Where the motion begins, from the part's pose.
+
+        Returns
+        -------
+        list of (int, float)
+            Their numbers and the distances to their boxes, the nearest first.
+        """
+        axis, sign = AXES[direction]
+        numbers = np.array([n for n in others if n != mover], dtype=int)
+        if len(numbers) == 0:
+            return []
+        low, high = self.low[mover] + shift, self.high[mover] + shift
+        across = [d for d in range(3) if d != axis]
+        overlap = (low[across] < self.high[numbers][:, across]) & (
+            high[across] > self.low[numbers][:, across]
+        )
+        if sign > 0:
+            ahead = self.high[numbers, axis] > low[axis]
+            gaps = self.low[numbers, axis] - high[axis]
+        else:
+            ahead = self.low[numbers, axis] < high[axis]
+            gaps = low[axis] - self.high[numbers, axis]
+        kept = overlap.all(axis=1) & ahead
+        order = np.argsort(gaps[kept], kind="stable")
+        return list(zip(numbers[kept][order].tolist(), gaps[kept][order].tolist(), strict=True))
+
+    def _pair(
+        self, mover: int, other: int, direction: Direction, shift: Floats
+    ) -> tuple[int, int, AxisNumber, Floats]:
+        """Return the lower and the upper part along an axis, and the vector between them."""
+        axis, sign = AXES[direction]
+        apart = self._centres[other] - self._centres[mover] - shift
+        return (mover, other, axis, apart) if sign > 0 else (other, mover, axis, -apart)
+
+    def _rise(
+        self, lower: int, upper: int, axis: AxisNumber, apart: Floats, enough: float
+    ) -> float:
+        drawn_in = self.drawn_in(lower, upper)
+        mine, its = (self._surface(n, drawn_in, axis) for n in (lower, upper))
+        return float(least_rise(mine, its, apart[cyclic(axis)], enough))
+
+    def _centre(self, number: int) -> Floats:
+        """Return where the centre of the bounding box of a part's mesh is."""
+        placement = self.packing.placements[number]
+        item_type = self.packing.types[placement.type]
+        pose = placement.pose
+        middle = (item_type.low + item_type.high) / 2
+        return np.asarray((pose[:3, :3] @ middle + pose[:3, 3]) / self.unit)
+
+    def _surface(self, number: int, drawn_in: float, axis: AxisNumber) -> Surface:
+        """Look up a part's mesh from its centre, this axis last; equal poses share it."""
+        placement = self.packing.placements[number]
+        linear = placement.pose[:3, :3]
+        key = placement.type, linear.tobytes(), drawn_in, axis
+        if key not in self._surfaces:
+            if axis != 2:
+                upright, turned = self._surface(number, drawn_in, 2), cyclic(axis)
+                self._surfaces[key] = Surface(
+                    np.ascontiguousarray(upright.triangles[..., turned]),
+                    np.ascontiguousarray(upright.boxes[..., turned]),
+                    upright.starts,
+                )
+            else:
+                item_type = self.packing.types[placement.type]
+                extents = item_type.extents * placement.scale / self.unit
+                shrink = np.maximum(extents - drawn_in, 0) / extents
+                own = (item_type.vertices - (item_type.low + item_type.high) / 2) * shrink
+                vertices = own @ linear.T / self.unit
+                mesh = trimesh.Trimesh(vertices, item_type.faces, process=False)
+                self._surfaces[key] = Surface.of(mesh)
+        return self._surfaces[key]

@@ -1,0 +1,289 @@
+"""Removal: in which order, and by which straight moves, parts can be taken out of their box.
+
+One part moves at a time, without turning. A part that can be taken out can be put in by the same
+moves in reverse, so that the reversed order is an order of packing. Each move is checked exactly
+over its whole length (see `part_sweeps`). Only some of the places where a move may end are tried:
+a part that is called stuck might come out by other moves, but no part that is called removable
+is stuck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from packit_sim.core.checks import Range, check_range
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE
+from packit_sim.parts.handling.part_sweeps import AXES, SIDEWAYS, Direction, PartSweeps
+from packit_sim.parts.packings.packing import Packing
+
+MOVES = 3
+"""Largest number of straight moves of a part, the last of which leads out of the box."""
+
+_STEP = 1 / 12
+"""Distance between places where a move may end, relative to the container's longest side."""
+
+_ENDS = 8
+"""Largest number of other parts past whose ends a move may end, the nearest ones."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """The moves of a part out of the box.
+
+    Attributes
+    ----------
+    moves : tuple of (Direction, float)
+        The moves inside the box, in order: where to, and how far, in the container's unit.
+    out : Direction
+        The direction of the last move, out of the box.
+    """
+
+    moves: tuple[tuple[Direction, float], ...]
+    out: Direction
+
+
+@dataclass(frozen=True)
+class StuckPart:
+    """A part that can't be taken out.
+
+    Attributes
+    ----------
+    part : int
+        The number of its placement.
+    by : tuple of int
+        The numbers of the remaining parts that are above it; with open sides, also of those that
+        are next to it.
+    """
+
+    part: int
+    by: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Removal:
+    """How the parts of a packing can be taken out, one after another.
+
+    Attributes
+    ----------
+    order : tuple of int
+        The numbers of the placements in the order of removal.
+    routes : tuple of Route
+        The route of each of them, past those that are still in the box.
+    stuck : tuple of StuckPart
+        The parts that remain.
+    """
+
+    order: tuple[int, ...]
+    routes: tuple[Route, ...]
+    stuck: tuple[StuckPart, ...]
+
+    @property
+    def packing_order(self) -> tuple[int, ...]:
+        """An order in which they can be put in, after the stuck parts, which come first."""
+        return (*(one.part for one in reversed(self.stuck)), *reversed(self.order))
+
+
+def removable(
+    packing: Packing, *, sides: bool = False, moves: int = MOVES, fixed: Collection[int] = ()
+) -> Removal:
+    """Search for an order in which all parts of a packing can be taken out by straight moves.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing, whose boxes are open at the top.
+    sides : bool, default: False
+        Whether parts may also leave through the sides.
+    moves : int, default: 3
+        Largest number of straight moves of a part, the last of which leads out of the box; 1 for
+        parts that are lifted straight up, so that they can be put in straight down.
+    fixed : collection of int
+        Numbers of placements that stay where they are, such as parts that belong to the box.
+
+    Returns
+    -------
+    Removal
+        The order, box after box, the highest parts first; and the parts that are stuck.
+
+    Raises
+    ------
+    ArgumentError
+        If `moves` is not 1 to 3.
+    """
+    check_range("moves", moves, Range(1, MOVES))
+    sweeps = PartSweeps(packing)
+    return removal_of(sweeps, range(len(sweeps)), sides=sides, moves=moves, fixed=fixed)
+
+
+def removal_of(
+    sweeps: PartSweeps,
+    kept: Sequence[int],
+    *,
+    sides: bool = False,
+    moves: int = MOVES,
+    fixed: Collection[int] = (),
+) -> Removal:
+    """Search for an order in which some parts of a packing, alone in it, can be taken out.
+
+    Parameters
+    ----------
+    sweeps : PartSweeps
+        The parts of the packing.
+    kept : sequence of int
+        The numbers of the parts that are in it.
+    sides : bool, default: False
+        Whether parts may also leave through the sides.
+    moves : int, default: 3
+        Largest number of straight moves of a part.
+    fixed : collection of int
+        The numbers of parts that stay where they are.
+
+    Returns
+    -------
+    Removal
+        The order, and the parts that are stuck.
+    """
+    order: list[int] = []
+    routes: list[Route] = []
+    stuck: list[StuckPart] = []
+    outs: tuple[Direction, ...] = ("up", *SIDEWAYS) if sides else ("up",)
+    boxes = {sweeps.packing.placements[n].box for n in kept}
+    for box in sorted(boxes):
+        left = [n for n in kept if sweeps.packing.placements[n].box == box]
+        left.sort(key=lambda n: (-sweeps.low[n, 2], -sweeps.high[n, 2], n))
+        while True:
+            loose = [n for n in left if n not in fixed]
+            found = next(_free(sweeps, loose, left, outs, moves), None)
+            if found is None:
+                break
+            part, route = found
+            left.remove(part)
+            order.append(part)
+            routes.append(route)
+        stuck += [StuckPart(n, _blockers(sweeps, n, left, outs)) for n in loose]
+    return Removal(tuple(order), tuple(routes), tuple(stuck))
+
+
+def _free(
+    sweeps: PartSweeps,
+    loose: Sequence[int],
+    left: Sequence[int],
+    outs: Sequence[Direction],
+    moves: int,
+) -> Iterator[tuple[int, Route]]:
+    """Yield parts that can be taken out, those with the fewest moves first."""
+    there = frozenset(left)
+    for number in range(1, moves + 1):
+        for part in loose:
+            key = part, number, len(outs) > 1
+            if key in sweeps.held and sweeps.held[key] <= there:
+                continue
+            search = _Search(sweeps, part, left, outs)
+            route = search.route(number)
+            if route is not None:
+                yield part, route
+            else:
+                sweeps.held[key] = frozenset(search.holding)
+
+
+_Way = tuple[tuple[tuple[Direction, float], ...], Floats]
+"""Moves, and the shift (3,) to which they lead, relative to the longest side."""
+
+
+class _Search:
+    """The search for a way out of one part.
+
+    holding: the parts that ended a move, or were in the way out.
+    """
+
+    def __init__(
+        self, sweeps: PartSweeps, part: int, left: Sequence[int], outs: Sequence[Direction]
+    ) -> None:
+        self._sweeps = sweeps
+        self._part = part
+        self._left = left
+        self._outs = outs
+        self.holding: set[int] = set()
+
+    def route(self, moves: int) -> Route | None:
+        """Return a route of exactly so many moves, or None."""
+        for before, shift in self._ways(moves - 1):
+            for direction in self._outs:
+                if self._is_clear(direction, shift):
+                    return Route(before, direction)
+        return None
+
+    def _ways(self, moves: int) -> Iterator[_Way]:
+        """Yield where the part gets by exactly so many straight moves inside the box."""
+        if moves == 0:
+            yield (), np.zeros(3)
+            return
+        for before, shift in self._ways(moves - 1):
+            last = AXES[before[-1][0]][0] if before else None
+            for direction in ("up", *SIDEWAYS):
+                axis, sign = AXES[direction]
+                if axis == last or (direction == "up" and before):
+                    continue  # after a slide, a lift is of use only if it leads out
+                for length in self._stops(direction, shift):
+                    there = shift.copy()
+                    there[axis] += sign * length
+                    yield (*before, (direction, length * self._sweeps.unit)), there
+
+    def _stops(self, direction: Direction, shift: Floats) -> list[float]:
+        """Return the lengths of a move that are tried, for example where it passes a part."""
+        sweeps, part = self._sweeps, self._part
+        axis, sign = AXES[direction]
+        low, high = sweeps.low[part] + shift, sweeps.high[part] + shift
+        reach = float(low[axis] if sign < 0 else sweeps.size[axis] - high[axis])
+        if direction == "up":  # the box is open: as far as the part is above all others
+            reach = max(max(float(sweeps.high[n, 2]) for n in self._left) - float(low[2]), 0.0)
+        for other, gap in sweeps.in_the_way(part, self._left, direction, shift):
+            if gap >= reach or reach <= CONTACT_TOLERANCE:
+                break
+            distance = sweeps.distance(part, other, direction, shift) - CONTACT_TOLERANCE / 2
+            if distance < reach:
+                self.holding.add(other)
+                reach = distance
+        if reach <= CONTACT_TOLERANCE:
+            return []
+        others = [n for n in self._left if n != part]
+        if direction != "up":
+            others = [n for n, _ in sweeps.in_the_way(part, others, "up", shift)][:_ENDS]
+        if sign > 0:
+            ends = np.r_[
+                sweeps.high[others, axis] - low[axis], sweeps.low[others, axis] - high[axis]
+            ]
+        else:
+            ends = np.r_[
+                high[axis] - sweeps.low[others, axis], low[axis] - sweeps.high[others, axis]
+            ]
+        ends = np.sort(ends[(ends > CONTACT_TOLERANCE) & (ends <= reach)])[: 2 * _ENDS]
+        steps = np.arange(1, int(reach / _STEP) + 1) * _STEP
+        return np.unique(np.r_[ends, steps, reach]).tolist()
+
+    def _is_clear(self, direction: Direction, shift: Floats) -> bool:
+        """Decide whether the part meets no other one on its way out."""
+        near = self._sweeps.in_the_way(self._part, self._left, direction, shift)
+        numbers = sorted((n for n, _ in near), key=lambda n: n not in self.holding)
+        for other in numbers:
+            if self._sweeps.meets(self._part, other, direction, shift):
+                self.holding.add(other)
+                return False
+        return True
+
+
+def _blockers(
+    sweeps: PartSweeps, part: int, left: Sequence[int], outs: Sequence[Direction]
+) -> tuple[int, ...]:
+    """Return the parts that block a part's straight moves out of the box."""
+    found = {
+        n
+        for direction in outs
+        for n, _ in sweeps.in_the_way(part, left, direction)
+        if sweeps.meets(part, n, direction)
+    }
+    return tuple(sorted(found))

@@ -1,0 +1,1 @@
+"""The nester: the search for dense packings off the grid, and its kernels."""

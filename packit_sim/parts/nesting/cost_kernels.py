@@ -1,0 +1,231 @@
+"""Kernels for the weighted overlap of an item with all others, at any pose."""
+
+from __future__ import annotations
+
+from packit_sim.core.compilation import inlined, inner_kernel
+from packit_sim.parts.nesting.distance_kernels import least_distance
+from packit_sim.parts.nesting.field_kernels import SCALE
+from packit_sim.parts.nesting.overlap_kernels import (
+    add_field,
+    gradient,
+    in_conflict,
+    interpolated,
+    node_of,
+    refine_node,
+    simplex,
+)
+from packit_sim.parts.nesting.pose_kernels import NO_LIMIT
+
+FAR = 1.5
+"""Voxels of distance by fields from which on there is no conflict, unless they are wrong by more.
+"""
+
+CROSSING = 2.0
+"""Voxels of depth by fields from which on these count, and not points.
+
+Points that are deep in a thin item do not say how far the way out is.
+"""
+
+DOUBT = 0.3
+"""Voxels of depth by points up to which the surfaces decide whether an item is inside a hollow one.
+
+Fields are too coarse for a place that is hardly larger than what it holds.
+"""
+
+
+@inner_kernel
+def rough_cost(lookup, state, i, o, p, limit):
+    """Compute the weighted overlap of an item at a pose, by the fields as they are.
+
+    Parameters
+    ----------
+    lookup : Lookup
+        The fields.
+    state : State
+        Where the other items are.
+    i : int
+        The item.
+    o : int
+        The number of its rotation.
+    p : ndarray
+        (3,) float64, its place.
+    limit : float
+        The cost from which on it does not matter.
+
+    Returns
+    -------
+    float
+        The cost, or any number of at least the limit if it is that much.
+    """
+    a = state.types[i]
+    box = lookup.boxes[a, o]
+    lx, ly, lz = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    total = 0.0
+    for j in range(len(state.types)):
+        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+            continue
+        first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
+        number = lookup.numbers[first, other, rel]
+        if number < 0:
+            number = add_field(lookup, first, other, rel)
+        at, fx, fy, fz = node_of(lookup, number, sx, sy, sz)
+        if at < 0:
+            continue
+        distance = interpolated(lookup, number, at, fx, fy, fz)
+        if distance < 0:
+            total -= distance * state.weights[i, j] * lookup.sizes[first] * lookup.sizes[other]
+            if total >= limit:
+                return total
+    return total
+
+
+@inner_kernel
+def fine_cost(problem, state, i, o, p, limit):
+    """Compute the weighted overlap of an item at a pose: near contact by points or surfaces.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    state : State
+        Where the other items are; its `depths` get those of this item, its `slope` the gradient.
+    i : int
+        The item.
+    o : int
+        The number of its rotation.
+    p : ndarray
+        (3,) float64, its place.
+    limit : float
+        The cost from which on it does not matter.
+
+    Returns
+    -------
+    float
+        The cost, or any number of at least the limit if it is that much.
+    """
+    problem.counts[0] += 1
+    lookup = problem.lookup
+    a = state.types[i]
+    box = lookup.boxes[a, o]
+    lx, ly, lz = p[0] + box[0], p[1] + box[1], p[2] + box[2]
+    hx, hy, hz = p[0] + box[3], p[1] + box[4], p[2] + box[5]
+    total = 0.0
+    state.depths[:] = 0
+    state.slope[:] = 0
+    for j in range(len(state.types)):
+        if _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+            continue
+        distance, gx, gy, gz = distance_of(problem, state, i, o, p, j)
+        depth = state.margins[i, j] - distance
+        if depth <= 0:
+            continue
+        state.depths[j] = depth
+        factor = state.weights[i, j] * lookup.sizes[a] * lookup.sizes[state.types[j]]
+        state.slope[0] -= factor * gx
+        state.slope[1] -= factor * gy
+        state.slope[2] -= factor * gz
+        total += factor * depth
+        if total >= limit:
+            return total
+    return total
+
+
+@inner_kernel
+def distance_of(problem, state, i, o, p, j):
+    """Return the distance of two items in voxels, and its gradient (3) for moves of the first."""
+    lookup = problem.lookup
+    first, other, rel, sx, sy, sz = offset(lookup, state, i, o, p, j)
+    number = lookup.numbers[first, other, rel]
+    if number < 0:
+        number = add_field(lookup, first, other, rel)
+    at, fx, fy, fz = node_of(lookup, number, sx, sy, sz)
+    if at < 0:
+        return NO_LIMIT, 0.0, 0.0, 0.0
+    nodes = simplex(lookup, number, at, fx, fy, fz)
+    if problem.refined:
+        for n in range(4):
+            if not lookup.values[nodes[n]] & 1:
+                refine_node(problem, first, other, rel, nodes[n])
+    x, y, z = gradient(lookup, number, nodes)
+    distance = ((lookup.values[at] >> 1) + x * fx + y * fy + z * fz) / SCALE
+    if distance > FAR:
+        return NO_LIMIT, 0.0, 0.0, 0.0
+    per_step = 1 / (SCALE * lookup.voxel)
+    gx, gy, gz = x * per_step, y * per_step, z * per_step
+    by_points = not problem.refined and distance >= -CROSSING
+    may_be_inside = distance < -CROSSING and (lookup.hollow[first] or lookup.hollow[other])
+    if by_points or may_be_inside:
+        turn = problem.relative_turns[rel]
+        least, px, py, pz = least_distance(problem.distances, first, other, turn, sx, sy, sz)
+        per_voxel = 1 / lookup.voxel
+        least = (least - lookup.clearance) * per_voxel
+        if by_points:
+            distance, gx, gy, gz = least, px * per_voxel, py * per_voxel, pz * per_voxel
+        elif least > -DOUBT and not in_conflict(problem, first, other, rel, sx, sy, sz, True):
+            distance, gx, gy, gz = max(least, 0.0), 0.0, 0.0, 0.0
+    a, b = state.types[i], state.types[j]
+    turn, sign = lookup.turns[o], -1.0
+    if a > b or (a == b and i > j):
+        turn, sign = lookup.turns[state.turned[j]], 1.0
+    return (
+        distance,
+        sign * (turn[0, 0] * gx + turn[0, 1] * gy + turn[0, 2] * gz),
+        sign * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz),
+        sign * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz),
+    )
+
+
+@inlined
+def offset(lookup, state, i, o, p, j):
+    """Return the types of two items, in a fixed order, their relative rotation and offset (3)."""
+    a, b, q, ob = state.types[i], state.types[j], state.places[j], state.turned[j]
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    first, other, turned, rel = a, b, o, lookup.relative[o, ob]
+    if a > b or (a == b and i > j):
+        first, other, turned, rel = b, a, ob, lookup.relative[ob, o]
+        dx, dy, dz = -dx, -dy, -dz
+    turn = lookup.turns[turned]
+    return (
+        first,
+        other,
+        rel,
+        turn[0, 0] * dx + turn[1, 0] * dy + turn[2, 0] * dz,
+        turn[0, 1] * dx + turn[1, 1] * dy + turn[2, 1] * dz,
+        turn[0, 2] * dx + turn[1, 2] * dy + turn[2, 2] * dz,
+    )
+
+
+@inlined
+def _is_apart(state, i, j, lx, ly, lz, hx, hy, hz):
+    """Return whether an item's bounding box has nothing in that from (lx, ...) to (hx, ...)."""
+    bounds = state.bounds
+    return (
+        bounds[j, 5] <= lz
+        or bounds[j, 2] >= hz
+        or bounds[j, 3] <= lx
+        or bounds[j, 0] >= hx
+        or bounds[j, 4] <= ly
+        or bounds[j, 1] >= hy
+        or j == i
+    )
+
+
+@inlined
+def update_overlaps(problem, state, i):
+    """Compute the overlaps of an item with all others again."""
+    fine_cost(problem, state, i, state.turned[i], state.places[i], NO_LIMIT)
+    state.overlaps[i] = state.depths
+    state.overlaps[:, i] = state.depths
+
+
+@inner_kernel
+def total_overlap(problem, state):
+    """Return the sum of all overlaps, unweighted."""
+    sizes = problem.lookup.sizes
+    total = 0.0
+    for i in range(len(state.types)):
+        for j in range(i):
+            if state.overlaps[i, j] > 0:
+                total += state.overlaps[i, j] * sizes[state.types[i]] * sizes[state.types[j]]
+    return total

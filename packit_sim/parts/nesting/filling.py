@@ -1,0 +1,238 @@
+"""Items put into boxes: where they fit, at random poses, or taken out where they conflict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.nesting.conflict_kernels import load
+from packit_sim.parts.nesting.construction_kernels import construct
+from packit_sim.parts.nesting.pose_kernels import take_out
+from packit_sim.parts.nesting.problem import Problem, State, boxes_of
+from packit_sim.parts.nesting.tasks import Poses, SearchTask
+
+_MOST_TAKEN = 4
+"""Most items that are taken out of a box to rebuild it."""
+
+_NEIGHBOURS = 0.5
+"""Share of the rebuilds that take out neighbours."""
+
+_SHUFFLE = 0.25
+"""Standard deviation by which an item's rank in the order of a rebuild changes, as a share of the
+number of items."""
+
+
+def loaded(
+    problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, is_checked: bool = False
+) -> State:
+    """Return a state of all items at some poses, moved into their boxes (see `load`)."""
+    state = task.state()
+    state.inside[:] = poses.inside
+    load(problem, state, poses.turned, poses.places, boxes, is_checked)
+    return state
+
+
+def constructed(
+    problem: Problem,
+    task: SearchTask,
+    sizes: Sequence[Sequence[float]],
+    rng: npt.NDArray[np.uint64],
+) -> Poses:
+    """Place items that have no place to begin with, in the order of the task, box after box.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    sizes : sequence of three floats
+        The sides of each box.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place are not inside.
+    """
+    boxes = boxes_of(sizes)
+    poses = task.nowhere
+    if task.start is not None:
+        poses = repaired(problem, task, task.start, boxes)
+    return filled(problem, task, poses, boxes, task.order, rng)
+
+
+def filled(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    boxes: Floats,
+    order: Ints,
+    rng: npt.NDArray[np.uint64],
+) -> Poses:
+    """Put items that are not inside where they fit, in one box after the other.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    poses : Poses
+        Where the items are, without conflicts.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    order : ndarray of int64
+        The items that may be put in, in this order.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses; items for which there is no place are not inside.
+    """
+    state = loaded(problem, task, poses, boxes)
+    for k in range(len(boxes)):
+        left = order[state.inside[order] == 0]
+        if len(left) == 0:
+            break
+        construct(problem, state, left, boxes[k : k + 1], task.settings.construction_samples, rng)
+    return Poses.of(state)
+
+
+def rebuilt(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    boxes: Floats,
+    choices: np.random.Generator,
+    rng: npt.NDArray[np.uint64],
+) -> Poses:
+    """Take out a few items, neighbours or any, and put in what fits, roughly in the task's order.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    poses : Poses
+        Where the items are, without conflicts.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    choices : numpy.random.Generator
+        Chooses the items and the order.
+    rng : ndarray of uint64, shape (1,)
+        The state of the kernels' generator.
+
+    Returns
+    -------
+    Poses
+        The poses, without conflicts.
+    """
+    packed = choices.permutation(np.flatnonzero(poses.inside[: task.count]))
+    if choices.random() < _NEIGHBOURS:
+        ways = poses.places[packed] - poses.places[packed[:1]]
+        packed = packed[np.linalg.norm(ways, axis=1).argsort(kind="stable")]
+    goes = packed[: 1 + choices.integers(_MOST_TAKEN)]
+    n = len(task.order)
+    ranks = np.arange(n) + choices.normal(0, _SHUFFLE * n, n)
+    order = task.order[ranks.argsort(kind="stable")]
+    return filled(problem, task, poses.changed(goes, 0), boxes, order, rng)
+
+
+def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:
+    """Take out items until none is in conflict.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    poses : Poses
+        Where the items are.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+
+    Returns
+    -------
+    Poses
+        The poses, without conflicts.
+    """
+    state = loaded(problem, task, poses, boxes, is_checked=True)
+    while state.overlaps.any():
+        overlaps = state.overlaps[: task.count].sum(axis=1)
+        take_out(state, int((overlaps / np.maximum(task.values, 1e-300)).argmax()))
+    return Poses.of(state)
+
+
+def least_heights(problem: Problem, task: SearchTask) -> Floats:
+    """Return the least height of each item (n,) in the container, infinite if it does not fit."""
+    found = _least_heights(problem, task.size)
+    return found[task.numbers[: task.count]]
+
+
+def fitting(problem: Problem, task: SearchTask, boxes: Floats) -> npt.NDArray[np.bool_]:
+    """Return which items fit into which boxes, (n, b), if these are empty."""
+    sizes = [tuple(sides) for sides in boxes[:, 1:].tolist()]
+    known = {size: np.isfinite(_least_heights(problem, size)) for size in set(sizes)}
+    return np.column_stack([known[size] for size in sizes])[task.numbers[: task.count]]
+
+
+def _least_heights(problem: Problem, size: Sequence[float]) -> Floats:
+    """Return the least height of each type in a box, infinite if it does not fit."""
+    lookup = problem.lookup
+    sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
+    fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
+    heights = np.where(fits, sides[..., 2], np.inf)
+    rows = zip(heights, problem.allowed, problem.allowed_counts, strict=True)
+    return np.array([own[allowed[:count]].min() for own, allowed, count in rows])
+
+
+def with_random_poses(
+    problem: Problem,
+    task: SearchTask,
+    poses: Poses,
+    items: list[int],
+    boxes: Floats,
+    choices: np.random.Generator,
+) -> Poses:
+    """Put items at random poses in boxes that they fit into.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    task : SearchTask
+        The task.
+    poses : Poses
+        Where all items are.
+    items : list of int
+        The items.
+    boxes : ndarray of float64, shape (b, 4)
+        The boxes.
+    choices : numpy.random.Generator
+        Chooses the poses.
+
+    Returns
+    -------
+    Poses
+        The poses; those items are inside.
+    """
+    inside, turned, places = poses.inside.copy(), poses.turned.copy(), poses.places.copy()
+    fits = fitting(problem, task, boxes)
+    for i in items:
+        a = task.numbers[i]
+        own: Ints = problem.allowed[a, : problem.allowed_counts[a]]
+        turned[i] = choices.choice(own)
+        possible = np.flatnonzero(fits[i])
+        box = boxes[possible[choices.integers(len(possible))]]
+        places[i] = choices.random(3) * box[1:] + (box[0], 0, 0)
+        inside[i] = 1
+    return Poses(inside, turned, places)

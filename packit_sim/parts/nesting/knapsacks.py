@@ -1,0 +1,189 @@
+"""The search for the most value in one box."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from packit_sim.parts.nesting.filling import (
+    constructed,
+    filled,
+    least_heights,
+    rebuilt,
+    repaired,
+    with_random_poses,
+)
+from packit_sim.parts.nesting.problem import Problem, boxes_of
+from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.separation import Separation
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
+
+_MOST_IN = 3
+"""Most items that are put in at a time."""
+
+_MOST_OUT = 2
+"""Most items that are taken out for others at a time."""
+
+_LEAST_GAIN, _GAIN = 1e-9, 0.05
+"""Least and largest share of the value that an exchange is to gain."""
+
+_CHOICES = 100
+"""Exchanges among which one that gains as much is looked for."""
+
+_WORSE = 0.02
+"""Share of the value by which a box may be worse than the best to continue from it."""
+
+_REFILLED = 0.05
+"""Share of the value by which it may be worse for a look at what else fits in."""
+
+_LEAST_REBUILT = 0.05
+"""Least time for rebuilds, as a share of the time for exchanges."""
+
+_NO_EFFORT = 1e-9
+"""Share of the search below which nothing was tried."""
+
+_FAILURES = 30
+"""Exchanges without a gain after which more items are searched for."""
+
+
+class KnapsackSearch(NestSearch):
+    """A search for the most value in one box: exchange items, move all apart, and again.
+
+    Between exchanges the box is also rebuilt: some items are taken out, and what fits is put in
+    without moving others. This gains more than exchanges if few large items fit in, and next to
+    nothing if many small ones do, so the time for it, at most that for exchanges, follows from
+    what both gained so far.
+
+    Parameters
+    ----------
+    task : SearchTask
+        The task.
+    seed : int
+        The seed.
+    """
+
+    def __init__(self, task: SearchTask, seed: int) -> None:
+        super().__init__(task, seed, task.order)
+        self._boxes = boxes_of([task.size])
+        self._fits = np.ones(task.count, bool)
+        self._failures = 0
+        self._good = self._current = self._rebuilt = task.nowhere
+        self._progress = 0.0  # when a box was last rebuilt
+        self._gains, self._efforts = np.zeros(2), np.zeros(2)  # of exchanges, and of rebuilds
+
+    def adopt(self, problem: Problem, solution: Solution) -> None:
+        """Take over a more valuable box."""
+        self.best = solution
+        self.is_done = bool((self._packed(solution.poses) | ~self._fits).all())
+        if self._has_all and -solution.score[0] > self._value(self._good):
+            self._good = self._current = solution.poses
+
+    def _constructed(self, problem: Problem) -> Solution:
+        self._fits = np.isfinite(least_heights(problem, self._task))
+        solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
+        self._good = self._current = self._own(solution.poses)
+        self._rebuilt = solution.poses
+        return solution
+
+    def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
+        self._count_effort(0, budget)
+        most = self._rebuilt_share * self._efforts[0]
+        while self._efforts[1] < most and not self._is_over(budget):
+            for _ in range(budget.take()):
+                self._rebuild_once(problem)
+                if self._is_over(budget):  # one may take a second
+                    break
+            self._count_effort(1, budget)
+
+    def _count_effort(self, kind: int, budget: SearchBudget) -> None:
+        """Count the share of the search since the last call for exchanges (0) or rebuilds (1)."""
+        progress = budget.progress
+        self._efforts[kind] += progress - self._progress
+        self._progress = progress
+
+    @property
+    def _rebuilt_share(self) -> float:
+        """The time that rebuilds should take, as a share of the time for exchanges."""
+        exchanges, rebuilds = self._gains / np.maximum(self._efforts, _NO_EFFORT)
+        share = (rebuilds / exchanges) ** 2 if exchanges > 0 else float(rebuilds > 0)
+        return min(1.0, max(_LEAST_REBUILT, share))
+
+    def _rebuild_once(self, problem: Problem) -> None:
+        """Rebuild the best box, or one that was rebuilt from it and is not much worse."""
+        assert self.best is not None
+        most = -self.best.score[0]
+        if self._value(self._rebuilt) < (1 - _WORSE) * most:
+            self._rebuilt = self.best.poses
+        poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
+        value = self._value(poses)
+        if value > most:
+            self._gains[1] += value - most
+            self._offer(problem, self._solution(poses))
+        if value >= (1 - _WORSE * self._choices.random()) * most:
+            self._rebuilt = poses
+
+    def _begun(self, problem: Problem, best: Solution) -> Separation:
+        poses = self._exchanged(problem)
+        return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
+
+    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+        poses = attempt.least
+        if not is_apart:
+            poses = repaired(problem, self._task, poses, self._boxes)
+        most = self._value(self._good)
+        if self._value(poses) >= (1 - _REFILLED) * most:
+            poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
+        value = self._value(poses)
+        self._failures += 1
+        if value > most:
+            self._gains[0] += max(0.0, value + best.score[0])
+            self._good, self._failures = poses, 0
+            self._offer(problem, self._solution(poses))
+        is_good = value >= (1 - _WORSE * self._choices.random()) * most
+        self._current = poses if is_good else self._good
+        if self._failures > _FAILURES and not self._has_all:
+            self._add_items(problem)
+
+    def _add_items(self, problem: Problem) -> None:
+        """Go on with more items, and put in those that fit."""
+        super()._add_items(problem)
+        self._failures = 0
+        self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
+        self._offer(problem, self._solution(self._good))
+        if self._has_all and self.best is not None:
+            self._good = self.best.poses
+        self._current = self._good
+
+    def _value(self, poses: Poses) -> float:
+        return float(self._task.values[self._packed(poses)].sum())
+
+    def _packed(self, poses: Poses) -> npt.NDArray[np.bool_]:
+        """Return which items (n,) are inside."""
+        return poses.inside[: self._task.count] > 0
+
+    def _solution(self, poses: Poses) -> Solution:
+        return Solution((-self._value(poses),), poses, self._boxes)
+
+    def _exchanged(self, problem: Problem) -> Poses:
+        """Take out a few items, at random, and put others in at random poses, for a small gain."""
+        old = self._current
+        out = self._items[self._fits[self._items] & (old.inside[self._items] == 0)]
+        packed = np.flatnonzero(self._packed(old))
+        values = self._task.values
+        most, now = self._value(self._good), self._value(old)
+        least = np.inf
+        comes, goes = out[:1], packed[:1]
+        for _ in range(_CHOICES):
+            some = self._choices.permutation(out)[: 1 + self._choices.integers(_MOST_IN)]
+            others = self._choices.permutation(packed)[: self._choices.integers(_MOST_OUT + 1)]
+            gain = now + values[some].sum() - values[others].sum() - most
+            if _LEAST_GAIN * most < gain < least:
+                comes, goes, least = some, others, gain
+            if least < _GAIN * most:
+                break
+        inside = old.inside.copy()
+        inside[goes] = 0
+        poses = Poses(inside, old.turned, old.places)
+        return with_random_poses(
+            problem, self._task, poses, comes.tolist(), self._boxes, self._choices
+        )

@@ -1,0 +1,335 @@
+"""Nesting: packing meshes as densely as possible, off any grid."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.parallel import SearchBackend, search_workers
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.shapes import Item
+from packit_sim.parts.nesting.bins import BinsSearch
+from packit_sim.parts.nesting.build import SLACK
+from packit_sim.parts.nesting.knapsacks import KnapsackSearch
+from packit_sim.parts.nesting.pose_kernels import box_of
+from packit_sim.parts.nesting.problem import Problem, boxes_of
+from packit_sim.parts.nesting.rounds import Limits, Problems, rounds
+from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.search_frames import in_search_frame, search_frame, searched_rotations
+from packit_sim.parts.nesting.strips import StripSearch
+from packit_sim.parts.nesting.tasks import (
+    CLOCKS,
+    ClockName,
+    Poses,
+    SearchSettings,
+    SearchTask,
+    Solution,
+)
+from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import POSE_SLACK, Placement
+
+_log = plain_logger("packit_sim.parts.nesting")
+
+SEARCHES: dict[str, Callable[[SearchTask, int], NestSearch]] = {
+    "strip": StripSearch,
+    "knapsack": KnapsackSearch,
+    "bins": BinsSearch,
+}
+"""The search for each objective."""
+
+MOST_CLEARANCE = 4
+"""Largest clearance, in longest sides of the median item: fields grow with its third power."""
+
+
+class NestingError(PackItError, RuntimeError):
+    """A search that found no valid packing."""
+
+
+@dataclass(frozen=True)
+class NestSettings:
+    """How `nest` runs.
+
+    Attributes
+    ----------
+    workers : int
+        The number of searches at a time; 0: one per core.
+    backend : str
+        Where they run: "threads" of this process, or processes of a "ray" cluster.
+    address : str, optional
+        The address of the Ray cluster's head.
+    iterations : int, optional
+        Passes over the items of each search, instead of the time: the same seed and number of
+        workers then give the same packing.
+    search : SearchSettings
+        The settings of the search.
+    start : Packing, optional
+        A packing of the same items to begin with, such as a former result, also for another
+        container or clearance. Items that it lacks, that are turned otherwise than they may be, or
+        that are in conflict, are placed again.
+    stop : threading.Event, optional
+        Ends the search early when another thread sets it, as Ctrl-C does; the first packing still
+        comes.
+    clock : str
+        What the time is: "wall" time, or "processor" time of each search, which does not depend on
+        what else the machine does.
+    """
+
+    workers: int = 0
+    backend: SearchBackend = "threads"
+    address: str | None = None
+    iterations: int | None = None
+    search: SearchSettings = field(default_factory=SearchSettings)
+    start: Packing | None = None
+    stop: threading.Event | None = None
+    clock: ClockName = "wall"
+
+
+def nest(
+    items: Sequence[ItemType | Item | Path | str],
+    container: BoxContainer | Sequence[float] | Sequence[BoxContainer],
+    objective: str = "strip",
+    time: float = 60.0,
+    seed: int = 0,
+    clearance: float = 0.0,
+    callback: Callable[[Packing, float], object] | None = None,
+    settings: NestSettings = NestSettings(),
+) -> Packing:
+    """Pack meshes at any translation, in the rotations that each may take.
+
+    Parameters
+    ----------
+    items : sequence of ItemType, Item, Path or str
+        The items; an `Item` or a mesh file stands for one of it, in the 24 rotations.
+    container : BoxContainer or sequence of float
+        The box, or its sides; the height of a strip is `math.inf`. For the objective "bins" it has
+        no obstacles, and may be several boxes: the sizes that there are, as many of each as needed.
+    objective : str
+        "strip": all items, least height; "knapsack": most value in one box; "bins": all items,
+        fewest boxes, and then the smallest of several sizes.
+    time : float
+        Seconds, from the call on (see `NestSettings.clock`). The first packing may take longer.
+    seed : int
+        The seed.
+    clearance : float
+        Smallest distance between the surfaces of two items, and of items and obstacles; here the
+        contact tolerance is not taken off.
+    callback : callable, optional
+        Called with each better packing and the seconds since the call.
+    settings : NestSettings
+        How it runs.
+
+    Returns
+    -------
+    Packing
+        The best packing that was found; it has no `Packing.problems`. Ctrl-C ends the search early.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument is not possible, or an item does not fit into the container.
+    MeshError
+        If a mesh can't be used.
+    WorkersError
+        If the processes can't be started.
+    NestingError
+        If no packing that was found is valid.
+    """
+    check_range(
+        "clock", settings.clock, (settings.clock in CLOCKS, f"choose {' or '.join(CLOCKS)}")
+    )
+    now = CLOCKS[settings.clock]
+    began = now()
+    types = _item_types(items)
+    containers = _containers(container)
+    check_range("time", time, POSITIVE)
+    check_range("seed", as_integer("seed", seed), Range(0))
+    if settings.iterations is not None:
+        check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
+    empty = Packing(types, containers[0], (), clearance, objective)
+    _check(empty, containers)
+    units = [each.longest for each in containers]
+    gap = clearance and clearance + validity.tolerance(max(units), math.inf)
+    searched = tuple(map(in_search_frame, types))
+    shares_fields = settings.iterations is None
+    problems = Problems((*searched, *empty.container.obstacles), min(units), gap, shares_fields)
+    task = _task(empty, containers, settings.search)
+    if settings.start is not None:
+        task.start = _poses(settings.start, problems.get(), task, empty)
+
+    def checked(solution: Solution) -> Packing | None:
+        packing = _packing(problems.get(), task, solution, empty)
+        found = replace(packing, clearance=gap).problems()
+        if objective != "knapsack" and any(packing.left_out):
+            found.append("not all items are placed")
+        if found:
+            _log.info("a packing is dropped, since it is not valid: %s", "; ".join(found))
+        return None if found else packing
+
+    best: Packing | None = None
+    with search_workers(settings.workers, settings.backend, settings.address) as workers:
+        seeds = np.random.SeedSequence(seed).generate_state(workers.count, np.uint64)
+        searches = [SEARCHES[objective](task, int(each)) for each in seeds]
+        before = now() - began
+        stop = settings.stop or threading.Event()
+        limits = Limits(time - before, settings.iterations, stop, settings.clock)
+        try:
+            for best, seconds in rounds(problems, searches, limits, workers, checked):
+                if callback is not None:
+                    callback(best, before + seconds)
+        except KeyboardInterrupt:
+            if best is None:
+                raise
+    if best is None:
+        raise NestingError(f"no valid packing was found in {time:g} s: allow more time")
+    return best
+
+
+def _containers(given: Any) -> tuple[BoxContainer, ...]:
+    """Return the sizes of boxes, the largest first."""
+    if isinstance(given, BoxContainer):
+        return (given,)
+    several = isinstance(given, Sequence) and any(isinstance(each, BoxContainer) for each in given)
+    if not several:
+        return (BoxContainer(given),)
+    for number, each in enumerate(given):
+        if not isinstance(each, BoxContainer):
+            raise ArgumentError(f"container[{number}] {each!r} is not possible: a BoxContainer")
+    return tuple(sorted(dict.fromkeys(given), key=lambda each: -each.volume))
+
+
+def _task(
+    empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings
+) -> SearchTask:
+    """Return what is searched for to fill an empty packing."""
+    types, obstacles = empty.types, empty.container.obstacles
+    numbers = np.arange(len(types)).repeat([each.demand for each in types])
+    volumes = np.array([each.volume for each in types])
+    values = np.array([each.volume if each.value is None else each.value for each in types])
+    return SearchTask(
+        np.concatenate((numbers, np.arange(len(types), len(types) + len(obstacles)))),
+        volumes[numbers],
+        values[numbers],
+        tuple(each.size for each in containers),
+        settings,
+        np.array([(each.low + each.high) / 2 for each in obstacles]).reshape(-1, 3),
+    )
+
+
+def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -> Poses:
+    """Return the poses of a former packing; items that can't have them are not inside."""
+    if len(task.sizes) > 1:
+        raise ArgumentError("a packing to begin with is not possible with boxes of several sizes")
+    names = [each.digest for each in empty.types]
+    if [each.digest for each in start.types] != names:
+        raise ArgumentError("the packing to begin with is of other items, or in another order")
+    poses = task.nowhere
+    boxes = boxes_of([task.size] * (1 + max((p.box for p in start.placements), default=0)))
+    for placement in start.placements:
+        a = placement.type
+        free = np.flatnonzero((task.numbers[: task.count] == a) & (poses.inside[: task.count] == 0))
+        own = problem.allowed[a, : problem.allowed_counts[a]]
+        turns = problem.lookup.turns[own] @ search_frame(empty.types[a])
+        errors = np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2))
+        if len(free) == 0 or errors.min() > POSE_SLACK:
+            continue
+        i = int(free[0])
+        centre = _centre(empty.types[a])
+        poses.turned[i] = own[errors.argmin()]
+        poses.places[i] = placement.pose[:3, :3] @ centre + placement.pose[:3, 3]
+        poses.places[i, 0] += boxes[placement.box, 0]
+        poses.inside[i] = 1
+    return poses
+
+
+def _item_types(items: Sequence[ItemType | Item | Path | str]) -> tuple[ItemType, ...]:
+    if isinstance(items, (str, Path, Item, ItemType)):
+        raise ArgumentError(f"items {items!r} is not possible: it must be a sequence of items")
+    types = tuple(_item_type(n, each) for n, each in enumerate(items))
+    if not types:
+        raise ArgumentError("items is empty: there must be at least one item to pack")
+    return types
+
+
+def _item_type(number: int, item: ItemType | Item | Path | str) -> ItemType:
+    if isinstance(item, ItemType):
+        return item
+    if isinstance(item, Item):
+        return ItemType.from_item(item)
+    if isinstance(item, (str, Path)):
+        return ItemType.from_file(item)
+    raise ArgumentError(
+        f"items[{number}] is of type {type(item).__name__}: "
+        "choose an ItemType, an Item or the path of a mesh file"
+    )
+
+
+def _check(packing: Packing, containers: Sequence[BoxContainer]) -> None:
+    """Raise ArgumentError if the containers don't suit the objective, the items or the distance."""
+    types, objective = packing.types, packing.objective
+    longest = [float(each.extents.max()) for each in types]
+    most = MOST_CLEARANCE * float(np.median(longest))
+    valid = f"at most {most:.6g}, {MOST_CLEARANCE} times the longest side of the median item"
+    check_range("clearance", packing.clearance, (packing.clearance <= most, valid))
+    if objective != "bins" and len(containers) > 1:
+        raise ArgumentError(f"objective {objective!r} needs one container, not {len(containers)}")
+    for container in containers:
+        if container.is_strip != (objective == "strip"):
+            needs = "no height (math.inf)" if objective == "strip" else "a height"
+            size = _size(container.size)
+            raise ArgumentError(
+                f"objective {objective!r} needs a box with {needs}, not one of {size}"
+            )
+        if objective == "bins" and container.obstacles:
+            raise ArgumentError('obstacles are not possible with the objective "bins"')
+    if objective == "knapsack":
+        return
+    sizes = np.array([each.size for each in containers])
+    unit = min(each.longest for each in containers)
+    slack = SLACK * min(validity.tolerance(unit, each) for each in longest)
+    for each in types:
+        sides = (np.ptp(each.vertices @ turn.T, axis=0) for turn in searched_rotations(each))
+        if not any((side <= sizes + slack).all(axis=1).any() for side in sides):
+            known = " or ".join(_size(size) for size in sizes)
+            raise ArgumentError(
+                f"item type {each.name!r} of {_size(each.extents)} does not fit into a "
+                f"container of {known} in any of its rotations ({each.rotations})"
+            )
+
+
+def _size(sides: Iterable[float]) -> str:
+    return " x ".join(f"{side:.6g}" for side in sides)
+
+
+def _packing(problem: Problem, task: SearchTask, solution: Solution, empty: Packing) -> Packing:
+    """Return the packing of a solution."""
+    poses, boxes = solution.poses, solution.boxes
+    placements = []
+    for i in np.flatnonzero(poses.inside[: task.count]):
+        a = int(task.numbers[i])
+        item_type = empty.types[a]
+        box = box_of(boxes, poses.places[i, 0])
+        pose = np.eye(4)
+        pose[:3, :3] = problem.lookup.turns[poses.turned[i]] @ search_frame(item_type)
+        pose[:3, 3] = poses.places[i] - pose[:3, :3] @ _centre(item_type) - (boxes[box, 0], 0, 0)
+        placements.append(Placement(a, pose, int(box)))
+    containers = [BoxContainer(tuple(sides)) for sides in boxes[:, 1:].tolist()]
+    several = tuple(containers) if len(task.sizes) > 1 else ()
+    return replace(empty, placements=tuple(placements), containers=several)
+
+
+def _centre(item_type: ItemType) -> Floats:
+    """Return the centre (3,), in the mesh's frame, of the bounding box in the search's frame."""
+    searched = in_search_frame(item_type)
+    return np.asarray((searched.low + searched.high) / 2 @ search_frame(item_type))

@@ -1,0 +1,228 @@
+"""Searches on several cores, which exchange their best solutions after each round."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import count
+
+from packit_sim.core.parallel import Threads, Workers
+from packit_sim.parts.nesting.build import build
+from packit_sim.parts.nesting.overlap_kernels import add_fields
+from packit_sim.parts.nesting.problem import Problem, with_own_arrays, with_own_fields
+from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+
+SECONDS = 1.0, 20.0
+"""Shortest and longest time of a round."""
+
+GROWTH = 0.25
+"""Time of a round as a share of that before: the first ones show something soon."""
+
+PASSES = 100
+"""Passes of a round, where passes are counted instead of the time."""
+
+
+class Problems:
+    """A problem that each process computes once, and of which each thread has its own fields.
+
+    Parameters
+    ----------
+    types : tuple of ItemType
+        The types of items.
+    unit : float
+        The longest fixed side of the container.
+    clearance : float
+        The distance to keep.
+    shares_fields : bool
+        Whether threads share the fields that surfaces compute, if there is space for all of them:
+        each node is then computed once, but what one thread finds depends on the others.
+    """
+
+    def __init__(
+        self,
+        types: tuple[ItemType, ...],
+        unit: float,
+        clearance: float,
+        shares_fields: bool = False,
+    ) -> None:
+        self.shares_fields = shares_fields
+        self._arguments = types, unit, clearance
+        parts = [(each.digest, each.rotations) for each in types]
+        key = parts, unit, clearance, shares_fields
+        self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Problems) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+    def get(self) -> Problem:
+        """Return the problem, for this thread."""
+        if getattr(_own, "problems", None) != self:
+            shared, has_fields = _built(self)
+            _own.problem = with_own_arrays(shared if has_fields else with_own_fields(shared))
+            _own.problems = self
+        problem: Problem = _own.problem
+        return problem
+
+    def build(self) -> Problem:
+        """Compute the problem."""
+        return build(*self._arguments)
+
+
+_own = threading.local()
+
+
+@lru_cache(maxsize=1)
+def _built(problems: Problems) -> tuple[Problem, bool]:
+    """Compute a problem; return also whether it has all fields."""
+    problem = problems.build()
+    shares = problems.shares_fields and problem.refined
+    return problem, shares and bool(add_fields(problem.lookup))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a search ends.
+
+    Attributes
+    ----------
+    seconds : float
+        After so many seconds,
+    passes : int, optional
+        or after so many passes of each worker,
+    stop : threading.Event
+        or when this is set, at once if the workers are threads.
+    clock : str
+        The clock of the seconds (see `CLOCKS`).
+    """
+
+    seconds: float
+    passes: int | None
+    stop: threading.Event
+    clock: ClockName
+
+
+class _Stopwatch:
+    """Seconds since the start: of the wall, or of this thread and of the slowest worker."""
+
+    def __init__(self, clock: ClockName) -> None:
+        self._now = CLOCKS[clock]
+        self._counts_workers = clock == "processor"
+        self._start = self._now()
+
+    def add(self, seconds: Iterable[float]) -> None:
+        """Count the processor time that workers took side by side."""
+        if self._counts_workers:
+            self._start -= max(seconds)
+
+    @property
+    def seconds(self) -> float:
+        return self._now() - self._start
+
+
+def rounds(
+    problems: Problems,
+    searches: Sequence[NestSearch],
+    limits: Limits,
+    workers: Workers | Threads,
+    check: Callable[[Solution], Packing | None],
+) -> Iterator[tuple[Packing, float]]:
+    """Search in rounds, the first of which only constructs a packing.
+
+    Parameters
+    ----------
+    problems : Problems
+        The problem.
+    searches : sequence of NestSearch
+        The searches, one for each worker.
+    limits : Limits
+        When to end.
+    workers : Workers or Threads
+        Where they run.
+    check : callable
+        Returns the packing of a solution, or None if it is not valid.
+
+    Yields
+    ------
+    packing : Packing
+        Each valid packing that is better than all before, after the round that found it.
+    seconds : float
+        The seconds until then.
+    """
+    watch = _Stopwatch(limits.clock)
+    problems.get()
+    passes = limits.passes
+    best: Solution | None = None
+    stop = limits.stop if isinstance(workers, Threads) else None
+    for number in count():
+        now = watch.seconds
+        length = min(max(GROWTH * now, SECONDS[0]), SECONDS[1])
+        seconds = min(length, limits.seconds - now) if number else 0.0
+        share = None if passes is None else min(PASSES, passes) if number else 0
+        if passes is None or limits.passes is None:
+            before = now / limits.seconds
+            shares = before, before + seconds / limits.seconds
+        else:
+            before = 1 - passes / limits.passes
+            shares = before, before + (share or 0) / limits.passes
+        try:
+            budget = seconds, share, shares, stop, limits.clock
+            ends = workers.map(_advance, [(problems, each, *budget) for each in searches])
+        except KeyboardInterrupt:
+            limits.stop.set()
+            raise
+        searches = [search for search, _ in ends]
+        watch.add(spent for _, spent in ends)
+        for solution in sorted((each.best for each in searches if each.best), key=_score):
+            if best is not None and solution.score >= best.score:
+                break
+            packing = check(solution)
+            if packing is not None:
+                best = solution
+                yield packing, watch.seconds
+                break
+        for each in searches:
+            if best is None or (each.best is not None and each.best.score < best.score):
+                each.restart()
+            if best is not None and (each.best is None or each.best.score > best.score):
+                each.adopt(problems.get(), best)
+        if passes is not None and share is not None:
+            passes -= share
+        is_over = watch.seconds >= limits.seconds if passes is None else passes <= 0
+        if is_over or limits.stop.is_set() or all(each.is_done for each in searches):
+            return
+
+
+def _score(solution: Solution) -> tuple[float, ...]:
+    return solution.score
+
+
+def _advance(
+    problems: Problems,
+    search: NestSearch,
+    seconds: float,
+    passes: int | None,
+    shares: tuple[float, float],
+    stop: threading.Event | None,
+    clock: ClockName,
+) -> tuple[NestSearch, float]:
+    start = CLOCKS[clock]()
+    problem = problems.get()
+    if passes is not None:
+        forget_fields(problem)
+    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock))
+    return search, CLOCKS[clock]() - start
+
+
+def forget_fields(problem: Problem) -> None:
+    """Drop all fields: what a pass finds depends on those that were refined before it."""
+    problem.lookup.numbers.fill(-1)
+    problem.lookup.used.fill(0)

@@ -1,0 +1,103 @@
+"""The frames from which rotations are searched: those of the meshes, except for free rotations."""
+
+from __future__ import annotations
+
+from threading import RLock
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import trimesh
+from cachetools import cached
+
+from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.rotation_sets import FREE, matrices
+
+SMALLER = 0.999
+"""Share of the volume of a mesh's bounding box, below which another box is worth a rotation."""
+
+FLATTEST = 1e-5
+"""Smallest to largest standard deviation of vertices along an axis, so that a turned mesh is not
+flat."""
+
+
+def search_frame(item_type: ItemType) -> Floats:
+    """Return the rotation from the mesh's frame to that of the search.
+
+    For free rotations, the axes of the frame are parallel to the sides of the mesh's smallest
+    bounding box, if that is smaller than the one in the mesh's own frame.
+
+    Parameters
+    ----------
+    item_type : ItemType
+        The type of item.
+
+    Returns
+    -------
+    ndarray of float64, shape (3, 3)
+        The rotation; the identity unless rotations are free.
+    """
+    return np.eye(3) if item_type.rotations != FREE else _framed(item_type)[0]
+
+
+def in_search_frame(item_type: ItemType) -> ItemType:
+    """Return the type as it is searched: in the frame of the search, for free rotations.
+
+    Parameters
+    ----------
+    item_type : ItemType
+        The type of item.
+
+    Returns
+    -------
+    ItemType
+        The type itself, or that of the turned mesh, with the rotations `cube`.
+    """
+    return item_type if item_type.rotations != FREE else _framed(item_type)[1]
+
+
+def searched_rotations(item_type: ItemType) -> Floats:
+    """Return the rotations that are searched, from the mesh's own frame.
+
+    Parameters
+    ----------
+    item_type : ItemType
+        The type of item.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3, 3)
+        The rotations of its set; for `free`, the 24 of `cube` after that to the search's frame.
+    """
+    own = matrices(in_search_frame(item_type).rotations)
+    return np.asarray(own @ search_frame(item_type))
+
+
+@cached(WeakKeyDictionary(), key=lambda item_type: item_type, lock=RLock())
+def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
+    """Return the frame and the turned type; they are forgotten with the type."""
+    turn = _to_smallest_box(item_type)
+    if np.array_equal(turn, np.eye(3)):
+        return turn, item_type.changed(rotations="cube")
+    turned = ItemType(
+        item_type.name,
+        item_type.vertices @ turn.T,
+        item_type.faces,
+        item_type.demand,
+        "cube",
+        item_type.value,
+    )
+    vars(turned)["volume"] = item_type.volume
+    return turn, turned
+
+
+def _to_smallest_box(item_type: ItemType) -> Floats:
+    vertices = item_type.vertices
+    deviations = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if deviations[-1] < FLATTEST * deviations[0]:
+        return np.eye(3)
+    to_box, sides = trimesh.bounds.oriented_bounds(vertices)
+    if sides.prod() > SMALLER * item_type.extents.prod():
+        return np.eye(3)
+    left, _, right = np.linalg.svd(to_box[:3, :3])
+    return np.asarray(left @ right)

@@ -1,0 +1,159 @@
+"""The search for the lowest strip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.nesting.filling import constructed, filled, least_heights, with_random_poses
+from packit_sim.parts.nesting.problem import Problem, boxes_of
+from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.separation import Separation
+from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
+
+_GROWTH, _DECAY = 1.1, 0.7
+"""Factors of the shrinkage after a success and after a failure."""
+
+_FROM_CURRENT = 0.3
+"""Probability of starting again from the lowest strip after a failure, not from the failed one."""
+
+_ENOUGH = 0.01
+"""Shrinkage below which more items are added."""
+
+_MORE_SPACE = 0.02
+"""Share by which the strip grows if added items find no place; twice as much the next time."""
+
+
+class StripSearch(NestSearch):
+    """A search for the lowest strip: shrink it, move the items apart, and again.
+
+    Parameters
+    ----------
+    task : SearchTask
+        The task.
+    seed : int
+        The seed.
+    """
+
+    def __init__(self, task: SearchTask, seed: int) -> None:
+        super().__init__(task, seed, np.argsort(-task.volumes, kind="stable"))
+        self._current: Poses | None = None
+        self._height = self._target = math.inf
+        self._shrink = task.settings.shrink
+        self._failed: Poses | None = None
+        self._has_space = True
+        self._more_space = _MORE_SPACE
+        self._heights = np.zeros(task.count)
+
+    def adopt(self, problem: Problem, solution: Solution) -> None:
+        """Take over a lower strip."""
+        self.best = solution
+        self.is_done = solution.score[0] <= self._least_height() + problem.lookup.slack
+        if self._has_all and solution.score[0] < self._height:
+            self._current, self._height = solution.poses, solution.score[0]
+            self._failed = None
+            self._has_space = True
+            if solution.score[0] <= self._target:
+                self._attempt = None
+
+    def _constructed(self, problem: Problem) -> Solution:
+        self._heights = least_heights(problem, self._task)
+        solution = self._solution(
+            problem, constructed(problem, self._task, [self._task.size], self._rng)
+        )
+        self._current = self._own(solution.poses)
+        self._height = self._height_of(problem, self._current)
+        return solution
+
+    def _begun(self, problem: Problem, best: Solution) -> Separation:
+        if self._has_space:
+            least = self._least_height()
+            self._target = max(self._height * (1 - self._shrink), least)
+        start = self._failed or self._current
+        if self._failed and self._has_space and self._choices.random() < _FROM_CURRENT:
+            start = self._current
+        assert start is not None
+        boxes = self._boxes(self._target)
+        later = self._later if self._failed and self._has_space else ()
+        attempt = Separation(self._task, start, boxes, self._task.settings.patience, later)
+        largest = self._items[: max(2, len(self._items) // 2)]
+        if self._failed and self._has_space and len(largest) > 1:
+            i, j = self._choices.choice(largest, 2, replace=False)
+            attempt.swap(int(i), int(j))
+        return attempt
+
+    def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+        settings = self._task.settings
+        if is_apart:
+            if self._failed is None:
+                self._shrink = min(self._shrink * _GROWTH, settings.shrink)
+            self._failed = None
+            self._has_space = True
+            self._current = attempt.least
+            self._height = self._height_of(problem, attempt.least)
+            if self._has_all:
+                self._offer(problem, self._solution(problem, attempt.least))
+        else:
+            self._failed = attempt.least
+            if self._has_space:
+                self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
+            else:
+                self._target *= 1 + self._more_space
+                self._more_space *= 2
+        is_least = self._height <= self._least_height() + problem.lookup.slack
+        if not self._has_all and self._has_space and (is_least or self._shrink < _ENOUGH):
+            self._add_items(problem)
+
+    def _add_items(self, problem: Problem) -> None:
+        """Put more items in where they fit, or at random poses; the strip grows by their share."""
+        if self._has_space:
+            self._offer_all(problem)
+        old = self._items
+        height = self._height if self._has_space else self._target
+        super()._add_items(problem)
+        start = self._current if self._has_space else self._failed or self._current
+        assert start is not None
+        volumes = self._task.volumes
+        more = float(volumes[self._items].sum() / volumes[old].sum())
+        self._target = max(height * more, self._least_height())
+        self._more_space = _MORE_SPACE
+        self._shrink = self._task.settings.shrink / 2
+        self._failed = None
+        self._has_space = False
+        boxes = self._boxes(self._target)
+        poses = filled(problem, self._task, start, boxes, self._items, self._rng)
+        left = self._items[poses.inside[self._items] == 0].tolist()
+        self._current = with_random_poses(problem, self._task, poses, left, boxes, self._choices)
+
+    def _offer_all(self, problem: Problem) -> None:
+        """Place the other items around those that are arranged: a better packing in between."""
+        assert self._current is not None
+        boxes = self._boxes(self._task.size[2])
+        poses = filled(problem, self._task, self._current, boxes, self._task.order, self._rng)
+        self._offer(problem, self._solution(problem, poses))
+
+    def _solution(self, problem: Problem, poses: Poses) -> Solution:
+        height = self._height_of(problem, poses)
+        return Solution((height,), poses, self._boxes(height))
+
+    @property
+    def _is_precise(self) -> bool:
+        return super()._is_precise and self._has_space
+
+    def _boxes(self, height: float) -> Floats:
+        x, y, _ = self._task.size
+        return boxes_of([(x, y, height)])
+
+    def _height_of(self, problem: Problem, poses: Poses) -> float:
+        """Return how high the items inside reach; 0 without items."""
+        tops = poses.places[:, 2] + problem.lookup.boxes[self._task.numbers, poses.turned, 5]
+        own = slice(self._task.count)
+        return float(tops[own][poses.inside[own] > 0].max(initial=0.0))
+
+    def _least_height(self) -> float:
+        """Return a height that no strip is below: the items' volume, or one of them alone."""
+        x, y, _ = self._task.size
+        volume = float(self._task.volumes[self._items].sum())
+        return max(volume / (x * y), float(self._heights[self._items].max()))

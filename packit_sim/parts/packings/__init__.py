@@ -1,0 +1,1 @@
+"""Packings off the grid: items, containers, poses, validity, and their files."""

@@ -1,0 +1,247 @@
+"""Files of packings off the grid: JSON with meshes and poses, written and verified."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from packit_sim.core import typed_json
+from packit_sim.core.check_reports import FileProblem, Report, named
+from packit_sim.core.errors import MeshError, PackFormatError, located
+from packit_sim.core.files import replace_text
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.lengths import MAX_LENGTH, Extent, PoseRows
+from packit_sim.parts.packings.mesh_paths import is_inside
+from packit_sim.parts.packings.placements import Placement, pose_fault
+
+
+def verify_packing(file: Path | str) -> Report:
+    """Check a packing off the grid, ours or another tool's, by its meshes themselves.
+
+    Parameters
+    ----------
+    file : Path or str
+        The JSON file (see Notes).
+
+    Returns
+    -------
+    Report
+        The problems. They include meshes that can't be used, and poses that shear or mirror.
+
+    Raises
+    ------
+    PackFormatError
+        If the file is not of this form; the message names the file and the field.
+
+    Notes
+    -----
+    The file is a JSON object, which may have other fields as well:
+
+        {"box": [600, 400, 300], "unit": "mm", "clearance": 0,
+         "items": [{"mesh": "parts/mug.stl", "box": 0,
+                    "pose": [[1, 0, 0, 50], [0, 1, 0, 50], [0, 0, 1, 60], [0, 0, 0, 1]]}]}
+
+    - `box`: its extents, from (0, 0, 0); the last is null for a strip, which has no top.
+    - `boxes`: the extents of each box, where there are boxes of several sizes; `box` is ignored.
+    - `unit`: the name of the unit of length; it has no influence.
+    - `clearance`: the smallest distance between the surfaces of two items; by default 0.
+    - `mesh`: a file of one of `mesh_files.SUFFIXES`, by its path from the packing's folder, with
+      "/" between folders, and inside that folder.
+    - `obstacles`: meshes that are in every box, each with its `mesh` and `pose`; by default none.
+      Items keep clear of them; they themselves may be anywhere, and do not count.
+    - `box` of an item: which of several boxes of this size it is in, from 0; by default 0.
+    - `pose`: (4, 4) by rows, a rotation, one scale for all axes and a translation. It maps the
+      coordinates in the mesh's file to those of the box, regardless of the file's up axis and unit.
+
+    `validity.outside` and `validity.conflicts` define what is valid. The density is that of the
+    used boxes, or of the strip up to its highest item; the volume of an item is that of the closed
+    body, or of the solid by voxels (see `Shape`).
+    """
+    file = Path(file)
+    packing = _read(file)
+    x, y, z = packing.box
+    container = BoxContainer((x, y, math.inf if z is None else z))
+    containers = dict(enumerate(map(BoxContainer, packing.boxes)))
+    load = cache(lambda mesh: ItemType.from_file(file.parent / mesh))
+    found: list[str] = []
+    bodies: list[validity.Body] = []
+    obstacles: list[validity.Body] = []
+    every: list[tuple[str, _Obstacle, list[validity.Body]]]
+    every = [(named(n, item.mesh), item, bodies) for n, item in enumerate(packing.items)]
+    for n, obstacle in enumerate(packing.obstacles):
+        every.append((f"obstacle {n} ({obstacle.mesh!r})", obstacle, obstacles))
+    for name, posed, kind in every:
+        pose = np.array(posed.pose)
+        fault = pose_fault(pose)
+        if fault:
+            found.append(f"{name}: its pose {fault}")
+            continue
+        try:
+            box = posed.box if isinstance(posed, _PackingItem) else 0
+            longest = containers.get(box, container).longest
+            kind.append(validity.Body(name, load(posed.mesh), Placement(0, pose, box), longest))
+        except MeshError as error:
+            found.append(f"{name} has no mesh: {error}")
+    used = sorted({item.box for item in packing.items})
+    if containers:
+        for box in used:
+            own = [body for body in bodies if body.box == box]
+            found += validity.problems(own, containers[box], packing.clearance, obstacles)
+        space = plain_sum(containers[box].volume for box in used)
+    else:
+        found += validity.problems(bodies, container, packing.clearance, obstacles)
+        space = container.volume * len(used)
+    if container.is_strip and not containers:
+        space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
+    volume = plain_sum(body.volume for body in bodies)
+    sentences = tuple(FileProblem(file, None, sentence) for sentence in found)
+    return Report(sentences, 1, 1, len(packing.items), volume, space)
+
+
+def write_packing(
+    path: Path | str,
+    types: Sequence[ItemType],
+    container: BoxContainer,
+    placements: Sequence[Placement],
+    clearance: float,
+    containers: Sequence[BoxContainer] = (),
+) -> None:
+    """Write a packing as `verify_packing` reads it.
+
+    Parameters
+    ----------
+    path : Path or str
+        The JSON file; it is written last, whole or not at all.
+    types : sequence of ItemType
+        The types of items. The meshes without a file below the folder of `path` are written to
+        NAME-meshes next to it, as OBJ, without rounding.
+    container : BoxContainer
+        The container.
+    placements : sequence of Placement
+        The items.
+    clearance : float
+        The smallest distance between the surfaces of two items.
+    containers : sequence of BoxContainer
+        That of each box, if there are several sizes.
+
+    Raises
+    ------
+    OSError
+        If a file can't be written.
+    """
+    path = Path(path)
+    used = {placement.type for placement in placements}
+    meshes = {number: _mesh_path(types[number], path) for number in sorted(used)}
+    items = [
+        {
+            "name": types[placement.type].name,
+            "mesh": meshes[placement.type],
+            "box": placement.box,
+            "pose": placement.pose.tolist(),
+        }
+        for placement in placements
+    ]
+    x, y, z = container.size
+    packing = {
+        "box": [x, y, None if container.is_strip else z],
+        "clearance": clearance,
+        "items": items,
+    }
+    if containers:
+        packing["boxes"] = [each.size for each in containers]
+    if container.obstacles:
+        identity = np.eye(4).tolist()
+        packing["obstacles"] = [
+            {"name": each.name, "mesh": _mesh_path(each, path), "pose": identity}
+            for each in container.obstacles
+        ]
+    replace_text(path, json.dumps(packing, indent=1, ensure_ascii=False) + "\n")
+
+
+def _mesh_path(item_type: ItemType, path: Path) -> str:
+    """Return a mesh file's path from the packing's folder; write the file if there is none."""
+    folder = path.parent.resolve()
+    if item_type.file is not None:
+        file = item_type.file.resolve()
+        if file.is_relative_to(folder) and file.is_file():
+            relative = file.relative_to(folder).as_posix()
+            if is_inside(relative):
+                return relative
+    meshes = path.with_name(f"{path.stem}-meshes")
+    meshes.mkdir(exist_ok=True)
+    file = meshes / f"{item_type.digest[:16]}.obj"
+    replace_text(file, obj_text(item_type.vertices, item_type.faces))
+    return f"{meshes.name}/{file.name}"
+
+
+def obj_text(vertices: Floats, faces: Ints) -> str:
+    """Write a mesh as OBJ text, without rounding.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+        The vertices.
+    faces : ndarray of int64, shape (m, 3)
+        The triangles, as indices of vertices.
+
+    Returns
+    -------
+    str
+        The text.
+    """
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist())
+    return corners + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist())
+
+
+class _Obstacle(Struct):
+    mesh: str
+    pose: PoseRows
+
+
+class _PackingItem(_Obstacle):
+    box: Annotated[int, Meta(ge=0, le=10**9)] = 0
+
+
+class _Packing(Struct):
+    """The content of a packing's file; other fields are ignored."""
+
+    box: tuple[Extent, Extent, Extent | None]
+    items: Annotated[tuple[_PackingItem, ...], Meta(min_length=1)]
+    boxes: Annotated[tuple[tuple[Extent, Extent, Extent], ...], Meta(max_length=10_000)] = ()
+    obstacles: tuple[_Obstacle, ...] = ()
+    unit: str = ""
+    clearance: Annotated[float, Meta(ge=0, lt=MAX_LENGTH)] = 0.0
+
+
+def _read(file: Path) -> _Packing:
+    data = read_bytes(file)
+    with located(file, PackFormatError):
+        packing = typed_json.decode(data, _Packing, PackFormatError, "a packing")
+        for n, item in enumerate(packing.items):
+            if packing.boxes and item.box >= len(packing.boxes):
+                raise PackFormatError(
+                    f"field 'items[{n}].box' is {item.box}: there are {len(packing.boxes)} boxes"
+                )
+            _check_path(f"items[{n}].mesh", item.mesh)
+        for n, obstacle in enumerate(packing.obstacles):
+            _check_path(f"obstacles[{n}].mesh", obstacle.mesh)
+    return packing
+
+
+def _check_path(field: str, mesh: str) -> None:
+    if not is_inside(mesh):
+        raise PackFormatError(
+            f"field {field!r} is {mesh!r}: it must be a path inside the packing's folder"
+        )

@@ -1,0 +1,66 @@
+"""The parts of a packing as items of the engine: for pictures and for physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from packit_sim.geometry.items import BoxState, PosedItem
+from packit_sim.geometry.lattice import CELL
+from packit_sim.geometry.shapes import Item
+from packit_sim.parts.packings.packing import Packing
+
+
+def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
+    """Return the parts of a packing where they are, as items of the engine.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+    side : float, default: 1.0
+        The container's longest side that is not infinite, in box units.
+
+    Returns
+    -------
+    list of PosedItem
+        An item for each placement; equal types share their shapes.
+    """
+    scale = side / packing.container.longest
+    found = []
+    for placement in packing.placements:
+        item_type = packing.types[placement.type]
+        diagonal = float(np.linalg.norm(item_type.extents))
+        pose = placement.pose
+        middle = (item_type.low + item_type.high) / 2
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose[:3, :3] * (diagonal * scale)
+        matrix[:3, 3] = (pose[:3, :3] @ middle + pose[:3, 3]) * scale
+        volume = (diagonal * scale * placement.scale) ** 3
+        found.append(PosedItem(Item(item_type.shape, volume), matrix))
+    return found
+
+
+def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> BoxState[PosedItem]:
+    """Return a box with some of the parts of a packing.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+    numbers : sequence of int
+        The numbers of the placements.
+    side : float, default: 4.0
+        The box's longest side that is not infinite, in box units: the more, the less its sides
+        are rounded.
+
+    Returns
+    -------
+    BoxState
+        The box, and the parts in this order. A strip is as high as its highest part.
+    """
+    unit = CELL * packing.container.longest / side
+    a, b, c = (max(1, round(one / unit)) for one in packing.sides)
+    items = posed(packing, side)
+    return BoxState((a, b, c), tuple(items[n] for n in numbers))

@@ -1,0 +1,201 @@
+"""The validity of packings off the grid, by the meshes themselves.
+
+The check is independent of every search. It decides about original meshes at their poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.lattice import CONTACT_TOLERANCE
+from packit_sim.parts.packings.checked_meshes import checked_mesh
+from packit_sim.parts.packings.containers import Container
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.placements import Placement
+
+MAX_PROBLEMS = 1000
+"""The check ends after so many problems: n items at one place have n² / 2."""
+
+MAX_SHRINKAGE = 1e-3
+"""Largest tolerance of an item, relative to the longest side of its bounding box."""
+
+
+def tolerance(unit: float, longest: float) -> float:
+    """Return how far an item may reach beyond a wall, and into an item that is not smaller.
+
+    Parameters
+    ----------
+    unit : float
+        The container's longest fixed side.
+    longest : float
+        The item's longest side.
+
+    Returns
+    -------
+    float
+        The contact tolerance times the unit, and at most `MAX_SHRINKAGE` of the item's side.
+    """
+    return min(CONTACT_TOLERANCE * unit, MAX_SHRINKAGE * longest)
+
+
+class Body:
+    """A placed item, for the check.
+
+    Parameters
+    ----------
+    name : str
+        What messages call it.
+    item_type : ItemType
+        Its type.
+    placement : Placement
+        Where it is.
+    unit : float
+        The container's longest fixed side.
+
+    Attributes
+    ----------
+    box : int
+        The number of its container.
+    vertices : ndarray of float64, shape (n, 3)
+        Its vertices, in the container's coordinates.
+    low, high : ndarray of float64, shape (3,)
+        The corners of its bounding box.
+    tolerance : float
+        See `tolerance`.
+    volume : float
+        Its volume.
+    """
+
+    def __init__(self, name: str, item_type: ItemType, placement: Placement, unit: float) -> None:
+        self.name = name
+        self.item_type = item_type
+        self.box = placement.box
+        linear, shift = placement.pose[:3, :3], placement.pose[:3, 3]
+        self.vertices = item_type.vertices @ linear.T + shift
+        self.low, self.high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        self.scale = float(f"{placement.scale:.7g}")  # of single precision: equal ones share meshes
+        self.tolerance = tolerance(unit, self.scale * float(item_type.extents.max()))
+        self.volume = item_type.volume * placement.scale**3
+        self.turn = linear / placement.scale
+        self.centre: Floats = linear @ ((item_type.low + item_type.high) / 2) + shift
+
+    def seen_from(self, other: Body, unit: float) -> tuple[Floats, Floats]:
+        """Return its rotation (3, 3) and, in a unit, its translation (3,) in another's frame."""
+        back = np.linalg.inv(other.turn)
+        return back @ self.turn, back @ (self.centre - other.centre) / unit
+
+
+def outside(body: Body, container: Container) -> Iterator[str]:
+    """Yield a sentence for each wall that an item reaches beyond by more than its tolerance."""
+    for wall, depth in container.beyond(body.vertices):
+        if not depth <= body.tolerance:
+            yield f"{body.name} reaches {depth:.3g} beyond {wall}"
+
+
+def conflicts(one: Body, other: Body, clearance: float = 0.0) -> Iterator[str]:
+    """Yield a sentence for each conflict of two items.
+
+    Parameters
+    ----------
+    one : Body
+        An item.
+    other : Body
+        Another, in the same container.
+    clearance : float
+        The smallest distance that their surfaces may have.
+
+    Yields
+    ------
+    str
+        That they cross; or that one lies inside the other; or that they are too close.
+
+    Notes
+    -----
+    Meshes cross if their triangles do when both are drawn in by half the tolerance a side. A part
+    lies inside a shell of the other item, which is closed after filling the holes that the importer
+    would fill, also if it is in a cavity. Most real meshes are not closed: nothing may be in a
+    voxel that the other item encloses either, of 1/200 of its longest side. The tolerance of a pair
+    is the smaller one of the two.
+    """
+    gaps = np.maximum(one.low, other.low) - np.minimum(one.high, other.high)
+    overlap = bool((gaps < 0).all())
+    if not overlap and np.linalg.norm(np.maximum(gaps, 0)) >= clearance:
+        return
+    smaller = min(one.tolerance, other.tolerance)
+    unit = smaller / CONTACT_TOLERANCE
+    mesh = checked_mesh(one.item_type, one.scale, smaller)
+    other_mesh = checked_mesh(other.item_type, other.scale, smaller)
+    turn, shift = other.seen_from(one, unit)
+    if overlap:
+        if mesh.surface.crosses(other_mesh.surface, shift, turn):
+            yield f"{other.name} crosses {one.name}"
+            return
+        inside = mesh.holds(other_mesh, turn, shift)
+        if inside:
+            yield f"{other.name} lies, in part or whole, inside {one.name}"
+        around = other_mesh.holds(mesh, *one.seen_from(other, unit))
+        if around:
+            yield f"{one.name} lies, in part or whole, inside {other.name}"
+        if inside or around:
+            return
+    if clearance > 0:
+        _, far = other.seen_from(one, smaller)
+        distance = mesh.whole_surface.distance(other_mesh.whole_surface, far, turn) * smaller
+        if not distance >= clearance - smaller:
+            yield (
+                f"{other.name} is {max(distance, 0.0):.3g} from {one.name}: "
+                f"less than the clearance of {clearance:.3g}"
+            )
+
+
+def problems(
+    bodies: Iterable[Body],
+    container: Container,
+    clearance: float = 0.0,
+    obstacles: Sequence[Body] = (),
+) -> list[str]:
+    """Check placed items.
+
+    Parameters
+    ----------
+    bodies : iterable of Body
+        The items.
+    container : Container
+        Their container, or each of their containers.
+    clearance : float
+        The smallest distance that the surfaces of two items may have.
+    obstacles : sequence of Body
+        What is in each container, and may itself be anywhere.
+
+    Returns
+    -------
+    list of str
+        A sentence for each problem, and after `MAX_PROBLEMS` one that there may be more; empty if
+        the packing is valid.
+    """
+    found = list(islice(_problems(list(bodies), container, clearance, obstacles), MAX_PROBLEMS))
+    if len(found) == MAX_PROBLEMS:
+        found.append(f"there may be more: the check ended after {MAX_PROBLEMS} problems")
+    return found
+
+
+def _problems(
+    bodies: Sequence[Body], container: Container, clearance: float, obstacles: Sequence[Body]
+) -> Iterator[str]:
+    for body in bodies:
+        yield from outside(body, container)
+    low, high = (np.array([getattr(b, end) for b in bodies]) for end in ("low", "high"))
+    boxes = np.array([body.box for body in bodies])
+    for n, one in enumerate(bodies[:-1]):
+        rest = slice(n + 1, None)
+        gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
+        near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
+        for m in np.flatnonzero(near).tolist():
+            yield from conflicts(one, bodies[n + 1 + m], clearance)
+    for obstacle in obstacles:
+        for body in bodies:
+            yield from conflicts(obstacle, body, clearance)

@@ -1,0 +1,1 @@
+"""Parts and boxes as users describe them: mesh files, lists, units, sizes, preparation."""

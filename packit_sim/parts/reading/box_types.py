@@ -1,0 +1,131 @@
+"""The boxes to pack into: sizes, names and how many there are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from packit_sim.core.checks import Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.length_units import Unit
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.reading.units import lengths
+
+_NAMED = re.compile(r"(?:(?P<name>[^:=]+):)?(?P<size>[^:=]+?)(?:=(?P<count>\d{1,30}))?")
+
+
+@dataclass(frozen=True)
+class BoxType:
+    """A size of boxes, and how many there are.
+
+    Parameters
+    ----------
+    size : tuple of float
+        The sides along x, y and z.
+    name : str
+        Its name, in tables and files.
+    count : int, optional
+        How many there are, at least 1; None for as many as are needed.
+
+    Raises
+    ------
+    ArgumentError
+        If a side is not above 0, or the count is not possible.
+    """
+
+    size: tuple[float, float, float]
+    name: str = "box"
+    count: int | None = 1
+
+    def __post_init__(self) -> None:
+        container = BoxContainer(self.size)
+        if container.is_strip:
+            raise ArgumentError(f"box {self.name!r} has no height: choose a finite one")
+        object.__setattr__(self, "size", container.size)
+        if self.count is not None:
+            what = f"the number of boxes {self.name!r}"
+            check_range(what, as_integer(what, self.count), Range(1, 10_000))
+
+    @property
+    def container(self) -> BoxContainer:
+        """The container of this size."""
+        return BoxContainer(self.size)
+
+    @classmethod
+    def parse(cls, text: str, unit: Unit, count: int | None = 1) -> BoxType:
+        """Read a box, such as "300x200x150mm", "A:300x200x150mm" or "A:300x200x150mm=2".
+
+        Parameters
+        ----------
+        text : str
+            The box.
+        unit : str
+            The unit of the result, and of sides without one.
+        count : int, optional
+            How many there are, if the text does not say.
+
+        Returns
+        -------
+        BoxType
+            The box.
+
+        Raises
+        ------
+        ArgumentError
+            If the text is not a box.
+        """
+        match = _NAMED.fullmatch(text.strip())
+        if match is None:
+            raise ArgumentError(
+                f"box {text!r} is not possible: such as 300x200x150mm or A:30x20x15cm"
+            )
+        x, y, z = lengths(match["size"], 3, unit)
+        own = int(match["count"]) if match["count"] else count
+        with located(f"box {text!r}", ArgumentError):
+            return cls((x, y, z), (match["name"] or "box").strip(), own)
+
+
+def box_types(
+    boxes: str | BoxType | Sequence[float] | Sequence[str | BoxType], unit: Unit, count: int | None
+) -> tuple[BoxType, ...]:
+    """Read boxes in any of their forms.
+
+    Parameters
+    ----------
+    boxes : str, BoxType, or sequence of float, str or BoxType
+        A box, its three sides, or several boxes.
+    unit : str
+        The unit of length.
+    count : int, optional
+        How many there are of a box that does not say so; None for as many as are needed.
+
+    Returns
+    -------
+    tuple of BoxType
+        The boxes, at least one, with names that differ.
+
+    Raises
+    ------
+    ArgumentError
+        If something is not a box.
+    """
+    if isinstance(boxes, (str, BoxType)):
+        boxes = [boxes]
+    if not len(boxes):
+        raise ArgumentError("there must be at least one box")
+    found = []
+    if all(isinstance(each, (str, BoxType)) for each in boxes):
+        for each in boxes:
+            if isinstance(each, str):
+                each = BoxType.parse(each, unit, count)
+            assert isinstance(each, BoxType)
+            found.append(each)
+    else:
+        found.append(BoxType(tuple(boxes), count=count))  # type: ignore[arg-type]
+    names = [each.name for each in found]
+    if len(set(names)) < len(names):
+        raise ArgumentError(
+            f"boxes {', '.join(names)} need different names, such as A:300x200x150mm"
+        )
+    return tuple(found)

@@ -1,0 +1,169 @@
+"""A part to pack: a mesh with its unit, how many there are, and how it may lie."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError, located
+from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.plain_text import plain_line
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.shapes import UP_AXES
+from packit_sim.parts.packings import rotation_sets
+from packit_sim.parts.reading.units import check_unit, factor
+
+UPRIGHT = "upright"
+"""Another name of `yaw-4`: quarter turns about the vertical axis."""
+
+MAX_COUNT = 10_000
+"""Most of one part."""
+
+VALUES = Range(0, 1e12)
+
+MASSES = Range(1e-9, 1e12)
+"""Grams: sums of such masses, and means by them, are precise."""
+
+DENSITIES = Range(1e-9, 1e6)
+"""Grams per cubic centimetre."""
+
+_MAX_NAME = 100
+"""Most bytes of a name that becomes part of a file's name, which has at most 255."""
+
+_UP = {
+    "x": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+    "y": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
+    "z": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+}
+"""The rotation by which each up axis becomes z."""
+
+
+def rotation_set(name: str) -> str:
+    """Return the name of a set of rotations; raise ArgumentError if there is none."""
+    name = "yaw-4" if name == UPRIGHT else name
+    try:
+        rotation_sets.check(name)
+    except ArgumentError as error:
+        raise ArgumentError(f"{error}, or {UPRIGHT} (yaw-4)") from None
+    return name
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A mesh to pack.
+
+    Parameters
+    ----------
+    name : str
+        Its name, in tables and files; control characters are replaced.
+    mesh : trimesh.Trimesh
+        The mesh, in the coordinates of its file.
+    count : int
+        How many of it to pack, 1 to `MAX_COUNT`.
+    value : float, optional
+        Its value, one of `VALUES`, for the objective "value"; without one it counts as 1 there.
+    rotations : str
+        How it may turn, from its orientation in the file: fixed, yaw-N, axis-N, cube, free, or
+        upright.
+    priority : int
+        Parts of a higher priority are packed first.
+    mass : float, optional
+        Grams of one of it.
+    density : float, optional
+        Grams per cubic centimetre, for its mass.
+    no_stack : bool
+        Whether nothing may rest on it.
+    max_load : float, optional
+        The grams that may rest on one of it, directly or through others.
+    unit : str
+        The mesh's unit of length.
+    unit_cm : float, optional
+        Centimetres in that unit, where a file defines another one than those with a name.
+    up : str
+        The axis of the mesh that points up, "x", "y" or "z".
+    file : Path, optional
+        The file that has this mesh.
+    node : str, optional
+        The node of the file's scene, if the mesh is only a part of it.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is not possible.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    count: int = 1
+    value: float | None = None
+    rotations: str = "cube"
+    priority: int = 0
+    mass: float | None = None
+    density: float | None = None
+    no_stack: bool = False
+    max_load: float | None = None
+    unit: Unit = "mm"
+    unit_cm: float | None = None
+    up: str = "z"
+    file: Path | None = None
+    node: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", plain_line(self.name))
+        where = f"part {self.name!r}:"
+        count = as_integer(f"{where} count", self.count)
+        check_range(f"{where} count", count, Range(1, MAX_COUNT))
+        as_integer(f"{where} priority", self.priority)
+        if self.value is not None:
+            check_range(f"{where} value", self.value, VALUES)
+        for name, valid in (("mass", MASSES), ("density", DENSITIES), ("unit_cm", POSITIVE)):
+            if getattr(self, name) is not None:
+                check_range(f"{where} {name}", getattr(self, name), valid)
+        if self.max_load is not None:
+            check_range(f"{where} max_load", self.max_load, Range(0, ends="[)"))
+        if self.up not in UP_AXES:
+            raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
+        check_unit(self.unit)
+        with located(f"part {self.name!r}", ArgumentError):
+            object.__setattr__(self, "rotations", rotation_set(self.rotations))
+
+    def frame(self, unit: Unit) -> Floats:
+        """Return the matrix (4, 4) from the file's coordinates to a unit of length with z up."""
+        matrix = np.eye(4)
+        scale = factor(self.unit, unit)
+        if self.unit_cm is not None:
+            scale = self.unit_cm / UNITS_CM[unit]
+        matrix[:3, :3] = np.array(_UP[self.up]) * scale
+        return matrix
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the mesh and of what else the packing depends on, in hex."""
+        sha = hashlib.sha256(np.ascontiguousarray(self.mesh.vertices, "<f8").tobytes())
+        sha.update(np.ascontiguousarray(self.mesh.faces, "<i8").tobytes())
+        settings = (
+            self.count,
+            self.value,
+            self.rotations,
+            self.priority,
+            self.frame("mm").tolist(),
+        )
+        loads = (self.mass, self.density, self.no_stack, self.max_load)
+        sha.update(repr((self.name, settings, loads)).encode())
+        return sha.hexdigest()
+
+    @property
+    def file_name(self) -> str:
+        """Its name without what files can't have in theirs."""
+        name = re.sub(r"[^\w.+-]+", "-", self.name).encode()[:_MAX_NAME].decode(errors="ignore")
+        return name.strip(".-") or "part"
+
+    def __repr__(self) -> str:
+        return f"Part({self.name!r}, {len(self.mesh.faces)} triangles, count={self.count})"

@@ -1,0 +1,256 @@
+"""Parts from mesh files, folders, patterns of paths and manifests; a broken file stops no other."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
+from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.libraries.folder import MeshFolder
+from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
+from packit_sim.parts.packings.lengths import LENGTHS
+from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest
+from packit_sim.parts.reading.part import Part, rotation_set
+from packit_sim.parts.reading.units import check_unit
+
+_COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30})")
+
+_PLATES = (".3mf",)
+"""Suffixes of files whose scenes are plates of separate parts, unless `split` says otherwise."""
+
+
+@dataclass(frozen=True)
+class UnreadFile:
+    """A file that gave no part.
+
+    Attributes
+    ----------
+    source : str
+        The file, or what was asked for.
+    reason : str
+        Why.
+    """
+
+    source: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What was read.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        The parts, with names that differ.
+    problems : tuple of UnreadFile
+        The files that can't be packed.
+    notes : tuple of str
+        What the user should know about how files were understood.
+    """
+
+    parts: tuple[Part, ...]
+    problems: tuple[UnreadFile, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ReadSettings:
+    """How files are understood.
+
+    Parameters
+    ----------
+    unit : str
+        The unit of length of files that don't define it, such as STL.
+    up : str, optional
+        The axis that points up in all files, "x", "y" or "z"; by default as their formats define.
+    rotations : str
+        The rotations of parts whose manifest does not say.
+    split : bool, optional
+        Whether each part of a scene is packed by itself; by default those of 3MF are.
+
+    Raises
+    ------
+    ArgumentError
+        If a setting is not possible.
+    """
+
+    unit: Unit = "mm"
+    up: str | None = None
+    rotations: str = "cube"
+    split: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_unit(self.unit)
+        rotation_set(self.rotations)
+
+
+def find_parts(
+    sources: Sequence[Part | Path | str], settings: ReadSettings = ReadSettings()
+) -> Reading:
+    """Read parts.
+
+    Parameters
+    ----------
+    sources : sequence of Part, Path or str
+        Mesh files, with "=4" behind the path for four of it; folders; patterns such as
+        "parts/*.stl"; and manifests (.csv or .json).
+    settings : ReadSettings
+        How files are understood.
+
+    Returns
+    -------
+    Reading
+        The parts, and the files that can't be read.
+
+    Raises
+    ------
+    ArgumentError
+        If there is nothing to read, or nothing could be read.
+    """
+    if isinstance(sources, (Part, Path, str)):
+        sources = [sources]
+    parts: list[Part] = []
+    problems: list[UnreadFile] = []
+    notes: list[str] = []
+    read_once = cache(_raw_parts)  # a manifest may name a file many times
+    for source in sources:
+        if isinstance(source, Part):
+            parts.append(source)
+            continue
+        for row in _rows(source):
+            try:
+                parts += _parts(row, settings, notes, read_once)
+            except (MeshError, OSError) as error:
+                reason = str(error).removeprefix(f"{row.file}: ")
+                problems.append(UnreadFile(str(row.file), reason))
+    if not parts:
+        if not problems:
+            raise ArgumentError(
+                "no parts: name mesh files, a folder or a manifest, with counts of at least 1"
+            )
+        first = problems[0]
+        others = len(problems) - 1
+        more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
+        raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
+    assumed = {each.file for each in parts if each.file and not _defines_unit(each.file)}
+    if assumed:
+        files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
+        notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
+    return Reading(tuple(with_own_names(parts)), tuple(problems), tuple(notes))
+
+
+def _defines_unit(file: Path) -> bool:
+    return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae")
+
+
+def _rows(source: Path | str) -> Iterator[ManifestRow]:
+    """Yield the files that a source names."""
+    path = Path(source)
+    count = 1
+    match = _COUNTED.fullmatch(str(source))
+    if match and not path.exists():
+        path, count = Path(match["path"]), int(match["count"])
+        if count == 0:
+            return
+    before, _, behind = str(source).rpartition("=")
+    if before and not match and not path.exists() and Path(before).exists():
+        raise ArgumentError(
+            f"{source}: {behind!r} is not a count: choose a number, as in {before}=4"
+        )
+    if path.is_dir():
+        for file in _folder_files(path):
+            yield ManifestRow(file, {"count": count})
+    elif path.suffix.lower() in MANIFESTS:
+        for row in read_manifest(path):
+            yield replace(row, settings={**row.settings, "count": row.count * count})
+    elif path.exists() or not glob.has_magic(str(path)):
+        yield ManifestRow(path, {"count": count})
+    else:
+        files = sorted(glob.glob(str(path)))
+        if not files:
+            raise ArgumentError(f"{path}: no file has such a name")
+        for name in files:
+            yield ManifestRow(Path(name), {"count": count})
+
+
+def _folder_files(path: Path) -> list[Path]:
+    try:
+        folder = MeshFolder(path)
+    except LibraryError:
+        raise ArgumentError(f"{path}: no mesh file in it ({', '.join(SUFFIXES)})") from None
+    return [Path(folder.candidate(id).source) for id in folder.categories]
+
+
+def _raw_parts(file: Path, split: bool) -> tuple[RawPart, ...]:
+    if not file.exists():
+        raise MeshError("there is no such file")
+    return tuple(read_parts(file)) if split else (RawPart("", read(file)),)
+
+
+def _parts(
+    row: ManifestRow,
+    settings: ReadSettings,
+    notes: list[str],
+    read_once: Callable[[Path, bool], tuple[RawPart, ...]],
+) -> list[Part]:
+    """Read the parts of a file."""
+    suffix = row.file.suffix.lower()
+    split = suffix in _PLATES if settings.split is None else settings.split
+    raw_parts = read_once(row.file, split)
+    if not split and raw_parts[0].raw.parts > 1:
+        note = (
+            f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
+            "(--separate packs each by itself)"
+        )
+        if note not in notes:
+            notes.append(note)
+    found = []
+    for each in raw_parts:
+        options = {"rotations": settings.rotations, **row.settings}
+        name = str(options.pop("name", row.file.stem))
+        options["count"] = row.count * each.count
+        unit = options.pop("unit", None)
+        known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
+        found.append(
+            Part(
+                name if len(raw_parts) == 1 else f"{name}/{each.name}",
+                each.raw.mesh,
+                unit=known,
+                unit_cm=unit_cm,
+                up=settings.up or each.raw.up,
+                file=row.file,
+                node=each.name if len(raw_parts) > 1 else None,
+                **options,
+            )
+        )
+    return found
+
+
+def _unit(unit_cm: float | None, assumed: str) -> tuple[Unit, float | None]:
+    """Return the name of a file's unit, and its length in cm if no name fits."""
+    if unit_cm is None:
+        return check_unit(assumed), None
+    if unit_cm not in LENGTHS:
+        raise MeshError(f"its unit of length is {unit_cm!r} cm: it must be {LENGTHS}")
+    for name, centimetres in UNITS_CM.items():
+        if abs(centimetres / unit_cm - 1) < 1e-9:
+            return name, None
+    return "cm", unit_cm
+
+
+def with_own_names(parts: Sequence[Part], others: Iterable[str] = ()) -> Iterator[Part]:
+    """Yield parts with names that differ from each other and from those of others."""
+    taken = set(others)
+    for part in parts:
+        name, number = part.name, 1
+        while name in taken:
+            number += 1
+            name = f"{part.name}-{number}"
+        taken.add(name)
+        yield part if name == part.name else replace(part, name=name)

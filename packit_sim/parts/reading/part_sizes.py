@@ -1,0 +1,139 @@
+"""Which parts fit into which boxes, and likely mistakes of units where they don't."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from packit_sim.core.length_units import Unit
+from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.prepared import PreparedPart
+from packit_sim.parts.reading.units import factor
+
+_SLACK = 1e-9
+"""Rounding of a part's sides, relative to the box's."""
+
+_MISTAKEN: tuple[Unit, ...] = ("mm", "in", "m")
+"""Units that are often confused: they differ by 25.4 and 1000."""
+
+_TINY = 0.005
+"""A part's longest side, relative to the box's, below which its unit is doubtful."""
+
+
+def fits(own: Floats, size: Sequence[float], margin: float) -> bool:
+    """Return whether one of the rotations with sides (m, 3) fits into a box within its margin."""
+    inner = np.array(size) * (1 + _SLACK) - 2 * margin
+    return bool((own <= inner).all(axis=1).any())
+
+
+def too_large(
+    part: PreparedPart, boxes: Sequence[BoxType], margin: float, unit: Unit
+) -> str | None:
+    """Explain why a part fits into no box.
+
+    Parameters
+    ----------
+    part : PreparedPart
+        The part.
+    boxes : sequence of BoxType
+        The boxes.
+    margin : float
+        The distance that the walls keep.
+    unit : str
+        The unit of lengths.
+
+    Returns
+    -------
+    str or None
+        The reason, which names a likely mistake of units; None if the part fits into a box.
+    """
+    own = part.sides
+    if any(fits(own, box.size, margin) for box in boxes):
+        return None
+    reason = f"{shown(part.item_type.extents)} {unit} is larger than "
+    reason += "every box" if len(boxes) > 1 else f"the box of {shown(boxes[0].size)} {unit}"
+    if any(fits(own, box.size, 0.0) for box in boxes):
+        reason += f" with {margin:.4g} {unit} at each wall"
+    elif any(_fits_in_some_rotation(part, box) for box in boxes):
+        reason += f" in its rotations ({part.part.rotations})"
+    else:
+        for other in _MISTAKEN:
+            smaller = factor(other, part.part.unit)
+            if smaller < 1 and any(fits(own * smaller, box.size, margin) for box in boxes):
+                size = shown(part.item_type.extents * smaller)
+                reason += (
+                    f"; a wrong unit? read in {other} instead of {part.part.unit}, "
+                    f"it is {size} {unit} and fits"
+                )
+                break
+    return reason
+
+
+def unit_notes(
+    parts: Sequence[PreparedPart], boxes: Sequence[BoxType], margin: float, unit: Unit
+) -> list[str]:
+    """Name parts that are so small that their unit may be wrong.
+
+    Parameters
+    ----------
+    parts : sequence of PreparedPart
+        The parts, which fit.
+    boxes : sequence of BoxType
+        The boxes.
+    margin : float
+        The distance that the walls keep.
+    unit : str
+        The unit of lengths.
+
+    Returns
+    -------
+    list of str
+        The notes.
+    """
+    longest = max(max(box.size) for box in boxes)
+    notes = []
+    for part in parts:
+        if part.item_type.extents.max() < _TINY * longest:
+            other = _larger(part, boxes, margin)
+            if other:
+                notes.append(
+                    f"{part.part.name} is only {shown(part.item_type.extents)} {unit}: is its unit "
+                    f"{other} instead of {part.part.unit}?"
+                )
+    if not notes and parts:
+        volume = max(box.container.volume for box in boxes)
+        inch = [factor("in", part.part.unit) for part in parts]
+        larger = plain_sum(p.volume * p.part.count * f**3 for p, f in zip(parts, inch, strict=True))
+        is_all = all(
+            f > 1 and any(fits(part.sides * f, box.size, margin) for box in boxes)
+            for part, f in zip(parts, inch, strict=True)
+        )
+        if is_all and larger < volume:
+            share = plain_sum(p.volume * p.part.count for p in parts) / volume
+            notes.append(
+                f"all parts together have {share:.2g} of the box's volume: "
+                f"are they in inches instead of {parts[0].part.unit}?"
+            )
+    return notes
+
+
+def _larger(part: PreparedPart, boxes: Sequence[BoxType], margin: float) -> Unit | None:
+    """Return a larger unit in which a part would still fit."""
+    own = part.sides
+    for other in reversed(_MISTAKEN):
+        larger = factor(other, part.part.unit)
+        if larger > 1 and any(fits(own * larger, box.size, margin) for box in boxes):
+            return other
+    return None
+
+
+def _fits_in_some_rotation(part: PreparedPart, box: BoxType) -> bool:
+    return bool((np.sort(part.item_type.extents) <= np.sort(box.size)).all())
+
+
+def shown(lengths: Sequence[float] | Floats) -> str:
+    """Return lengths as text, such as "300 x 200 x 150"."""
+    return " x ".join(f"{length:.4g}" for length in lengths)

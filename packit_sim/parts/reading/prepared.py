@@ -1,0 +1,220 @@
+"""Parts as they are packed: in the user's unit, with a collision mesh of bounded deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+
+from packit_sim.core.caches import cached_property
+from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.deviation import Surface, deviation
+from packit_sim.geometry.deviation_kernels import farthest
+from packit_sim.geometry.shapes import Shape
+from packit_sim.geometry.simplification import collapsed
+from packit_sim.geometry.voxelization import solid_volume_bounds
+from packit_sim.parts.nesting.search_frames import searched_rotations
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.reading.masses import centre_of_mass
+from packit_sim.parts.reading.part import Part
+
+TRIANGLES = 4000
+"""Meshes with more triangles are simplified, to as many; to more where the deviation is too large.
+Four times as many follow each time."""
+
+ACCURACY = 0.002
+"""Largest deviation by default, relative to the part's diagonal."""
+
+TINY = 1 / 25
+"""Longest side, relative to that of the largest part, below which a part is packed as a box: the
+nester's grids around small parts have a width that depends on the largest."""
+
+TINY_GAPS = 2.0
+"""The same, relative to the distance that parts keep."""
+
+SAMPLES = 5000
+"""Vertices whose distances show cheaply that a simplified mesh deviates too much."""
+
+_ROUNDING = 1e-7
+"""Added to each deviation for rounding and merged vertices, relative to the diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPart:
+    """A part as it is packed, with lengths in the user's unit.
+
+    Attributes
+    ----------
+    part : Part
+        The part.
+    unit : str
+        The user's unit.
+    frame : ndarray of float64, shape (4, 4)
+        From the file's coordinates to those of the type: the user's unit, with z up.
+    item_type : ItemType
+        Its collision mesh, its number and its rotations.
+    deviation : float
+        No point of the file's surface is farther from the collision mesh; 0 if it is the same.
+    is_closed : bool
+        Whether the file's surface is closed and does not cross itself; else it is solid by
+        voxels.
+    simplification : str, optional
+        How the mesh was simplified.
+    """
+
+    part: Part
+    unit: Unit
+    frame: Floats
+    item_type: ItemType
+    deviation: float
+    is_closed: bool
+    simplification: str | None = None
+
+    @property
+    def volume(self) -> float:
+        """The volume of one of it."""
+        return self.item_type.volume
+
+    @cached_property
+    def centre(self) -> Floats:
+        """The centre of mass (3,), in the coordinates of the type."""
+        return centre_of_mass(self.item_type)
+
+    @cached_property
+    def sides(self) -> Floats:
+        """The sides (m, 3) of its bounding box in each of its rotations."""
+        vertices = self.item_type.vertices
+        turns = searched_rotations(self.item_type)
+        return np.array([np.ptp(vertices @ turn.T, axis=0) for turn in turns])
+
+    @property
+    def mass(self) -> float | None:
+        """The grams of one of it, if its mass or density is known."""
+        if self.part.mass is not None or self.part.density is None:
+            return self.part.mass
+        return self.part.density * self.volume * UNITS_CM[self.unit] ** 3
+
+
+def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPart:
+    """Prepare a part.
+
+    Parameters
+    ----------
+    part : Part
+        The part.
+    unit : str
+        The user's unit.
+    accuracy : float, optional
+        Largest deviation of the collision mesh, in that unit; by default `ACCURACY`.
+
+    Returns
+    -------
+    PreparedPart
+        The part with its collision mesh.
+
+    Raises
+    ------
+    MeshError
+        If the mesh is empty, not finite, flat, or of an impossible size.
+    """
+    frame = part.frame(unit)
+    vertices = np.asarray(part.mesh.vertices, dtype=float) @ frame[:3, :3].T
+    faces = np.asarray(part.mesh.faces, dtype=np.int64)
+    shape = Shape.from_mesh(trimesh.Trimesh(vertices, faces, process=False), part.name)
+    low, high = _bounds(vertices, faces)
+    diagonal = float(np.linalg.norm(high - low))
+    error, simplification = 0.0, None
+    if len(shape.mesh.faces) > TRIANGLES:
+        limit = ACCURACY if accuracy is None else accuracy / diagonal
+        mesh, error = _simplified(shape.mesh, limit)
+        if error > 0:
+            vertices = np.asarray(mesh.vertices) * diagonal + (low + high) / 2
+            faces = np.asarray(mesh.faces, dtype=np.int64)
+            error = (error + _ROUNDING) * diagonal
+            simplification = (
+                f"{len(shape.mesh.faces):,} triangles reduced to {len(faces):,} for the search, "
+                f"at most {error:.3g} {unit} from the file's surface"
+            )
+    item_type = ItemType(part.name, vertices, faces, part.count, part.rotations)
+    volume, is_closed = _volume(shape)
+    vars(item_type)["volume"] = volume * diagonal**3
+    return PreparedPart(part, unit, frame, item_type, error, is_closed, simplification)
+
+
+def least_side(parts: Sequence[PreparedPart], gap: float) -> float:
+    """Return the smallest longest side of a collision mesh: the nester's grids grow below it."""
+    longest = max(float(each.item_type.extents.max()) for each in parts)
+    return max(TINY * longest, TINY_GAPS * gap)
+
+
+def boxed(part: PreparedPart, least: float) -> PreparedPart:
+    """Replace a tiny collision mesh by its bounding box, whose longest side becomes longer.
+
+    Parameters
+    ----------
+    part : PreparedPart
+        The part.
+    least : float
+        The length of that side.
+
+    Returns
+    -------
+    PreparedPart
+        The part; the original surface is inside the box, so that distances to it are no shorter.
+    """
+    own, unit = part.item_type, part.unit
+    extents = own.extents + 2 * part.deviation
+    extents[int(np.argmax(extents))] = least
+    mesh = trimesh.creation.box(extents).apply_translation((own.low + own.high) / 2)
+    box = ItemType(own.name, mesh.vertices, mesh.faces, own.demand, own.rotations)
+    vars(box)["volume"] = own.volume
+    sides = " x ".join(f"{side:.3g}" for side in extents)
+    note = f"tiny among these parts: packed as a box of {sides} {unit}"
+    return replace(part, item_type=box, deviation=0.0, simplification=note)
+
+
+def largest_sum(parts: Sequence[PreparedPart]) -> float:
+    """Return the largest sum of the deviations of two parts that may be neighbours."""
+    found = [part.deviation for part in parts for _ in range(min(part.part.count, 2))]
+    return sum(sorted(found)[-2:])
+
+
+def _bounds(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Return the corners of the bounding box of the triangles with an area."""
+    a, b, c = (vertices[corner] for corner in faces.T)
+    crossed = np.cross(b - a, c - a)
+    used = np.flatnonzero(np.bincount(faces[(crossed != 0).any(axis=1)].ravel()))
+    return vertices[used].min(axis=0), vertices[used].max(axis=0)
+
+
+def _simplified(mesh: trimesh.Trimesh, limit: float) -> tuple[trimesh.Trimesh, float]:
+    """Simplify a mesh within a deviation; return it unchanged, and 0, if that is not possible."""
+    triangles = TRIANGLES
+    while 2 * triangles < len(mesh.faces):
+        fewer = collapsed(mesh, triangles)
+        if len(fewer.faces) == 0 or min(fewer.extents) <= 0:
+            break
+        some = np.ascontiguousarray(mesh.vertices[:: max(1, len(mesh.vertices) // SAMPLES)])
+        if farthest(some, Surface.of(fewer), 0.0) <= limit:  # else the deviation is larger, too
+            error = deviation(mesh, fewer)
+            if error <= limit:
+                return fewer, error
+        triangles *= 4
+    return mesh, 0.0
+
+
+def _volume(shape: Shape) -> tuple[float, bool]:
+    """Return the volume of a canonical mesh, and whether its surface is closed.
+
+    The signed volume of a surface that crosses itself or is inverted is none that voxels can have.
+    """
+    mesh = shape.mesh
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        return shape.volume, False
+    low, high = solid_volume_bounds(np.asarray(mesh.triangles))
+    if low <= float(mesh.volume) <= high:
+        return shape.volume, True
+    return (low + high) / 2, False

@@ -1,0 +1,1 @@
+"""Packed parts as results: checks, records, exports, pictures, pages, instructions, films."""

@@ -1,0 +1,144 @@
+"""Files of packed parts for other programs: 3MF, GLB, STL, pictures, and the report page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+from trimesh.visual import TextureVisuals
+
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.length_units import Unit
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.filling.answers import FilledBox
+from packit_sim.parts.reading.units import factor
+from packit_sim.parts.results.box_pictures import draw, shown
+from packit_sim.parts.results.packing_page import write_page
+from packit_sim.parts.results.packing_record import write_record
+from packit_sim.render.coloring import by_item
+from packit_sim.render.export import Y_UP, material
+from packit_sim.render.image_files import output_file
+from packit_sim.render.lettering import plain
+
+if TYPE_CHECKING:
+    from packit_sim.parts.results.packed import PackedParts
+
+MOST_TRIANGLES = 20_000_000
+"""The most triangles of an STL file, which has each copy of a part: 1 GB."""
+
+_log = plain_logger(__name__)
+
+
+def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
+    """Write all files of packed parts.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    ArgumentError
+        If nothing is packed.
+    """
+    if not packed.boxes:
+        why = "".join(f": {each.name}: {each.reason}" for each in packed.left_out[:1])
+        raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for number, box in enumerate(packed.boxes):
+        stem = packed.stem(number)
+        for suffix in ("3mf", "glb", "stl"):
+            path = folder / f"{stem}.{suffix}"
+            data = _encoded(packed, box, suffix)
+            if data is None:
+                _log.warning("%s is not written: it would have too many triangles", path)
+                continue
+            with output_file(path) as file:
+                file.write(data)
+            files.append(path)
+        path = folder / f"{stem}.png"
+        draw(packed.contents(box), path, [each.item_type for each in packed.task.keep_out])
+        files.append(path)
+    files.append(write_page(packed, folder / "packing.html"))
+    return files + write_record(packed, folder, files)
+
+
+def names(packed: PackedParts, box: FilledBox) -> list[str]:
+    """Return a unique ASCII name for each part in a box, such as "03 bracket"."""
+    placements, fixed = packed.contents(box).placements, len(packed.task.fixed)
+    digits = max(2, len(str(len(placements))))
+    numbers = [f"fixed {n:0{digits}d}" for n in range(1, fixed + 1)]
+    numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
+    own = [plain(packed.part(one).part.name) for one in placements]
+    return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
+
+
+def _encoded(packed: PackedParts, box: FilledBox, suffix: str) -> bytes | None:
+    """Return a box in a format; None if there are too many triangles for it."""
+    if suffix == "glb":
+        return _glb(packed, box)
+    if suffix == "3mf":
+        return bytes(_scene(packed, box, "mm").export(file_type="3mf"))
+    placements = packed.contents(box).placements
+    triangles = sum(len(packed.part(one).part.mesh.faces) for one in placements)
+    if triangles > MOST_TRIANGLES:
+        return None
+    return bytes(_scene(packed, box, "mm").to_mesh().export(file_type="stl"))
+
+
+def _glb(packed: PackedParts, box: FilledBox) -> bytes:
+    colors = by_item([one.item for one in shown(packed.contents(box)).placed]).of
+    scene = _scene(packed, box, "m", colors, Y_UP)
+    return bytes(scene.export(file_type="glb"))
+
+
+def _scene(
+    packed: PackedParts,
+    box: FilledBox,
+    unit: Unit,
+    colors: tuple[tuple[float, float, float], ...] | None = None,
+    frame: Floats | None = None,
+) -> trimesh.Scene:
+    """Return the files' meshes of a box in a unit, each once, at their poses."""
+    scene = trimesh.Scene()
+    parent = scene.graph.base_frame
+    if frame is not None:
+        scene.graph.update(frame_from=parent, frame_to="box", matrix=frame)
+        parent = "box"
+    for n, (name, number, pose) in enumerate(_posed(packed, box, unit)):
+        part, own_type = packed.task.all_parts[number].part, packed.task.types[number]
+        own = f"{number:03d} {plain(part.name)}"
+        middle = (own_type.low + own_type.high) / 2 * factor(packed.task.unit, unit)
+        pose[:3, 3] += pose[:3, :3] @ middle  # GLB has single precision: few digits far from 0
+        if own in scene.geometry:
+            scene.graph.update(frame_from=parent, frame_to=name, matrix=pose, geometry=own)
+            continue
+        vertices = part.mesh.vertices @ part.frame(unit)[:3, :3].T - middle
+        mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        if colors is not None:
+            mesh.visual = TextureVisuals(material=material(colors[n]))
+        scene.add_geometry(mesh, name, own, parent_node_name=parent, transform=pose)
+    return scene
+
+
+def _posed(packed: PackedParts, box: FilledBox, unit: Unit) -> Iterator[tuple[str, int, Floats]]:
+    """Yield each part's name and number, and its pose with lengths in a unit."""
+    length = factor(packed.task.unit, unit)
+    for name, one in zip(names(packed, box), packed.contents(box).placements, strict=True):
+        pose = np.array(one.pose)
+        pose[:3, 3] *= length
+        yield name, one.type, pose

@@ -1,0 +1,260 @@
+"""Packing instructions: printable pages, a step for each part, with pictures and plain words."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from packit_sim.core import templates
+from packit_sim.core.errors import ArgumentError
+from packit_sim.core.files import replace_text
+from packit_sim.core.version import __version__
+from packit_sim.geometry.items import BoxState, PosedItem
+from packit_sim.geometry.shapes import Item
+from packit_sim.parts.handling.part_sweeps import PartSweeps
+from packit_sim.parts.handling.requirements import Requirements, ways_in
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.posed_parts import contents
+from packit_sim.parts.results.turning import place_in_words, turn_in_words, way_in_words
+from packit_sim.render.cameras import Camera
+from packit_sim.render.coloring import Color, Colors
+from packit_sim.render.image_files import RGBImage
+from packit_sim.render.looks import RGB, Look
+from packit_sim.scene import Scene
+
+WHITE: RGB = (255, 255, 255)
+
+NEW: Color = (0.90, 0.45, 0.0)
+"""The colour of the part of a step."""
+
+OLD: Color = (0.66, 0.70, 0.75)
+"""The colour of the parts that are in the box already."""
+
+LARGE, SMALL = (1000, 720), (420, 340)
+"""Pixels of the picture of a step, and of the small ones below it."""
+
+_COLORS = 128
+"""Colours of a picture file."""
+
+FROM_THE_FRONT = Camera(azimuth=-68.0, elevation=32.0)
+"""The front wall, y = 0, and a little of the right one."""
+
+OTHER_VIEWS = Camera(azimuth=-112.0, elevation=32.0), Camera(azimuth=-68.0, elevation=60.0)
+"""Cameras for steps whose part other parts hide: from the left, and from higher up."""
+
+_VISIBLE = 0.01
+"""The share of a picture that the part of its step should have."""
+
+FROM_ABOVE = Camera(azimuth=-90.0, elevation=89.9, fov=20.0)
+"""The front wall at the lower edge."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of packing.
+
+    Attributes
+    ----------
+    number : int
+        From 1 on, in its box.
+    name : str
+        The part's name.
+    turn, way, place : str
+        How to turn it, how to put it in, and where it is then.
+    picture, above, own, turned : str
+        Pictures as data URIs: the box, the box from above, the part as in its file and as packed.
+    """
+
+    number: int
+    name: str
+    turn: str
+    way: str
+    place: str
+    picture: str
+    above: str
+    own: str
+    turned: str
+
+
+@dataclass(frozen=True)
+class BoxSteps:
+    """The steps of packing one box.
+
+    Attributes
+    ----------
+    name : str
+        The name of the box.
+    size : str
+        Its sides, with the unit.
+    parts : tuple of (str, int)
+        The names of its parts, and how many of each.
+    steps : tuple of Step
+        The steps.
+    picture : str
+        The packed box, as a data URI.
+    """
+
+    name: str
+    size: str
+    parts: tuple[tuple[str, int], ...]
+    steps: tuple[Step, ...]
+    picture: str
+
+
+def write_instructions(
+    path: Path | str,
+    boxes: Sequence[tuple[str, Packing]],
+    unit: str = "mm",
+    title: str = "Packing instructions",
+    requirements: Requirements | None = None,
+) -> Path:
+    """Write printable packing instructions as one self-contained HTML file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The HTML file.
+    boxes : sequence of (str, Packing)
+        The names of boxes and what is in them; a packing of several boxes becomes several.
+    unit : str, default: "mm"
+        The name of the unit of length.
+    title : str
+        The title.
+    requirements : Requirements, optional
+        What the packings meet: whether parts come straight down or through the sides. Its fixed
+        parts are in the box from the start, if there is one packing.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no part to pack.
+    OSError
+        If the file can't be written.
+    """
+    if not any(packing.placements for _, packing in boxes):
+        raise ArgumentError("there are no instructions for a packing without parts")
+    required = requirements or Requirements()
+    steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, required)]
+    here = Path(__file__).parent
+    content = {
+        "title": title,
+        "version": __version__,
+        "boxes": steps,
+        "style": (here / "instructions.css").read_text(encoding="utf-8"),
+    }
+    path = Path(path)
+    replace_text(path, templates.render(here / "instructions.html", content, html=True))
+    return path
+
+
+def _boxes(
+    name: str, packing: Packing, unit: str, requirements: Requirements
+) -> Iterator[BoxSteps]:
+    """Yield the steps of each box of a packing."""
+    sweeps = PartSweeps(packing)
+    numbers = sorted({placement.box for placement in packing.placements})
+    for count, box in enumerate(numbers, start=1):
+        own = [n for n, placement in enumerate(packing.placements) if placement.box == box]
+        label = name if len(numbers) == 1 else f"{name}, {count} of {len(numbers)}"
+        yield _box(label, sweeps, own, unit, requirements)
+
+
+def _box(
+    name: str, sweeps: PartSweeps, own: Sequence[int], unit: str, requirements: Requirements
+) -> BoxSteps:
+    packing, fixed = sweeps.packing, requirements.fixed
+    order, routes = ways_in(sweeps, own, requirements)
+    whole = contents(packing, order)
+    start = len(fixed.intersection(own))
+    steps = []
+    alone: dict[tuple[str, bytes], str] = {}
+    with Scene(BoxState(whole.cells, ())) as scene:
+        for n, part in enumerate(order[start:], start=start):
+            placement, item = packing.placements[part], whole.placed[n]
+            scene.update(BoxState(whole.cells, whole.placed[: n + 1]))
+            picture = _step_picture(scene, n)
+            above = _data(scene.snapshot(*SMALL, Look(FROM_ABOVE, WHITE, coloring=_new)).image)
+            turn = placement.pose[:3, :3] / placement.scale
+            file = _alone(scene, _as_in_file(item), alone)
+            packed = _alone(scene, item, alone)
+            way = (
+                way_in_words(routes[part], unit)
+                if part in routes
+                else "No straight way in was found: put it in together with the parts around it."
+            )
+            steps.append(
+                Step(
+                    n + 1 - start,
+                    packing.types[placement.type].name,
+                    turn_in_words(turn),
+                    way,
+                    place_in_words(sweeps.low[part] * sweeps.unit, unit),
+                    picture,
+                    above,
+                    file,
+                    packed,
+                )
+            )
+        scene.update(whole)
+        last = _data(scene.snapshot(*LARGE, Look(FROM_THE_FRONT, WHITE)).image)
+    counts = Counter(packing.types[packing.placements[n].type].name for n in order[start:])
+    x, y, z = packing.container.size
+    height = "open at the top" if packing.container.is_strip else f"{z:g}"
+    size = f"{x:g} x {y:g} x {height} {unit}"
+    return BoxSteps(name, size, tuple(counts.items()), tuple(steps), last)
+
+
+def _step_picture(scene: Scene, new: int) -> str:
+    """Draw a box so that one of its parts is visible."""
+    best, most = None, -1.0
+    for camera in (FROM_THE_FRONT, *OTHER_VIEWS):
+        found = scene.snapshot(*LARGE, Look(camera, WHITE, coloring=_new))
+        share = float((found.segmentation == new).mean())
+        if share > most:
+            best, most = found, share
+        if most >= _VISIBLE:
+            break
+    assert best is not None
+    return _data(best.image)
+
+
+def _new(items: Sequence[Item]) -> Colors:
+    """Give the last item its own colour."""
+    return Colors((*(OLD,) * (len(items) - 1), NEW) if items else ())
+
+
+def _as_in_file(item: PosedItem) -> PosedItem:
+    """Return an item in the orientation of its file."""
+    matrix = np.eye(4)
+    matrix[:3, :3] *= np.cbrt(item.item.scale)
+    return replace(item, matrix=matrix)
+
+
+def _alone(scene: Scene, item: PosedItem, known: dict[tuple[str, bytes], str]) -> str:
+    """Draw a part alone, each orientation once."""
+    key = item.item.shape.digest, item.matrix[:3, :3].round(9).tobytes()
+    if key not in known:
+        scene.update(BoxState((1, 1, 1), (item,)))
+        look = Look(FROM_THE_FRONT, WHITE, "none", coloring=_new)
+        known[key] = _data(scene.snapshot(*SMALL, look).image)
+    return known[key]
+
+
+def _data(image: RGBImage) -> str:
+    """Encode a picture as a data URI."""
+    file = io.BytesIO()
+    flat = Image.fromarray(image).quantize(_COLORS, Image.Quantize.FASTOCTREE)
+    flat.save(file, format="PNG")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"

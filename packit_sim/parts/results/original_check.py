@@ -1,0 +1,279 @@
+"""The check of packed parts by their original files, which does not depend on the search.
+
+trimesh reads the files again. The collision meshes of the search play no role, and neither does
+the nester's own check.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+from trimesh.resolvers import FilePathResolver
+
+from packit_sim.core.caches import cached_property
+from packit_sim.engine.collision_meshes import LooseMesh
+from packit_sim.engine.containment_kernels import winding_number
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.parts import part_numbers
+from packit_sim.libraries.obj_faces import simple_faces
+from packit_sim.parts.packings import validity
+from packit_sim.parts.reading.part import Part
+
+if TYPE_CHECKING:
+    from packit_sim.parts.reading.prepared import PreparedPart
+    from packit_sim.parts.results.packed import PackedParts
+
+SIZE = 1e4
+"""The longest side of a box in the numbers that FCL gets: in small numbers it is not accurate."""
+
+SAMPLES = 9
+"""Points of a connected part of a surface that vote on whether it is inside another part."""
+
+_ROUNDING = 1e-7
+"""Rounding of distances, relative to the box's longest side."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was found.
+
+    Attributes
+    ----------
+    problems : tuple of str
+        A sentence for each problem.
+    distance : float, optional
+        The smallest distance of two parts in one box, not below 0; None for fewer than two parts.
+    how : str
+        What the check is based on.
+    """
+
+    problems: tuple[str, ...]
+    distance: float | None
+    how: str
+
+
+def check_originals(packed: PackedParts) -> Check:
+    """Check the original files of packed parts at their poses.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+
+    Returns
+    -------
+    Check
+        Parts that are outside their box or too close to its walls, that overlap, or that are nearer
+        to each other than the clearance; and the smallest distance.
+    """
+    settings = packed.task.settings
+    problems: list[str] = []
+    distances: list[float] = []
+    for number, box in enumerate(packed.boxes, start=1):
+        container = box.type.container
+        originals: dict[int, _Original] = {}
+        placed = []
+        for n, one in enumerate(box.packing.placements):
+            pose = packed.pose(one)
+            if one.type not in originals:
+                scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
+                originals[one.type] = _Original(packed.part(one).part, scale, container.longest)
+            placed.append(_Placed(originals[one.type], pose, f"part {n} of box {number}"))
+        for each in placed:
+            problems += _outside(each, np.array(box.type.size), settings.wall_clearance)
+        found, distance = _conflicts(combinations(placed, 2), settings.clearance)
+        problems += found
+        around = [
+            *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
+            *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
+        ]
+        problems += _conflicts(product(around, placed), settings.clearance)[0]
+        if distance is not None:
+            distances.append(distance)
+    how = "files read by trimesh, distances by FCL"
+    if _has_manifold():
+        how += ", shared volumes by manifold3d"
+    return Check(tuple(problems), min(distances, default=None), how)
+
+
+def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
+    """Return an obstacle, whose file has the coordinates of the box."""
+    scale = float(np.cbrt(np.linalg.det(part.frame[:3, :3])))
+    return _Placed(_Original(part.part, scale, unit), part.frame, where)
+
+
+def _has_manifold() -> bool:
+    return importlib.util.find_spec("manifold3d") is not None
+
+
+def _read(part: Part) -> trimesh.Trimesh:
+    """Read the mesh of a part's file by trimesh; take the given mesh if there is no file."""
+    if part.file is None:
+        return trimesh.Trimesh(part.mesh.vertices, part.mesh.faces)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
+        content, kind = part.file.read_bytes(), part.file.suffix.lower()[1:]
+        if kind == "obj":  # trimesh would cut polygons wrongly
+            content = simple_faces(content)
+        resolver = FilePathResolver(str(part.file.parent)) if kind == "gltf" else None
+        scene = trimesh.load_scene(
+            io.BytesIO(content), file_type=kind, resolver=resolver, skip_materials=True
+        )
+        if part.node is not None:
+            graph = scene.graph
+            below = [node for node in graph.nodes_geometry if part.node in _path(graph, node)]
+            placed = [(scene.geometry[graph[n][1]].copy(), graph[n][0]) for n in below]
+            meshes: Any = [mesh.apply_transform(pose) for mesh, pose in placed]
+            joined: Any = trimesh.util.concatenate(meshes)
+            return trimesh.Trimesh(joined.vertices, joined.faces, process=False)
+        return scene.to_mesh()
+
+
+def _path(graph: trimesh.scene.transforms.SceneGraph, node: str) -> list[str]:
+    """Return a node and all above it."""
+    path = [node]
+    while path[-1] in graph.transforms.parents:
+        path.append(graph.transforms.parents[path[-1]])
+    return path
+
+
+class _Original:
+    """The mesh of a part's file at its real size, about the middle of its bounding box."""
+
+    def __init__(self, part: Part, scale: float, unit: float) -> None:
+        mesh = _read(part)
+        used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
+        self.name = part.name
+        self.middle: Floats = (used.min(axis=0) + used.max(axis=0)) / 2
+        self.extents: Floats = np.ptp(used, axis=0) * scale
+        self.unit = unit
+        self.tolerance = validity.tolerance(unit, float(self.extents.max()))
+        self.mesh = trimesh.Trimesh((mesh.vertices - self.middle) * scale, mesh.faces)
+
+    @cached_property
+    def surface(self) -> LooseMesh:
+        """The mesh for distances."""
+        return self._loose(1.0)
+
+    @cached_property
+    def drawn_in(self) -> LooseMesh:
+        """The mesh, shorter along each axis by the tolerance: parts that touch don't cross."""
+        return self._loose(np.maximum(self.extents - self.tolerance, 0) / self.extents)
+
+    @cached_property
+    def samples(self) -> list[Floats]:
+        """Points (n, 3) of each connected part of the surface: middles of triangles."""
+        faces = np.asarray(self.mesh.faces, dtype=np.int64)
+        numbers = part_numbers(faces, len(self.mesh.vertices))
+        middles = np.asarray(self.mesh.triangles_center)
+        groups = [middles[numbers == n] for n in range(numbers.max() + 1)]
+        return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether it has a volume."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return bool(self.mesh.is_volume)
+
+    def _loose(self, factor: float | Floats) -> LooseMesh:
+        vertices = np.asarray(self.mesh.vertices) * factor * (SIZE / self.unit)
+        return LooseMesh(vertices, np.asarray(self.mesh.faces, dtype=np.int64))
+
+
+class _Placed:
+    """A part at its pose."""
+
+    def __init__(self, original: _Original, pose: Floats, where: str) -> None:
+        self.original = original
+        self.name = f"{original.name} ({where})"
+        self.turn: Floats = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
+        self.centre: Floats = pose[:3, :3] @ original.middle + pose[:3, 3]
+        vertices = self.vertices
+        self.low, self.high = vertices.min(axis=0), vertices.max(axis=0)
+
+    @property
+    def vertices(self) -> Floats:
+        """The vertices (n, 3) in the box."""
+        return np.asarray(self.original.mesh.vertices @ self.turn.T + self.centre)
+
+    def seen_from(self, other: _Placed) -> tuple[Floats, Floats]:
+        """Return translation and rotation in another part's frame, in FCL's numbers."""
+        shift = other.turn.T @ (self.centre - other.centre)
+        return shift * (SIZE / self.original.unit), other.turn.T @ self.turn
+
+
+def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
+    depth = float(np.maximum(clearance - placed.low, placed.high - (size - clearance)).max())
+    slack = placed.original.tolerance if clearance == 0 else _ROUNDING * placed.original.unit
+    if not depth <= slack:
+        what = "the box" if clearance == 0 else f"the clearance of {clearance:.4g} to the walls"
+        yield f"{placed.name} reaches {depth:.3g} beyond {what}"
+
+
+def _conflicts(
+    placed: Iterable[tuple[_Placed, _Placed]], clearance: float
+) -> tuple[list[str], float | None]:
+    """Return the problems of pairs, and the smallest distance."""
+    pairs = []
+    for one, other in placed:
+        gaps = np.maximum(one.low, other.low) - np.minimum(one.high, other.high)
+        pairs.append(
+            (float(np.linalg.norm(np.maximum(gaps, 0))), bool((gaps < 0).all()), one, other)
+        )
+    pairs.sort(key=lambda pair: pair[0])
+    problems: list[str] = []
+    least: float | None = None
+    for gap, is_overlap, one, other in pairs:
+        unit = one.original.unit
+        is_near = gap < clearance or is_overlap
+        if not is_near and least is not None and gap >= least:
+            break
+        if clearance > 0 or least is None or least > 0:
+            distance = one.original.surface.distance(other.original.surface, *other.seen_from(one))
+            distance = max(distance * unit / SIZE, 0.0)
+            least = distance if least is None else min(least, distance)
+            if clearance > 0 and not distance >= clearance - _ROUNDING * unit:
+                problems.append(
+                    f"{other.name} is {distance:.4g} from {one.name}: less than {clearance:.4g}"
+                )
+        if is_overlap:
+            problems += _overlap(one, other)
+    return problems, least
+
+
+def _is_inside(own: _Placed, around: _Placed) -> bool:
+    """Return whether a connected part of a surface is inside a closed one; they don't cross."""
+    triangles = np.ascontiguousarray(around.original.mesh.triangles)
+    for samples in own.original.samples:
+        points = (samples @ own.turn.T + own.centre - around.centre) @ around.turn
+        if np.median([abs(winding_number(triangles, point)) for point in points]) > 0.5:
+            return True
+    return False
+
+
+def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
+    """Yield whether two parts overlap: surfaces cross, or closed parts share a volume."""
+    if one.original.drawn_in.crosses(other.original.drawn_in, *other.seen_from(one)):
+        yield f"{other.name} crosses {one.name}"
+        return
+    for own, around in ((one, other), (other, one)):
+        if around.original.is_closed and _is_inside(own, around):
+            yield f"{own.name} is inside {around.name}, in part or whole"
+            return
+    if one.original.is_closed and other.original.is_closed and _has_manifold():
+        solids = [
+            trimesh.Trimesh(each.vertices, each.original.mesh.faces, process=False)
+            for each in (one, other)
+        ]
+        shared = trimesh.boolean.intersection(solids, engine="manifold")
+        depth = 0.0 if shared.is_empty else 2 * abs(float(shared.volume)) / float(shared.area)
+        if depth > np.sqrt(3) * max(one.original.tolerance, other.original.tolerance):
+            yield f"{other.name} and {one.name} share a volume of {abs(shared.volume):.4g}"

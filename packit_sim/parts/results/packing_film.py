@@ -1,0 +1,111 @@
+"""A film of packing a box: each part comes in by the straight moves that bring it in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.poses import Pose
+from packit_sim.parts.handling.part_sweeps import AXES, PartSweeps
+from packit_sim.parts.handling.removal import Route
+from packit_sim.parts.handling.requirements import Requirements, ways_in
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.posed_parts import contents
+from packit_sim.render import films, video
+from packit_sim.render.layouts import Layout
+from packit_sim.render.looks import DEFAULT_LOOK
+
+FPS = 20
+
+SIZE = 720, 540
+"""Pixels of a picture."""
+
+_SIDE = 4.0
+"""The box's longest side in box units."""
+
+_SPEED = 5.0
+"""Box units a second."""
+
+_ABOVE = 0.4
+"""Distance above the box at which parts begin, in box units."""
+
+_REST = 1.5
+"""Seconds after the last part."""
+
+
+def film_packing(
+    path: Path | str, packing: Packing, requirements: Requirements | None = None
+) -> Path:
+    """Film how the parts of a box are put in, one after the other.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file, .gif or .mp4.
+    packing : Packing
+        The parts in one box.
+    requirements : Requirements, optional
+        What the packing meets: whether parts come straight down, and which are fixed.
+
+    Returns
+    -------
+    Path
+        The file. A part for which no straight moves were found appears in its place.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no part, or there are several boxes.
+    RenderError
+        If the file can't be written.
+    """
+    video.require(path)
+    if len({placement.box for placement in packing.placements}) != 1:
+        raise ArgumentError("a film is of the parts in one box")
+    required = requirements or Requirements()
+    sweeps = PartSweeps(packing)
+    order, routes = ways_in(sweeps, range(len(sweeps)), required)
+    whole = contents(packing, order, _SIDE)
+    scale = _SIDE / packing.container.longest
+    ways = [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]
+    first = len(required.fixed)
+    frames = [(DEFAULT_LOOK, layout) for layout in _layouts(list(whole.placed), ways, first)]
+    video.write(path, films.shot(whole, frames, *SIZE), FPS)
+    return Path(path)
+
+
+def _way(item: PosedItem, route: Route | None, scale: float) -> Floats:
+    """Return the places (n, 3) through which an item comes to its own, the last."""
+    places = [item.pose.position]
+    if route is not None:
+        for direction, length in route.moves:
+            axis, sign = AXES[direction]
+            places.append(places[-1] + np.eye(3)[axis] * sign * length * scale)
+        axis, sign = AXES[route.out]
+        places.append(places[-1] + np.eye(3)[axis] * sign * (_SIDE + _ABOVE))
+    return np.array(places[::-1])
+
+
+def _layouts(items: list[PosedItem], ways: list[Floats], first: int) -> Iterator[Layout]:
+    """Yield where the items are in each frame; the first ones are there from the start."""
+    height = max(float(item.vertices[:, 2].max()) for item in items) + _ABOVE
+    points = np.array([(0.0, 0.0, height)])
+    poses: list[Pose | None] = [item.pose if n < first else None for n, item in enumerate(items)]
+    for n, way in enumerate(ways[first:], start=first):
+        lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        reached = np.r_[0, np.cumsum(lengths)]
+        count = int(np.ceil(reached[-1] / _SPEED * FPS))
+        for k in range(1, count + 1):
+            there = np.sin(k / count * np.pi / 2) * reached[-1]
+            place = np.array([np.interp(there, reached, way[:, axis]) for axis in range(3)])
+            poses[n] = replace(items[n].pose, position=place)
+            yield Layout(tuple(poses), points)
+        poses[n] = items[n].pose
+    for _ in range(round(_REST * FPS)):
+        yield Layout(tuple(poses), points)

@@ -1,0 +1,305 @@
+"""The record of a packing in JSON: poses in the user's unit, and what resumes the search."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from msgspec import Meta, Struct, field
+
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError, PackFormatError, PackItError
+from packit_sim.core.files import claimed, replace_text, replacing
+from packit_sim.core.plain_text import plain, plain_logger
+from packit_sim.core.version import __version__
+from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.filling.answers import FilledBox
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.packings.lengths import PoseRows
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import obj_text
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.part import Part
+
+if TYPE_CHECKING:
+    from packit_sim.parts.results.packed import PackedParts
+
+RECORD = "packing.json"
+"""The name of the file."""
+
+MESHES = "meshes"
+"""The folder of the meshes, next to it."""
+
+INSTRUCTIONS = "instructions.html"
+
+FILM = ".gif"
+"""Suffix of the film of a box."""
+
+_PACKING_FILE = re.compile(r"packing(-\d+)?\.(3mf|glb|stl|png|html)")
+
+_WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
+"""Suffixes of mesh files that need no others."""
+
+_log = plain_logger(__name__)
+
+
+class _RecordedFiles(Struct):
+    files: tuple[str, ...]
+
+
+class _RecordedTask(Struct):
+    task: str
+
+
+class _RecordedPart(Struct):
+    name: str
+    box: Annotated[int, Meta(ge=0)]
+    pose: PoseRows
+
+
+class _RecordedBoxes(Struct):
+    """What resumes the search; other fields are ignored."""
+
+    items: Annotated[tuple[_RecordedPart, ...], Meta(min_length=1)]
+    box_names: tuple[str, ...] = field(name="box names")
+    searches: Annotated[int, Meta(ge=0, le=10**9)]
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """An earlier packing of the same task.
+
+    Attributes
+    ----------
+    boxes : tuple of FilledBox
+        Its boxes.
+    searches : int
+        How many searches led to it.
+    """
+
+    boxes: tuple[FilledBox, ...]
+    searches: int
+
+
+def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> list[Path]:
+    """Write a packing and its meshes so that `packit verify` can check them.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packing.
+    folder : Path
+        The folder.
+    written : sequence of Path
+        The packing's other files; those of an earlier packing that it does not have are removed.
+
+    Returns
+    -------
+    list of Path
+        The files: the meshes, and the record, which is written last.
+
+    Raises
+    ------
+    OSError
+        If a file can't be written.
+    """
+    meshes: dict[int, str] = {}
+    files: list[Path] = []
+    items = []
+    for number, box in enumerate(packed.boxes):
+        for one in box.packing.placements:
+            if one.type not in meshes:
+                file = _write_mesh(packed.part(one).part, folder / MESHES, set(meshes.values()))
+                meshes[one.type] = f"{MESHES}/{file.name}"
+                files.append(file)
+            items.append(
+                {
+                    "name": packed.part(one).part.name,
+                    "mesh": meshes[one.type],
+                    "box": number,
+                    "pose": packed.pose(one).tolist(),
+                }
+            )
+    task = packed.task
+    obstacles: list[dict[str, Any]] = []
+    taken = set(meshes.values())
+    for each in task.obstacles:
+        file = _write_mesh(each.part, folder / MESHES, taken)
+        files.append(file)
+        mesh = f"{MESHES}/{file.name}"
+        taken.add(mesh)
+        what = {"name": each.part.name, "is part": each in task.fixed}
+        obstacles.append({**what, "mesh": mesh, "pose": each.frame.tolist()})
+    record = {
+        "created by": f"PackIt-Sim {__version__}, packit pack",
+        "box": list(packed.boxes[0].type.size),
+        "boxes": [list(box.type.size) for box in packed.boxes],
+        "box names": [box.type.name for box in packed.boxes],
+        "unit": task.unit,
+        "clearance": task.settings.clearance,
+        "wall clearance": task.settings.wall_clearance,
+        "objective": task.objective,
+        "items": items,
+        "obstacles": obstacles,
+        "left out": [vars(each) for each in packed.left_out],
+        "files not read": [vars(each) for each in packed.problems],
+        "summary": packed.summary(),
+        "notes": list(packed.notes),
+        "parts": [
+            {
+                "name": each.part.name,
+                "file": None if each.part.file is None else plain(str(each.part.file)),
+                "count": each.part.count,
+                "deviation": each.deviation,
+                "volume": each.volume,
+                "mass": each.mass,
+            }
+            for each in task.parts
+        ],
+        "files": [path.name for path in written],
+        "task": task.digest,
+        "searches": packed.searches,
+    }
+    stale = _files(folder) - {path.name for path in written}
+    replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    for name in sorted(stale):
+        (folder / name).unlink(missing_ok=True)
+    return [*files, folder / RECORD]
+
+
+def _files(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier record lists, and of what comes after it."""
+    try:
+        record = typed_json.decode((folder / RECORD).read_bytes(), _RecordedFiles, PackFormatError)
+    except (OSError, PackFormatError):
+        return set()
+    listed = {name for name in record.files if _PACKING_FILE.fullmatch(name)}
+    films = {f"{Path(name).stem}{FILM}" for name in listed}
+    return {*listed, *films, INSTRUCTIONS}
+
+
+def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
+    """Write a part's mesh: a copy of its file, or OBJ if the file has more or needs others."""
+    folder.mkdir(parents=True, exist_ok=True)
+    is_copy = part.file is not None and part.node is None and part.file.suffix.lower() in _WHOLE
+    suffix = part.file.suffix.lower() if is_copy and part.file else ".obj"
+    name, number = f"{part.file_name}{suffix}", 1
+    while f"{MESHES}/{name}" in taken:
+        number += 1
+        name = f"{part.file_name}-{number}{suffix}"
+    path = folder / name
+    if is_copy and part.file is not None:
+        if path.exists() and path.samefile(part.file):
+            return path
+        with part.file.open("rb") as source, replacing(path) as target:
+            shutil.copyfileobj(source, target)
+    else:
+        vertices = np.asarray(part.mesh.vertices, dtype=float)
+        replace_text(path, obj_text(vertices, np.asarray(part.mesh.faces)))
+    return path
+
+
+@contextmanager
+def own_folder(folder: Path) -> Iterator[None]:
+    """Keep other processes from packing into a folder while the block runs.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it is created.
+
+    Yields
+    ------
+    None
+        While the folder is locked.
+
+    Raises
+    ------
+    ArgumentError
+        If it is a file.
+    BusyError
+        If another process packs into it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ArgumentError(f"{folder} is a file: choose a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder / ".lock", folder):
+        yield
+
+
+def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
+    """Read the packing of the same task in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    task : PackTask
+        The task.
+
+    Returns
+    -------
+    Earlier or None
+        The packing; None if there is none of this task, or it is not valid.
+
+    Raises
+    ------
+    ArgumentError
+        If the folder has a file of this name that is something else: it would be replaced.
+    """
+    file = folder / RECORD
+    if not file.exists():
+        return None
+    data = read_bytes(file)
+    try:
+        digest = typed_json.decode(data, _RecordedTask, PackFormatError, "a packing").task
+    except PackFormatError:
+        raise ArgumentError(f"{file} is not of `packit pack`: choose another folder") from None
+    if digest != task.digest:
+        _log.info("%s is of another task: it will be replaced", file)
+        return None
+    try:
+        record = typed_json.decode(data, _RecordedBoxes, PackFormatError, "a packing")
+        return Earlier(_boxes(record, task), record.searches)
+    except PackItError as error:
+        _log.warning("%s is not used: %s", file, error)
+        return None
+
+
+def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
+    """Return the boxes of a record; raise PackFormatError if they are not packings of the task."""
+    numbers = {each.part.name: n for n, each in enumerate(task.parts)}
+    types = {box.name: box for box in task.boxes}
+    parts = Counter(item.name for item in record.items)
+    boxes = Counter(record.box_names)
+    strange = [repr(name) for name in parts if name not in numbers]
+    strange += [repr(name) for name in boxes if name not in types]
+    if strange:
+        raise PackFormatError(f"the task has no {strange[0]}")
+    if any(k > task.parts[numbers[name]].part.count for name, k in parts.items()):
+        raise PackFormatError("it has more parts than there are")
+    if any(box.count is not None and boxes[box.name] > box.count for box in task.boxes):
+        raise PackFormatError("it has more boxes than there are")
+    if {item.box for item in record.items} != set(range(len(record.box_names))):
+        raise PackFormatError(f"its parts are not in each of its {len(record.box_names)} boxes")
+    back = [np.linalg.inv(each.frame) for each in task.parts]
+    placements: list[list[Placement]] = [[] for _ in record.box_names]
+    for item in record.items:
+        n = numbers[item.name]
+        placements[item.box].append(Placement(n, np.array(item.pose) @ back[n]))
+    found = []
+    for name, own in zip(record.box_names, placements, strict=True):
+        box = types[name]
+        packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
+        if problems := packing.problems():
+            raise PackFormatError(problems[0])
+        found.append(FilledBox(box, packing))
+    return tuple(found)

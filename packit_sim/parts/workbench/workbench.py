@@ -1,0 +1,382 @@
+"""The workbench: the parts that a page has sent, the search that packs them, and its results."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import threading
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from http import HTTPStatus
+from pathlib import Path
+from typing import Annotated, Any
+
+import trimesh
+from msgspec import Meta, Struct
+
+from packit_sim.core import typed_json
+from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.parts.filling.task import Goal, PackSettings
+from packit_sim.parts.pack import pack
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.part_files import ReadSettings, find_parts
+from packit_sim.parts.reading.part_sizes import shown as shown_lengths
+from packit_sim.parts.reading.units import check_unit, lengths
+from packit_sim.parts.results.packed import PackedParts
+from packit_sim.parts.results.packing_page import add_box
+from packit_sim.parts.results.packing_record import INSTRUCTIONS
+from packit_sim.parts.workbench.uploads import MOST_BYTES, MOST_FILES, Uploads
+from packit_sim.web.http_server import (
+    HttpRoute,
+    HttpServer,
+    RequestError,
+    WebAnswer,
+    WebRequest,
+)
+from packit_sim.web.origins import LOOPBACK
+from packit_sim.web.page_models import Models, page_files
+
+_MOST_JSON = 2**20
+
+_TYPES = {
+    ".3mf": "model/3mf",
+    ".glb": "model/gltf-binary",
+    ".stl": "model/stl",
+    ".json": "application/json",
+    ".png": "image/png",
+    ".html": "text/html; charset=utf-8",
+}
+"""Media types of the files of a packing."""
+
+_log = plain_logger(__name__)
+
+
+class _Asked(Struct, forbid_unknown_fields=True):
+    """How many of a file's parts to pack, and how they may turn."""
+
+    number: int
+    count: Annotated[int, Meta(ge=0)]
+    rotations: str
+
+
+class _Order(Struct, forbid_unknown_fields=True):
+    """What to pack, as the page sends it."""
+
+    box: str
+    unit: str
+    files: Annotated[list[_Asked], Meta(max_length=MOST_FILES)]
+    objective: Goal = "volume"
+    clearance: str = "0"
+    wall_clearance: str = "0"
+    seconds: Annotated[float, Meta(gt=0, le=86400)] = 60.0
+    seed: Annotated[int, Meta(ge=0)] = 0
+    locked: list[int] = []
+    instructions: bool = False
+
+
+class _Number(Struct, forbid_unknown_fields=True):
+    number: int
+
+
+@dataclass(frozen=True)
+class _Locked:
+    """A part that stays where it was: its name before it was fixed, and the part that is fixed."""
+
+    name: str
+    part: Part
+
+
+class Workbench:
+    """A local web page to pack parts: send files, set the box, pack, lock parts, pack the rest.
+
+    Close it, or use it in a `with` statement. Nothing of it stays: the files that were sent and
+    the results are in a temporary folder.
+
+    Parameters
+    ----------
+    host : str
+        Where the page listens, see `HttpServer`.
+    port : int, optional
+        The same.
+
+    Attributes
+    ----------
+    address : str
+        The page's URL for a browser on this machine.
+
+    Raises
+    ------
+    RenderError
+        If the page can't be served.
+    """
+
+    def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="packit-workbench-"))
+        self._uploads = Uploads(self._folder / "parts")
+        self._ordering = threading.Lock()
+        self._changed = threading.Lock()
+        self._version = 0
+        self._message = ""
+        self._is_busy = False
+        self._search: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._packed: PackedParts | None = None
+        self._locked: tuple[_Locked, ...] = ()
+        self._files: dict[str, Path] = {}
+        try:
+            self._server = HttpServer(self._routes(), host, port)
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+        self.address = self._server.address
+
+    def close(self) -> None:
+        """End the page and its search, and remove its folder; calling it again does nothing."""
+        if not self._folder.exists():
+            return
+        self._server.close()
+        self._stop.set()
+        if self._search is not None:
+            self._search.join()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> Workbench:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
+
+    def _routes(self) -> dict[tuple[str, str], HttpRoute]:
+        here = Path(__file__).parent
+        shared = page_files()
+        script, style = "text/javascript; charset=utf-8", "text/css; charset=utf-8"
+        fixed = {
+            "/": (here / "page.html", "text/html; charset=utf-8"),
+            "/page.js": (here / "page.js", script),
+            "/page.css": (here / "page.css", style),
+            "/pages.css": (shared["style"], style),
+            "/box_scene.js": (shared["scene"], script),
+            "/three.js": (shared["three"], script),
+        }
+        found = {("GET", path): HttpRoute(_file(*file)) for path, file in fixed.items()}
+        return found | {
+            ("GET", "/state"): HttpRoute(self._state),
+            ("GET", "/files/"): HttpRoute(self._download),
+            ("POST", "/parts"): HttpRoute(self._upload, MOST_BYTES),
+            ("POST", "/remove"): HttpRoute(self._remove, _MOST_JSON),
+            ("POST", "/pack"): HttpRoute(self._pack, _MOST_JSON),
+            ("POST", "/stop"): HttpRoute(self._end),
+        }
+
+    def _upload(self, request: WebRequest) -> WebAnswer:
+        name, unit = request.query.get("name", ""), check_unit(request.query.get("unit", "mm"))
+        try:
+            upload = self._uploads.add(name, request.body, request.length, unit)
+        except ArgumentError as error:
+            raise RequestError(str(error), HTTPStatus.UNPROCESSABLE_ENTITY) from None
+        self._note()
+        return WebAnswer.of_json({"number": upload.number})
+
+    def _remove(self, request: WebRequest) -> WebAnswer:
+        self._uploads.remove(_read(request, _Number).number)
+        self._note()
+        return WebAnswer.of_json({})
+
+    def _pack(self, request: WebRequest) -> WebAnswer:
+        order = _read(request, _Order)
+        with self._ordering:
+            if self._is_busy:
+                raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
+            locked = self._locked_parts(order.locked)
+            self._stop = threading.Event()
+            parts = self._parts(order, Counter(each.name for each in locked))
+            settings = PackSettings(
+                clearance=_length(order.clearance, order.unit),
+                wall_clearance=_length(order.wall_clearance, order.unit),
+                unit=check_unit(order.unit),
+                reading=ReadSettings(check_unit(order.unit)),
+                fixed=[each.part for each in locked],
+                stop=self._stop,
+            )
+            self._search = threading.Thread(
+                target=self._run, args=(order, parts, settings, locked), daemon=True
+            )
+            self._is_busy = True
+            self._note("preparing the parts")
+            self._search.start()
+        return WebAnswer.of_json({})
+
+    def _end(self, request: WebRequest) -> WebAnswer:
+        self._stop.set()
+        return WebAnswer.of_json({})
+
+    def _parts(self, order: _Order, locked: Counter[str]) -> list[Part]:
+        """Read the parts of an order, less those that are locked."""
+        found = []
+        for asked in order.files:
+            upload = self._uploads.files.get(asked.number)
+            if upload is None:
+                raise ArgumentError(f"there is no file {asked.number}")
+            parts = upload.parts
+            if upload.unit != order.unit:
+                parts = find_parts([upload.file], ReadSettings(check_unit(order.unit))).parts
+            for part, known in zip(parts, upload.parts, strict=True):
+                count = asked.count * part.count - locked[known.name]
+                if count > 0:
+                    own = replace(part, name=known.name, count=count, rotations=asked.rotations)
+                    found.append(own)
+        if not found:
+            what = "all parts are locked" if order.files else "there are no parts: send mesh files"
+            raise ArgumentError(what)
+        return found
+
+    def _locked_parts(self, numbers: list[int]) -> tuple[_Locked, ...]:
+        """Return the parts of the last packing that stay, by their numbers in its one box."""
+        packed = self._packed
+        if not numbers:
+            return ()
+        if packed is None or len(packed.boxes) != 1:
+            raise ArgumentError("there is no packing in one box whose parts can be locked")
+        placements = packed.contents(packed.boxes[0]).placements
+        found = []
+        for n in sorted(set(numbers)):
+            if not 0 <= n < len(placements):
+                raise ArgumentError(f"there is no part {n} to lock")
+            part, pose = packed.part(placements[n]).part, packed.pose(placements[n])
+            vertices = part.mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+            mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
+            name = self._locked[n].name if n < len(self._locked) else part.name
+            fixed = Part(name, mesh, unit=packed.task.unit, mass=part.mass, density=part.density)
+            found.append(_Locked(name, fixed))
+        return tuple(found)
+
+    def _run(
+        self,
+        order: _Order,
+        parts: list[Part],
+        settings: PackSettings,
+        locked: tuple[_Locked, ...],
+    ) -> None:
+        """Search, in a separate thread."""
+        out = self._folder / "packing"
+        total = sum(part.count for part in parts)
+
+        def better(packed: PackedParts, seconds: float) -> None:
+            self._note(
+                f"{packed.count} of {total} parts, density {packed.density:.3f}, "
+                f"after {seconds:.0f} s",
+                packed,
+                locked,
+            )
+
+        try:
+            packed = pack(
+                parts,
+                order.box,
+                order.objective,
+                order.seconds,
+                order.seed,
+                callback=better,
+                settings=settings,
+            )
+            if not packed.boxes:
+                raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
+            self._note("checking the result and writing its files", packed, locked)
+            shutil.rmtree(out, ignore_errors=True)
+            files = packed.export(out)
+            if order.instructions:
+                self._note("writing the instructions", packed, locked)
+                files.append(packed.instructions(out / INSTRUCTIONS))
+        except Exception as error:
+            if not isinstance(error, PackItError):
+                _log.exception("the search failed")
+            what = "error" if isinstance(error, PackItError) else "unexpected error"
+            self._is_busy = False
+            self._note(f"{what}: {error}")
+        else:
+            own = {file.name: file for file in files if file.parent == out}
+            self._is_busy = False
+            self._note("", packed, locked, own)
+
+    def _note(
+        self,
+        message: str | None = None,
+        packed: PackedParts | None = None,
+        locked: tuple[_Locked, ...] = (),
+        files: Mapping[str, Path] | None = None,
+    ) -> None:
+        """Change what the page shows."""
+        with self._changed:
+            self._version += 1
+            if message is not None:
+                self._message = message
+            if packed is not None:
+                self._packed, self._locked = packed, locked
+                self._files = dict(files or {})
+
+    def _state(self, request: WebRequest) -> WebAnswer:
+        """Return all that the page shows, unless it has seen it."""
+        with self._changed:
+            version, message, packed = self._version, self._message, self._packed
+            files, locked = self._files, self._locked
+            is_busy = self._is_busy
+        state: dict[str, Any] = {"version": version, "message": message, "busy": is_busy}
+        if request.query.get("seen") == str(version):
+            return WebAnswer.of_json(state)
+        state["files"] = [
+            {
+                "number": each.number,
+                "name": each.file.name,
+                "unit": each.unit,
+                "parts": sum(part.count for part in each.parts),
+                "size": " and ".join(
+                    f"{shown_lengths(part.mesh.extents)} {part.unit}" for part in each.parts[:2]
+                ),
+            }
+            for each in list(self._uploads.files.values())
+        ]
+        if packed is not None:
+            state["result"] = _result(packed, len(locked), bool(files))
+            state["result"]["downloads"] = sorted(files)
+        return WebAnswer.of_json(state)
+
+    def _download(self, request: WebRequest) -> WebAnswer:
+        with self._changed:
+            file = self._files.get(request.path)
+        if file is None:
+            raise RequestError(f"there is no file {request.path}", HTTPStatus.NOT_FOUND)
+        name = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+        return WebAnswer(file, _TYPES[file.suffix], name)
+
+
+def _result(packed: PackedParts, locked: int, is_checked: bool) -> dict[str, Any]:
+    """Return a packing as the page shows it; its summary takes a check of all files."""
+    models = Models()
+    boxes = []
+    for box in packed.boxes:
+        add_box(models, packed, box)
+        names = [packed.part(one).part.name for one in packed.contents(box).placements]
+        boxes.append({"name": box.type.name, "parts": names})
+    return {
+        "models": models.to_json(),
+        "boxes": boxes,
+        "locked": locked,
+        "left out": [f"{each.count} x {each.name}: {each.reason}" for each in packed.left_out],
+        "notes": list(packed.notes),
+        "summary": packed.summary() if is_checked else {},
+        "problems": list(packed.check.problems) if is_checked else [],
+    }
+
+
+def _file(file: Path, kind: str) -> Any:
+    return lambda request: WebAnswer(file, kind)
+
+
+def _read(request: WebRequest, kind: type[Any]) -> Any:
+    return typed_json.decode(request.body.read(request.length), kind, RequestError, "the request")
+
+
+def _length(text: str, unit: str) -> float:
+    return lengths(text, 1, check_unit(unit))[0]

@@ -1,1 +1,0 @@
-"""An interactive web page that shows a box."""

@@ -1,0 +1,253 @@
+"""A small web server for one local page: routes, bounded bodies, and no requests of others."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BufferedIOBase
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from packit_sim.core.errors import PackItError
+from packit_sim.core.plain_text import plain_logger
+from packit_sim.web.origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page, refused
+
+_SECONDS = 60.0
+"""How long a connection may be silent."""
+
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+_log = plain_logger(__name__)
+
+
+class RequestError(PackItError, ValueError):
+    """A request that can't be answered.
+
+    Parameters
+    ----------
+    message : str
+        Why.
+    status : HTTPStatus
+        The status of the answer.
+    """
+
+    def __init__(self, message: str, status: HTTPStatus = HTTPStatus.BAD_REQUEST) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class WebRequest:
+    """What a page asks for.
+
+    Attributes
+    ----------
+    path : str
+        The path after that of the route, decoded.
+    query : mapping of str to str
+        The values behind the question mark.
+    length : int
+        Bytes of the body.
+    body : binary file
+        The body; read at most `length` bytes of it.
+    """
+
+    path: str
+    query: Mapping[str, str]
+    length: int
+    body: BufferedIOBase
+
+
+@dataclass(frozen=True)
+class WebAnswer:
+    """What a page gets.
+
+    Attributes
+    ----------
+    data : bytes or Path
+        The content, or the file that has it.
+    type : str
+        The media type.
+    headers : mapping of str to str
+        Further headers.
+    """
+
+    data: bytes | Path
+    type: str
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of_json(cls, value: Any) -> WebAnswer:
+        """Return a value as JSON."""
+        return cls(json.dumps(value, ensure_ascii=False).encode(), "application/json")
+
+
+@dataclass(frozen=True)
+class HttpRoute:
+    """What answers requests.
+
+    Attributes
+    ----------
+    answer : callable
+        Returns the answer to a request; raises PackItError for one clear sentence instead.
+    most : int
+        The largest body in bytes.
+    """
+
+    answer: Callable[[WebRequest], WebAnswer]
+    most: int = 0
+
+
+class HttpServer:
+    """A server in its own thread. Close it; it ends with the process.
+
+    Parameters
+    ----------
+    routes : mapping of (str, str) to HttpRoute
+        By method and path; a path that ends with "/" stands for all below it.
+    host : str
+        The IPv4 address or name to listen at: everyone who can reach it can use the page.
+    port : int, optional
+        1 to 65535, by default a free one.
+
+    Attributes
+    ----------
+    address : str
+        The page's URL for a browser on this machine.
+
+    Raises
+    ------
+    RenderError
+        If the host and the port are not available.
+    """
+
+    def __init__(
+        self,
+        routes: Mapping[tuple[str, str], HttpRoute],
+        host: str = LOOPBACK,
+        port: int | None = None,
+    ) -> None:
+        class Handler(_Handler):
+            own_host = host
+            own_routes = routes
+
+        try:
+            self._server = ThreadingHTTPServer((host, port or 0), Handler)
+        except (OSError, OverflowError) as error:
+            raise refused(host, port, error) from error
+        self._server.daemon_threads = True
+        shown = LOOPBACK if host == EVERYWHERE else host
+        self.address = f"http://{shown}:{self._server.server_address[1]}"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    own_host: str
+    own_routes: Mapping[tuple[str, str], HttpRoute]
+    protocol_version = "HTTP/1.1"
+    timeout = _SECONDS
+
+    def do_GET(self) -> None:  # the name that http.server calls
+        """Answer a request."""
+        self._respond()
+
+    def do_POST(self) -> None:
+        """Answer a request."""
+        self._respond()
+
+    def _respond(self) -> None:
+        try:
+            answer = self._answer()
+        except RequestError as error:
+            self.close_connection = True  # its body may not be read
+            self._fail(error.status, str(error))
+        except PackItError as error:
+            self._fail(HTTPStatus.BAD_REQUEST, str(error))
+        except OSError as error:
+            self.close_connection = True
+            _log.warning("a request was not answered: %s", error)
+        except Exception as error:
+            _log.exception("a request failed")
+            self._fail(HTTPStatus.INTERNAL_SERVER_ERROR, f"unexpected error: {error!r}")
+        else:
+            self._send(HTTPStatus.OK, answer)
+
+    def _answer(self) -> WebAnswer:
+        hosts = self.headers.get_all("Host") or []
+        if len(hosts) != 1 or not is_own_host(hosts[0], self.own_host):
+            raise RequestError("not a host of this server", HTTPStatus.FORBIDDEN)
+        if not is_own_page(self.headers.get_all("Origin") or [], hosts, self.own_host):
+            raise RequestError("not a page of this server", HTTPStatus.FORBIDDEN)
+        try:
+            url = urlsplit(self.path)
+        except ValueError:
+            raise RequestError("not an address of this server") from None
+        folder = url.path[: url.path.rfind("/") + 1]
+        name = url.path[len(folder) :]
+        route = self.own_routes.get((self.command, url.path))
+        if route is None and folder != "/":
+            route = self.own_routes.get((self.command, folder))
+        if route is None:
+            raise RequestError(f"there is no {url.path}", HTTPStatus.NOT_FOUND)
+        length = self._length()
+        if length > route.most:
+            raise RequestError(
+                f"{length:,} bytes are too many: at most {route.most:,}",
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            )
+        query = {key: values[-1] for key, values in parse_qs(url.query).items()}
+        return route.answer(WebRequest(unquote(name), query, length, self.rfile))
+
+    def _length(self) -> int:
+        """Return the length of the body."""
+        if "Transfer-Encoding" in self.headers:
+            raise RequestError("a body needs its length", HTTPStatus.LENGTH_REQUIRED)
+        text = self.headers.get("Content-Length", "0")
+        if not (text.isascii() and text.isdigit()) or len(text) > 15:
+            raise RequestError(f"a body can't have the length {text!r}")
+        return int(text)
+
+    def _fail(self, status: HTTPStatus, message: str) -> None:
+        answer = WebAnswer.of_json({"error": message})
+        self._send(status, answer)
+
+    def _send(self, status: HTTPStatus, answer: WebAnswer) -> None:
+        try:
+            data = answer.data.read_bytes() if isinstance(answer.data, Path) else answer.data
+            self.send_response(status)
+            for name, value in {**_HEADERS, **answer.headers}.items():
+                self.send_header(name, value)
+            self.send_header("Content-Type", answer.type)
+            self.send_header("Content-Length", str(len(data)))
+            if self.close_connection:
+                self.send_header("Connection", "close")
+            self.end_headers()
+            self.wfile.write(data)
+        except OSError as error:
+            self.close_connection = True
+            _log.debug("an answer was not sent: %s", error)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Log a request; by default http.server prints it."""
+        _log.debug(format, *args)

@@ -1,0 +1,77 @@
+"""A box on a local, interactive web page that follows as the box fills."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from packit_sim.geometry.items import Contents, ItemInBox
+from packit_sim.geometry.lattice import Triple
+from packit_sim.web.box_view import BoxView, corners
+from packit_sim.web.origins import LOOPBACK
+from packit_sim.web.web_page import WebPage
+
+if TYPE_CHECKING:
+    from packit_sim.web.web_page import MeshHandle
+
+
+class Viewer:
+    """A web page with a box and its items, in box units, z up.
+
+    Each `update` appears in every browser that shows the page. Close it, or use it in a `with`
+    statement; a page left open ends with the process.
+
+    Parameters
+    ----------
+    box : Contents[ItemInBox]
+        The box.
+    host : str
+        Where the page listens, see `WebPage`.
+    port : int | None
+        The same.
+
+    Raises
+    ------
+    RenderError
+        If viser is not installed, or the host and the port are not available.
+    """
+
+    address: str
+    """The page's URL for a browser on this machine."""
+
+    def __init__(
+        self, box: Contents[ItemInBox], *, host: str = LOOPBACK, port: int | None = None
+    ) -> None:
+        self._page = WebPage(host, port)
+        self.address = self._page.address
+        self._cells: Triple | None = None
+        try:
+            self._page.server.gui.main_panel.minimize()
+            self._shown = BoxView(self._page.server)
+            self.update(box)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def items(self) -> tuple[MeshHandle, ...]:
+        """Viser's handle of each item in the order of placing; empty after `close`."""
+        return self._shown.items if self._page.is_open else ()
+
+    def update(self, box: Contents[ItemInBox]) -> None:
+        """Show the box as it is now; raise RenderError after `close`."""
+        server = self._page.server
+        with server.atomic():
+            self._shown.show(box)
+            if box.cells != self._cells:
+                self._page.frame(corners(box.cells))
+                self._cells = box.cells
+
+    def close(self) -> None:
+        """End the page, its server and its threads; calling it again does nothing."""
+        self._page.close()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
