@@ -8,9 +8,8 @@ import torch
 import trimesh
 
 from packit_sim import Box, Item
-from packit_sim.engine.screening import locations
 from packit_sim.geometry.lattice import CELL, STEP
-from packit_sim.placement import Mask
+from packit_sim.placement import Mask, location_counts
 
 
 def scipy_mask(box: Box, item: Item) -> Mask:
@@ -36,7 +35,7 @@ def torch_mask(box: Box, item: Item) -> Mask:
 
 def _mask(free: Mask, box: Box, item: Item) -> Mask:
     mask = np.zeros(box.nodes, dtype=bool)
-    window = tuple(slice(size) for size in locations(box.cells, item))
+    window = tuple(slice(size) for size in location_counts(box.cells, item))
     mask[window] = free[::STEP, ::STEP, ::STEP][window]
     return mask
 
@@ -51,7 +50,7 @@ def collision_manager_mask(box: Box, item: Item) -> Mask:
     moving.add_object("item", item.mesh)
     mask = np.zeros(box.nodes, dtype=bool)
     pose = np.eye(4)
-    for location in np.ndindex(locations(box.cells, item)):
+    for location in np.ndindex(location_counts(box.cells, item)):
         pose[:3, 3] = (np.array(location) * STEP + np.array(item.cells) / 2) * CELL
         moving.set_transform("item", pose)
         mask[location] = not placed.in_collision_other(moving)

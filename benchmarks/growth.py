@@ -11,7 +11,7 @@ from benchmarks.common import PAIR_CACHES, Times, milliseconds
 from benchmarks.pools import DENSITY, Pool, prepare, random_item, time_queries
 from packit_sim import Box, Item, Shape
 from packit_sim.core import caches
-from packit_sim.engine.nofit import MEETINGS
+from packit_sim.placement import MEETINGS_BEFORE_TABLE
 
 
 def growth_with_items(pool: Pool, rng: np.random.Generator) -> dict[int, Times]:
@@ -66,11 +66,11 @@ def growth_with_tables(pools: list[Pool], rng: np.random.Generator) -> dict[int,
         caches.clear(*PAIR_CACHES)
         caches.limit("no-fit tables", kilobytes * 1024)
         times = series[kilobytes] = defaultdict(list)
-        for repetition in range(MEETINGS + 4):
+        for repetition in range(MEETINGS_BEFORE_TABLE + 4):
             for box, items in boxes:
                 for item in items:
                     spent = milliseconds(box.feasible, item)
-                    if repetition > MEETINGS + 1:
+                    if repetition > MEETINGS_BEFORE_TABLE + 1:
                         times["mask"].append(spent)
         times["tables kept, kB"].append(caches.usage()["no-fit tables"].size / 1024)
     caches.limit("no-fit tables", int(budget))

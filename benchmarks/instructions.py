@@ -27,8 +27,7 @@ from rich.table import Table
 from benchmarks.common import PAIR_CACHES, argument_parser, write_json
 from packit_sim import Box, Item, ShapeLibrary
 from packit_sim.core import caches
-from packit_sim.engine.collision_meshes import collision_mesh
-from packit_sim.engine.nofit import MEETINGS
+from packit_sim.placement import MEETINGS_BEFORE_TABLE, collision_mesh
 
 TIMES = 20
 """Repetitions of each kind of work."""
@@ -57,7 +56,7 @@ class Work:
             _ = item.voxels
             collision_mesh(item)
         for item in self.items:
-            for _ in range(MEETINGS + 2):
+            for _ in range(MEETINGS_BEFORE_TABLE + 2):
                 self.box.feasible(item)
 
     def _item(self, library: ShapeLibrary, rng: np.random.Generator) -> Item:

@@ -28,8 +28,6 @@ from benchmarks.common import argument_parser, machine, summary, summary_table, 
 from packit_sim import Pack, Shape, ShapeLibrary, read_packs
 from packit_sim.core import caches
 from packit_sim.core.parallel import Workers
-from packit_sim.engine.compaction import compact, drops
-from packit_sim.engine.disassembly import disassemble
 from packit_sim.game.datasets.pack_files import dataset_file
 from packit_sim.physics.convex.decomposition import (
     Decomposition,
@@ -42,7 +40,7 @@ from packit_sim.physics.quality import FLOATING_HEIGHT
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, settle
 from packit_sim.physics.stability import stability
-from packit_sim.placement import BoxState, PlacedItem
+from packit_sim.placement import BoxState, PlacedItem, compact, disassemble, drops
 from packit_sim.render.layouts import Layout
 from packit_sim.scene import Scene
 

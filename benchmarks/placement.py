@@ -35,11 +35,10 @@ from benchmarks.pools import DENSITY, Pool, prepare
 from packit_sim import EvolutionSettings, ShapeLibrary, placement
 from packit_sim.core import caches
 from packit_sim.core.counters import Counters, counters
-from packit_sim.engine.collision_meshes import collision_mesh
-from packit_sim.engine.nofit import MEETINGS
 from packit_sim.game.generation.chromosomes import Chromosome, crossover, mutate
 from packit_sim.game.generation.pack_creator import PackCreator
 from packit_sim.game.generation.strategies import select
+from packit_sim.placement import MEETINGS_BEFORE_TABLE, collision_mesh
 
 
 def time_preparation(pools: list[Pool], rng: np.random.Generator) -> Times:
@@ -75,7 +74,7 @@ def time_all_queries(
             caches.clear(*PAIR_CACHES)
             times["mask, cold"].append(milliseconds(box.feasible, item))
             times["mask, again"].append(milliseconds(box.feasible, item))
-            for _ in range(MEETINGS):
+            for _ in range(MEETINGS_BEFORE_TABLE):
                 exact = box.feasible(item)
             times["mask, warm"].append(milliseconds(box.feasible, item))
             times["items placed"].append(len(box.placed))
@@ -123,7 +122,7 @@ def time_rotation_masks(pools: list[Pool], rng: np.random.Generator) -> Times:
                 prepare(item.turned(rotation))
             caches.clear(*PAIR_CACHES)
             times["Easy union, cold"].append(milliseconds(box.feasible_rotations, item))
-            for _ in range(MEETINGS + 1):
+            for _ in range(MEETINGS_BEFORE_TABLE + 1):
                 box.feasible_rotations(item)
             times["Easy union, warm"].append(milliseconds(box.feasible_rotations, item))
     return times

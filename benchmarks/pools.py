@@ -10,11 +10,10 @@ import numpy as np
 from benchmarks.common import PAIR_CACHES, Times, milliseconds
 from packit_sim import Box, EvolutionSettings, Item, Shape, ShapeLibrary, evolve, placement
 from packit_sim.core import caches
-from packit_sim.engine.collision_meshes import collision_mesh
-from packit_sim.engine.nofit import MEETINGS
 from packit_sim.game.datasets.evolution_settings import SCALES
 from packit_sim.game.generation.pack_creator import draw_pool
 from packit_sim.geometry.lattice import BOX_CELLS
+from packit_sim.placement import MEETINGS_BEFORE_TABLE, collision_mesh
 
 DENSITY = 0.3
 """The density of boxes for which the aims hold."""
@@ -78,6 +77,6 @@ def time_queries(box: Box, item: Item, times: Times) -> None:
     times["BLBF"].append(milliseconds(box.blbf, item))
     caches.clear(*PAIR_CACHES)
     times["mask, cold"].append(milliseconds(box.feasible, item))
-    for _ in range(MEETINGS + 1):
+    for _ in range(MEETINGS_BEFORE_TABLE + 1):
         box.feasible(item)
     times["mask, warm"].append(milliseconds(box.feasible, item))

@@ -9,12 +9,10 @@ from typing import Any, Generic
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim import placement
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine import feasibility, insertion
-from packit_sim.engine.feasibility import Blockers, Mask, checked_location
-from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bits import Words
@@ -22,6 +20,7 @@ from packit_sim.geometry.items import BoxState, ItemT, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, ORIGIN, Triple, box_cells, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import unpack
+from packit_sim.placement import Blockers, Mask, Occupancy, checked_location
 
 
 class BaseBox(ABC, Generic[ItemT]):
@@ -93,7 +92,7 @@ class BaseBox(ABC, Generic[ItemT]):
 
     def feasible(self, item: Item) -> Mask:
         """Compute the exact mask of feasible locations: bool over the grid nodes, [x, y, z]."""
-        return feasibility.feasible(self._occupancy, item)
+        return placement.feasible(self._occupancy, item)
 
     def candidates(self, item: Item) -> Mask:
         """Compute a mask that contains all feasible locations: bool over the grid nodes, [x, y, z].
@@ -111,7 +110,7 @@ class BaseBox(ABC, Generic[ItemT]):
         Mask
             The mask. In a kinematic box it is that of `feasible`.
         """
-        return feasibility.candidates(self._occupancy, item)
+        return placement.candidates(self._occupancy, item)
 
     def blbf(self, item: Item, start: Triple = ORIGIN, layers: int | None = None) -> Triple | None:
         """Find the bottom-left-back-fill location.
@@ -131,7 +130,7 @@ class BaseBox(ABC, Generic[ItemT]):
         Triple or None
             The location (i, j, k), or None if the item fits nowhere.
         """
-        return feasibility.blbf(self._occupancy, item, start, layers)
+        return placement.blbf(self._occupancy, item, start, layers)
 
     def feasible_rotations(self, item: Item) -> npt.NDArray[np.bool_]:
         """Compute the masks of all 24 rotations of an item: bool [rotation, x, y, z]."""
@@ -139,7 +138,7 @@ class BaseBox(ABC, Generic[ItemT]):
 
     def feasible_in_any(self, item: Item) -> Mask:
         """Compute the union of the masks of all 24 rotations: bool [x, y, z]."""
-        return feasibility.feasible_in_any(self._occupancy, item)
+        return placement.feasible_in_any(self._occupancy, item)
 
     def rotations_at(self, item: Item, location: Sequence[int]) -> npt.NDArray[np.bool_]:
         """Compute the rotations in which an item is feasible at a location.
@@ -234,7 +233,7 @@ class BaseBox(ABC, Generic[ItemT]):
         return f"{name}({self.cells}, {items} items, density {self.density:.3f})"
 
     def _is_feasible(self, candidate: PlacedItem) -> bool:
-        return feasibility.is_feasible(self._occupancy, candidate)
+        return placement.is_feasible(self._occupancy, candidate)
 
 
 class Box(BaseBox[PlacedItem]):
@@ -264,14 +263,14 @@ class Box(BaseBox[PlacedItem]):
 
     def feasible(self, item: Item) -> Mask:
         mask = super().feasible(item)
-        return insertion.clear_mask(self.placed, item, mask) if self.kinematic else mask
+        return placement.insertable_mask(self.placed, item, mask) if self.kinematic else mask
 
     def candidates(self, item: Item) -> Mask:
         return self.feasible(item) if self.kinematic else super().candidates(item)
 
     def blbf(self, item: Item, start: Triple = ORIGIN, layers: int | None = None) -> Triple | None:
         if self.kinematic:
-            return feasibility.first(self.feasible(item)[:, :, :layers])
+            return placement.first(self.feasible(item)[:, :, :layers])
         return super().blbf(item, start, layers)
 
     def feasible_in_any(self, item: Item) -> Mask:
@@ -367,20 +366,20 @@ class Box(BaseBox[PlacedItem]):
 
     def _is_feasible(self, candidate: PlacedItem) -> bool:
         return super()._is_feasible(candidate) and (
-            not self.kinematic or insertion.is_clear(self.placed, candidate)
+            not self.kinematic or placement.is_insertable(self.placed, candidate)
         )
 
     def _blockers(self, candidate: PlacedItem) -> Blockers:
-        found = feasibility.blockers(self._occupancy, candidate)
+        found = placement.blockers(self._occupancy, candidate)
         if found or not self.kinematic:
             return found
-        return Blockers((), (), insertion.above(self.placed, candidate))
+        return Blockers((), (), placement.blockers_above(self.placed, candidate))
 
     def _why_not(self, candidate: PlacedItem) -> str:
         item = candidate.item
         what = f"{item.shape.id!r} (scale {item.scale:g}, rotation {item.rotation})"
         where = f"at {candidate.location}"
-        if not feasibility.is_inside(self.cells, candidate):
+        if not placement.is_inside(self.cells, candidate):
             return (
                 f"{what} {where} is not inside the box: it needs {item.cells} cells "
                 f"from cell {candidate.start} on, the box has {self.cells}"

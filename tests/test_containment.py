@@ -12,7 +12,7 @@ from packit_sim.engine import insertion, nofit
 from packit_sim.engine.collision import collides, contains
 from packit_sim.engine.collision_meshes import CollisionMesh
 from packit_sim.engine.containment_kernels import winding_number
-from packit_sim.engine.nofit import MEETINGS
+from packit_sim.engine.nofit import MEETINGS_BEFORE_TABLE
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
@@ -68,7 +68,7 @@ def test_a_sheet_in_a_thicker_sheet_is_not_feasible(rotation: int) -> None:
 def test_no_search_puts_a_sheet_into_another() -> None:
     box = Box(CELLS)
     box.place(PLATE, (0, 0, 0))
-    for _ in range(MEETINGS + 3):  # without tables, and with them
+    for _ in range(MEETINGS_BEFORE_TABLE + 3):  # without tables, and with them
         assert (box.feasible(SHEET) == placement.oracle(box, SHEET)).all()
     union = np.any([placement.oracle(box, SHEET.turned(n)) for n in range(24)], axis=0)
     assert (box.feasible_in_any(SHEET) == union).all()
@@ -79,7 +79,9 @@ def test_no_search_puts_a_sheet_into_another() -> None:
     mask = kinematic.feasible(PLATE)
     for at in np.argwhere(placement.oracle(kinematic, PLATE)).tolist():
         candidate = PlacedItem(PLATE, tuple(at))
-        assert mask[candidate.location] == insertion.clear_oracle(kinematic.placed, candidate)
+        assert mask[candidate.location] == insertion.is_insertable_oracle(
+            kinematic.placed, candidate
+        )
 
 
 @pytest.mark.parametrize("seed", range(60))

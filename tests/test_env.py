@@ -512,7 +512,7 @@ def test_kinematic_episodes_never_put_anything_under_another(tasks) -> None:
         placed = bound.episode.box.placed
         assert len(placed) > 3
         for n, candidate in enumerate(placed[:3]):
-            assert insertion.clear_oracle(placed[:n], candidate)
+            assert insertion.is_insertable_oracle(placed[:n], candidate)
 
 
 def test_a_location_under_another_item_is_an_invalid_action_in_kinematic_boxes(tasks) -> None:

@@ -9,6 +9,7 @@ from trimesh import creation
 
 from packit_sim.box import Box
 from packit_sim.engine import insertion
+from packit_sim.engine.insertion import is_insertable
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import PlacedItem
@@ -42,7 +43,7 @@ def test_an_item_under_a_shelf_is_not_clear_and_one_next_to_it_is() -> None:
     box.place(cube_of(8), (4, 4, 5))
     small = cube_of(4)
     mask = box.feasible(small)
-    clear = insertion.clear_mask(box.placed, small, mask)
+    clear = insertion.insertable_mask(box.placed, small, mask)
     assert mask[4, 4, 0] and not clear[4, 4, 0] and not clear[5, 4, 3]
     assert clear[3, 4, 0] and clear[6, 4, 0]  # next to it: sides may touch on the way
     assert clear[4, 4, 7] and not mask[4, 4, 6]
@@ -65,7 +66,7 @@ def test_a_ball_in_a_bowl_is_clear_and_under_one_turned_over_it_is_not() -> None
             and 4 * at[2] + ball.cells[2] <= bowl.cells[2]
         ]
         if inside:
-            found = insertion.clear_mask(box.placed, ball, box.feasible(ball))
+            found = insertion.insertable_mask(box.placed, ball, box.feasible(ball))
             assert any(found[at] for at in inside) == expected
 
 
@@ -74,7 +75,7 @@ def test_a_thin_plate_above_covers_a_thin_one_below() -> None:
     plate = Item(Shape.from_mesh(creation.box((1, 1, 0.01)), "plate"), 0.02)
     box = Box()
     box.place(plate, (0, 0, 5))
-    found = insertion.clear_mask(box.placed, plate, box.feasible(plate))
+    found = insertion.insertable_mask(box.placed, plate, box.feasible(plate))
     width = -(-plate.cells[0] // 4)
     assert not found[0, 0, 0] and not found[width - 1, 0, 3]
     assert found[width, 0, 0] and found[0, 0, 6]
@@ -87,7 +88,7 @@ def test_sheets_that_stand_upright_cover_what_is_straight_below_them() -> None:
     pipe = Item(Shape.from_mesh(walls, "pipe"), 0.02)
     box = Box()
     box.place(pipe, (0, 0, 12))
-    found = insertion.clear_mask(box.placed, pipe, box.feasible(pipe))
+    found = insertion.insertable_mask(box.placed, pipe, box.feasible(pipe))
     width = -(-pipe.cells[0] // 4)
     assert not found[0, 0, 0] and not found[1, 0, 0] and found[width, 0, 0] and found[0, 0, 20]
 
@@ -99,10 +100,10 @@ def test_hooks_hold_each_other() -> None:
     box.place(ring, (5, 5, 0))
     other = Item(RING, 0.05, 8)
     mask = box.feasible(other)
-    found = insertion.clear_mask(box.placed, other, mask)
+    found = insertion.insertable_mask(box.placed, other, mask)
     assert found.any() and not found.all()
     for at in np.argwhere(mask & ~found)[::97].tolist():
-        assert not insertion.clear_oracle(box.placed, PlacedItem(other, tuple(at)))
+        assert not insertion.is_insertable_oracle(box.placed, PlacedItem(other, tuple(at)))
 
 
 @examples(8)
@@ -115,13 +116,13 @@ def test_every_location_is_as_the_oracle_says(seed: int) -> None:
     ]
     box = packed(rng, items[:3], (24, 24, 24))
     mask = box.feasible(items[3])
-    found = insertion.clear_mask(box.placed, items[3], mask)
+    found = insertion.insertable_mask(box.placed, items[3], mask)
     assert not (found & ~mask).any()
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:4]]:
         candidate = PlacedItem(items[3], at)
-        assert found[at] == insertion.clear_oracle(box.placed, candidate)
-        assert found[at] == insertion.is_clear(box.placed, candidate)
+        assert found[at] == insertion.is_insertable_oracle(box.placed, candidate)
+        assert found[at] == is_insertable(box.placed, candidate)
         if found[at]:
             assert lifted_by_steps(box, items[3], at)
 
@@ -133,10 +134,10 @@ def test_everyday_shapes_as_the_oracle_says(seed: int) -> None:
     items = [Item(EVERYDAY[id], 0.02, int(rng.integers(24))) for id in ids]
     box = packed(rng, items[:6], (40, 40, 40))
     mask = box.feasible(items[6])
-    found = insertion.clear_mask(box.placed, items[6], mask)
+    found = insertion.insertable_mask(box.placed, items[6], mask)
     locations = [tuple(at) for at in np.argwhere(mask).tolist()]
     for at in [locations[n] for n in rng.permutation(len(locations))[:2]]:
-        assert found[at] == insertion.clear_oracle(box.placed, PlacedItem(items[6], at))
+        assert found[at] == insertion.is_insertable_oracle(box.placed, PlacedItem(items[6], at))
         if found[at]:
             assert lifted_by_steps(box, items[6], at)
 
@@ -147,7 +148,7 @@ def test_the_answer_is_a_matter_of_the_two_items_alone() -> None:
     for _ in range(30):
         apart = rng.integers(-5, 6, size=3)
         answers = {
-            insertion.is_clear([PlacedItem(other, tuple(at + apart))], PlacedItem(one, tuple(at)))
+            is_insertable([PlacedItem(other, tuple(at + apart))], PlacedItem(one, tuple(at)))
             for at in (np.array((6, 6, 6)), np.array((9, 7, 12)))
         }
         assert len(answers) == 1
@@ -166,7 +167,7 @@ def test_points_above_one_another_are_found() -> None:
         )
         triangles = np.asarray(ball.mesh.triangles) + item.center
         below = (heights(points + other.center, triangles) < 0).any()
-        answer = not insertion.is_clear([other], item)
+        answer = not is_insertable([other], item)
         assert answer or not below
         found += below
         missed += answer and not below

@@ -9,7 +9,7 @@ from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core import caches
 from packit_sim.engine import nofit
-from packit_sim.engine.nofit import MEETINGS, NoFit
+from packit_sim.engine.nofit import MEETINGS_BEFORE_TABLE, NoFit
 from packit_sim.engine.screening_kernels import BLOCKED, OPEN
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import PlacedItem
@@ -44,10 +44,10 @@ def test_a_pair_earns_its_table_by_meeting_and_again_when_it_is_gone() -> None:
     ring, ball = Item(RING, 0.4**3), Item(BALL, 0.2**3)
     placed = [PlacedItem(ring, (0, 0, 0))]
     for _ in range(2):
-        for _ in range(MEETINGS):
-            assert nofit.tables(placed, ball) is None
+        for _ in range(MEETINGS_BEFORE_TABLE):
+            assert nofit.no_fit_tables(placed, ball) is None
         for _ in range(3):
-            tables = nofit.tables(placed, ball)
+            tables = nofit.no_fit_tables(placed, ball)
             assert tables is not None and len(tables) == 1
         caches.clear("no-fit tables")
 
@@ -60,7 +60,7 @@ def test_with_tables_or_without_the_mask_is_the_same(swap: bool) -> None:
     box = Box()
     box.place(host, (3, 4, 5))
     cold = box.feasible(item)
-    for _ in range(MEETINGS + 2):
+    for _ in range(MEETINGS_BEFORE_TABLE + 2):
         assert (box.feasible(item) == cold).all()
     assert caches.usage()["no-fit tables"].hits > 0
     assert cold.any() and not cold.all()

@@ -133,8 +133,8 @@ def _none(placed, item, mask):
         (nofit, "_table", lambda *_: 1 / 0, small(), "masks", "masks"),
         (Box, "feasible_in_any", Box.feasible, small(easy=True), "rotations", "union"),
         (Occupancy, "truncate", lambda *_: None, small(), "history", "restored"),
-        (insertion, "clear_mask", _all, small(kinematic=True), "kinematic", "ways up"),
-        (insertion, "clear_mask", _none, small(kinematic=True), "kinematic", "clear"),
+        (insertion, "insertable_mask", _all, small(kinematic=True), "kinematic", "ways up"),
+        (insertion, "insertable_mask", _none, small(kinematic=True), "kinematic", "clear"),
     ],
 )
 def test_each_check_finds_what_it_is_for(

@@ -23,8 +23,6 @@ from packit_sim.cli.console import (
 from packit_sim.cli.output import simple_table, write_json
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.confidence import Estimate, format_estimate
-from packit_sim.engine.compaction import compact
-from packit_sim.engine.disassembly import MOVES
 from packit_sim.game.datasets.pack_files import dataset_file, read_packs
 from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.datasets.provenance import Played
@@ -32,6 +30,7 @@ from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.physics.convex.decomposition import require
 from packit_sim.physics.quality import pack_quality
 from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.placement import MOVES, compact
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]
 ScoredPack = tuple[Pack, Mapping[str, float], Mapping[str, Any]]

@@ -58,18 +58,18 @@ class Disassembly:
     @property
     def insertable(self) -> float:
         """Share of the volume that can be inserted in the order of placing; 1 without items."""
-        return share(self.volumes, self.into)
+        return routed_share(self.volumes, self.into)
 
     @property
     def insertable_from_above(self) -> float:
         """Share of the volume that can be inserted straight down; 1 without items."""
         straight = [route if route and len(route) == 1 else None for route in self.into]
-        return share(self.volumes, straight)
+        return routed_share(self.volumes, straight)
 
     @property
     def removable(self) -> float:
         """Share of the volume that can be removed first from the finished pack; 1 without items."""
-        return share(self.volumes, self.out)
+        return routed_share(self.volumes, self.out)
 
 
 def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
@@ -127,7 +127,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Gri
     return tuple(find_route(placed[:n], one, box.cells, moves) for n, one in enumerate(placed))
 
 
-def share(volumes: Sequence[float], routes: Sequence[GridRoute | None]) -> float:
+def routed_share(volumes: Sequence[float], routes: Sequence[GridRoute | None]) -> float:
     """Compute the share of the items' volume that has a route; 1 without items."""
     found = [volume for volume, route in zip(volumes, routes, strict=True) if route]
     return plain_sum(found) / plain_sum(volumes) if volumes else 1.0
@@ -155,7 +155,7 @@ def find_route(
         The route, or None if there is none with so few moves and all turning points on the grid.
         The item may rise above the box's open top, but it never crosses a wall.
     """
-    if insertion.is_clear(others, candidate):
+    if insertion.is_insertable(others, candidate):
         return (candidate.location,)
     x, y, z = cells
     rise = -(-candidate.item.cells[2] // STEP) * STEP
@@ -163,7 +163,7 @@ def find_route(
     for other in others:
         tall.add(other)
     free = feasibility.feasible(tall, candidate.item)
-    ends = insertion.clear_mask(others, candidate.item, free)
+    ends = insertion.insertable_mask(others, candidate.item, free)
     before: dict[Triple, Triple | None] = {candidate.location: None}
     corners = [candidate.location]
     for _ in range(moves - 1):

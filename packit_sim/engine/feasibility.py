@@ -128,10 +128,10 @@ def _states(
     occupancy: Occupancy[Any], item: Item
 ) -> tuple[npt.NDArray[np.uint8], Sequence[nofit.NoFit] | None]:
     """Compute the state of each location inside the box, and the tables that decide open ones."""
-    tables = nofit.tables(occupancy.placed, item)
+    tables = nofit.no_fit_tables(occupancy.placed, item)
     if tables is None:
         return screen(occupancy, item), None
-    states = np.full(screening.locations(occupancy.cells, item), FREE, dtype=np.uint8)
+    states = np.full(screening.location_counts(occupancy.cells, item), FREE, dtype=np.uint8)
     for placed, table in zip(occupancy.placed, tables, strict=True):
         table.merge_into(states, placed, item)
     return states, tables
@@ -182,7 +182,7 @@ def blbf(
     """
     if not fits(occupancy.cells, item):
         return None
-    size = x, y, z = screening.locations(occupancy.cells, item)
+    size = x, y, z = screening.location_counts(occupancy.cells, item)
     if layers is not None and layers < z:
         size = x, y, layers
     box, own = occupancy.arrays, item.voxels.arrays

@@ -73,7 +73,7 @@ def columns(item: Item) -> Columns:
     return Columns(*column_ends(voxels.outer_words), *column_ends(voxels.inner_words))
 
 
-def clear_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
+def insertable_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
     """Restrict a mask of feasible locations to those at which the item is clear.
 
     Parameters
@@ -108,7 +108,7 @@ def clear_mask(placed: Sequence[PlacedItem], item: Item, mask: Mask) -> Mask:
     return found
 
 
-def is_clear(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
+def is_insertable(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
     """Decide whether a feasible item is clear at its location."""
     (left, back, bottom), (right, front, _) = candidate.start, candidate.stop
     over = [
@@ -124,15 +124,15 @@ def is_clear(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
         return True
     mask = np.zeros(np.array(candidate.location) + 1, dtype=bool)
     mask[candidate.location] = True
-    return bool(clear_mask(over, candidate.item, mask)[candidate.location])
+    return bool(insertable_mask(over, candidate.item, mask)[candidate.location])
 
 
-def above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple[int, ...]:
+def blockers_above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple[int, ...]:
     """Find the numbers of the placed items that are above an item at a feasible location."""
-    return tuple(n for n, other in enumerate(placed) if not is_clear([other], candidate))
+    return tuple(n for n, other in enumerate(placed) if not is_insertable([other], candidate))
 
 
-def clear_oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
+def is_insertable_oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
     """Decide whether an item is clear, by a loop over all fine cells and pairs of triangles."""
     ours = candidate.item.voxels
     for other in placed:

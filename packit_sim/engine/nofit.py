@@ -22,7 +22,7 @@ TABLES_BUDGET = 128 * 2**20
 PAIRS_BUDGET = 250_000
 """Pairs in the process's cache of meeting counts."""
 
-MEETINGS = 32
+MEETINGS_BEFORE_TABLE = 32
 """Mask queries with a pair of items before it gets a table: about the break-even number. It is
 counted again after the table left the cache."""
 
@@ -84,7 +84,7 @@ class NoFit:
         return 1 if placed.item.key <= item.key else -1
 
 
-def tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
+def no_fit_tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
     """Look up the tables of an item and each placed item.
 
     Parameters
@@ -107,7 +107,7 @@ def tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None:
     earned = True
     for pair, table in zip(pairs, kept, strict=True):
         if table is None:
-            earned &= _meetings(*pair).increment() > MEETINGS
+            earned &= _meetings(*pair).increment() > MEETINGS_BEFORE_TABLE
     if not earned:
         return None
     return [table or _table(*pair) for pair, table in zip(pairs, kept, strict=True)]

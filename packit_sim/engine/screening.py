@@ -21,7 +21,7 @@ States = npt.NDArray[np.uint8]
 Locations = npt.NDArray[np.int64]
 
 
-def locations(cells: Triple, item: Item) -> Triple:
+def location_counts(cells: Triple, item: Item) -> Triple:
     """Count the locations along each axis at which an item that fits is inside the box."""
     x, y, z = cells
     a, b, c = item.cells
@@ -53,7 +53,7 @@ def screen(
     """
     if known is None:
         known = np.zeros(grid_nodes(occupancy.cells), dtype=bool)
-    size = locations(occupancy.cells, item)
+    size = location_counts(occupancy.cells, item)
     own = item.voxels.arrays
     return screening_kernels.screen(occupancy.arrays, own, occupancy.spans, size, known)
 

@@ -154,7 +154,7 @@ def next_unblocked(box, item, size, number):
         # A brick that blocks a location often blocks the next ones.
         at = start + offsets[blocker]
         left = FULL >> np.uint64(64 - count)
-        left &= ~conflicts(bricks, at, count, outer[blocker], inner[blocker])
+        left &= ~brick_conflicts(bricks, at, count, outer[blocker], inner[blocker])
         while left:
             j = lowest_bit(left)
             left &= left - _1
@@ -170,7 +170,7 @@ def next_unblocked(box, item, size, number):
 
 
 @inlined
-def conflicts(bricks, at, count, outer, inner):
+def brick_conflicts(bricks, at, count, outer, inner):
     """Find where the cells of an item's brick conflict with those of a row of bricks in the box.
 
     Parameters

@@ -8,11 +8,11 @@ from itertools import combinations, product
 import numpy as np
 
 from packit_sim.core.caches import cached_property
-from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
+from packit_sim.placement import LooseMesh
 
 DEPTHS = tuple(1e-4 * 2 ** (n / 2) for n in range(23))
 """The depths that are tried, in box units."""

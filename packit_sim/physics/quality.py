@@ -7,13 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.compaction import Compacted, compact, drops
-from packit_sim.engine.disassembly import MOVES, Disassembly, disassemble, insertion_routes, share
 from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, STEP
 from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.physics.settling import settle
 from packit_sim.physics.stability import Stability, stability, stable_share
+from packit_sim.placement import (
+    MOVES,
+    Compacted,
+    Disassembly,
+    compact,
+    disassemble,
+    drops,
+    insertion_routes,
+    routed_share,
+)
 
 FLOATING_HEIGHT = STEP * CELL
 """Box units: an item with a larger gap below it floats. On the grid, gaps of up to a grid step
@@ -129,7 +137,7 @@ class QualityScores:
         volumes = [placed.item.volume for placed in box.placed]
         return cls(
             stable_share(settle(box, settings)),
-            share(volumes, insertion_routes(box)),
+            routed_share(volumes, insertion_routes(box)),
             len(floating(box)),
         )
 

@@ -14,13 +14,12 @@ from dataclasses import replace
 from packit_sim.box import BaseBox
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.feasibility import checked_location
-from packit_sim.engine.occupancy import Occupancy
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import Settled, SettledItem, settle
+from packit_sim.placement import Occupancy, checked_location
 
 
 class SettlingBox(BaseBox[SettledItem]):

@@ -9,11 +9,10 @@ import numpy.typing as npt
 
 from packit_sim.box import Box
 from packit_sim.core.caches import cached_property
-from packit_sim.engine.feasibility import Mask, fits
-from packit_sim.engine.oracle import oracle
 from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, STEP, Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import Mask, fits, oracle
 from packit_sim.selftest.kinds import KINDS, Rng
 
 EASY_SHARE = 0.25

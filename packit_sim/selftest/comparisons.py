@@ -7,15 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from packit_sim import placement
 from packit_sim.core import caches
 from packit_sim.core.counters import counters
-from packit_sim.engine import insertion, nofit
-from packit_sim.engine.feasibility import Mask, fits, is_inside
-from packit_sim.engine.oracle import conflicts, oracle
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.geometry.lattice import ORIGIN, STEP, Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import Mask, conflicts, fits, is_inside, oracle
 from packit_sim.selftest import motion, volumes
 from packit_sim.selftest.cases import Case, locations_inside
 from packit_sim.selftest.tally import Difference, Tally
@@ -36,8 +35,8 @@ def check_masks(case: Case, tally: Tally) -> None:
     tally.compare_masks("cold", box.feasible(case.item), case.truth)
     tally.counts["by meshes"] += counters().since(before).undecided
     tally.compare_masks("warm", box.feasible(case.item), case.truth)
-    for _ in range(nofit.MEETINGS + 1):
-        nofit.tables(box.placed, case.item)
+    for _ in range(placement.MEETINGS_BEFORE_TABLE + 1):
+        placement.no_fit_tables(box.placed, case.item)
     tally.compare_masks("tables", box.feasible(case.item), case.truth)
     tally.compare_masks("tables", box.feasible(case.item), case.truth)
 
@@ -94,7 +93,7 @@ def check_table(case: Case, tally: Tally) -> None:
     rng = case.rng("table")
     other = case.placed[rng.integers(len(case.placed))]
     one, two = sorted((other.item, case.item), key=lambda item: item.key)
-    table = nofit.NoFit(one, two)
+    table = placement.NoFit(one, two)
     below, above = (-(-np.array(item.cells) // STEP) for item in (case.item, other.item))
     for apart in rng.integers(-below, above + 1, size=(8 * SAMPLES, 3)):
         i, j, k = (other.location + apart).tolist()
@@ -138,7 +137,7 @@ def check_kinematic(case: Case, tally: Tally) -> None:
         candidate = PlacedItem(case.item, (i, j, k))
         clear = bool(mask[i, j, k])
         if number == 0:
-            expected = insertion.clear_oracle(case.placed, candidate)
+            expected = placement.is_insertable_oracle(case.placed, candidate)
             tally.compare("clear", clear, expected, (i, j, k))
         if paths.is_blocked((i, j, k)):
             tally.compare("ways up", clear, False, (i, j, k))

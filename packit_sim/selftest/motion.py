@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from packit_sim.engine.collision_meshes import LooseMesh
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE, FINE, Triple
 from packit_sim.geometry.shapes import Item
+from packit_sim.placement import LooseMesh
 
 
 class Paths:

@@ -11,11 +11,11 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.errors import MeshError
-from packit_sim.engine.feasibility import is_inside
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, STEP, box_cells
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import is_inside
 from packit_sim.selftest.cases import Case
 from packit_sim.selftest.comparisons import differences
 

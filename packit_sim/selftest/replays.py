@@ -15,10 +15,10 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import read_whole
 from packit_sim.core.version import __version__
-from packit_sim.engine.feasibility import is_inside
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import Triple, box_cells
 from packit_sim.geometry.shapes import Item, Shape
+from packit_sim.placement import is_inside
 from packit_sim.selftest.cases import Case
 from packit_sim.selftest.comparisons import CHECKS
 from packit_sim.selftest.totals import SelftestError

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from packit_sim.engine.feasibility import Mask
+from packit_sim.placement import Mask
 
 
 @dataclass(frozen=True)

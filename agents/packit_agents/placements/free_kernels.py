@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.occupancy_kernels import BoxArrays
-from packit_sim.engine.screening_kernels import (
-    BLOCKED,
-    brick_offsets,
-    brick_state,
-    conflicts,
-    state_at,
-)
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.voxel_kernels import ItemArrays, turn_bricks
 from packit_sim.geometry.word_kernels import count_bits, lowest_bit
+from packit_sim.placement import (
+    BLOCKED,
+    BoxArrays,
+    brick_conflicts,
+    brick_offsets,
+    brick_state,
+    state_at,
+)
 
 _1 = np.uint64(1)
 
@@ -164,7 +164,7 @@ def remove_blocked(box, turned, rows, spans):
                 x0, x1 = max(low[0] - i, 0), min(high[0] - i, extents[0])
                 row = (k * box.nx + i) * box.ny
                 at = row + offsets[last]
-                blocked = left & conflicts(bricks, at, sizes[1], outer[last], inner[last])
+                blocked = left & brick_conflicts(bricks, at, sizes[1], outer[last], inner[last])
                 left &= ~blocked
                 while left:
                     j = lowest_bit(left)
@@ -195,7 +195,7 @@ def remove_blocked(box, turned, rows, spans):
                     if is_blocked:
                         last = lasts[j] = n
                         at = row + offsets[n]
-                        more = left & conflicts(bricks, at, sizes[1], outer[n], inner[n])
+                        more = left & brick_conflicts(bricks, at, sizes[1], outer[n], inner[n])
                         blocked |= more | _1 << np.uint64(j)
                         left &= ~more
                 rows[r, k, i] &= ~blocked
@@ -273,7 +273,7 @@ def fits_near(box, turned, rows):
                 row = (k * box.nx + i) * box.ny
                 while left:
                     at = row + offsets[blocker]
-                    left &= ~conflicts(
+                    left &= ~brick_conflicts(
                         bricks, at, turned.sizes[r, 1], outer[blocker], inner[blocker]
                     )
                     if left:

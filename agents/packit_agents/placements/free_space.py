@@ -24,15 +24,12 @@ from packit_agents.placements.free_kernels import (
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import bounded_cache, cached_property
 from packit_sim.core.errors import ArgumentError
-from packit_sim.engine.feasibility import fits
-from packit_sim.engine.occupancy import Occupancy
-from packit_sim.engine.screening import locations
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import Words, turning_swaps
 from packit_sim.geometry.lattice import STEP, Triple, grid_nodes
 from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
-from packit_sim.placement import PlacedItem
+from packit_sim.placement import Occupancy, PlacedItem, fits, location_counts
 
 MOST_NODES = 63
 """Grid nodes along y that a row has bits for."""
@@ -106,7 +103,7 @@ def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedIt
     )
     items = tuple(fitting[n] for n in kept.tolist())
     arrays = TurnedArrays(
-        np.array([locations(cells, own) for own in items], dtype=np.int64).reshape(-1, 3),
+        np.array([location_counts(cells, own) for own in items], dtype=np.int64).reshape(-1, 3),
         -(-own_cells[kept] // STEP),
         own_cells[kept],
         *voxels,

@@ -6,10 +6,9 @@ import numpy as np
 
 from packit_agents.placements.free_kernels import TurnedArrays
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.occupancy_kernels import BoxArrays
-from packit_sim.engine.screening_kernels import brick_offsets
 from packit_sim.geometry.bits import FULL, HIGH, LOW
 from packit_sim.geometry.word_kernels import count_bits
+from packit_sim.placement import BoxArrays, brick_offsets
 
 _ONE, _FOUR, _SIXTEEN = np.uint64(1), np.uint64(4), np.uint64(16)
 """Distances in bits between neighbours along z, y and x in a word."""

@@ -15,14 +15,13 @@ import numpy.typing as npt
 from packit_sim.core.check_reports import named
 from packit_sim.core.errors import PackFormatError, UnknownShapeError
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.feasibility import is_inside
-from packit_sim.engine.oracle import conflicts
 from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.datasets.provenance import Densified, Evolved, Puzzle
 from packit_sim.geometry.items import PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, STEP, Triple
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.settings import INSIDE
+from packit_sim.placement import conflicts, is_inside
 
 DENSITY_SLACK = 1e-9
 """Largest difference between a recorded and a replayed density: rounding of sums."""

@@ -18,7 +18,6 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError, PackFormatError
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
-from packit_sim.engine.feasibility import checked_location
 from packit_sim.game.datasets import format_1
 from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
 from packit_sim.geometry.items import BoxState, ItemInBox, PlacedItem, PosedItem
@@ -26,6 +25,7 @@ from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple,
 from packit_sim.geometry.poses import Pose, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.placement import checked_location
 
 FORMAT = 2
 """Version of the format of packs, results and manifests that this module writes."""

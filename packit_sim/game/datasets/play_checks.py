@@ -9,11 +9,11 @@ from functools import cache
 from itertools import pairwise
 
 from packit_sim.core.sums import plain_sum
-from packit_sim.engine.insertion import is_clear
 from packit_sim.game.datasets.packs import ItemRecord, Pack, arrival_order, task_digest
 from packit_sim.game.datasets.provenance import RETURN_SLACK, Played
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
+from packit_sim.placement import is_insertable
 from packit_sim.rules import End
 
 Facts = tuple[tuple[str, float], ...]
@@ -129,7 +129,7 @@ def _arrival_problems(pack: Pack, digest: str, task: Facts, buffer: int) -> Iter
 def insertion_problems(placed: Sequence[PlacedItem]) -> Iterator[str]:
     """Yield the items that can't come straight down from the open top, given those before them."""
     for n, candidate in enumerate(placed):
-        if not is_clear(placed[:n], candidate):
+        if not is_insertable(placed[:n], candidate):
             yield (
                 f"item {n} ({candidate.item.shape.id!r}) can't be inserted from above, "
                 "as its record demands"

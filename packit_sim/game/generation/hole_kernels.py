@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import kernel
-from packit_sim.engine.occupancy_kernels import BoxArrays
 from packit_sim.geometry.word_kernels import lowest_bit
+from packit_sim.placement import BoxArrays
 
 _1 = np.uint64(1)
 

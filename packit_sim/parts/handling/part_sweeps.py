@@ -14,12 +14,11 @@ from typing import Literal
 import numpy as np
 import trimesh
 
-from packit_sim.engine.sweeping import AxisNumber, cyclic
-from packit_sim.engine.sweeping_kernels import least_rise
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.validity import tolerance
+from packit_sim.placement import AxisNumber, cyclic, least_rise
 
 Direction = Literal["up", "+x", "-x", "+y", "-y"]
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from packit_sim.engine.containment import PartArrays
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
@@ -24,6 +23,7 @@ from packit_sim.parts.nesting.voxel_sets import (
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import matrices
+from packit_sim.placement import PartArrays
 
 VOXELS = 16, 8
 """Voxels of the fields along the longest side of an item of median size.

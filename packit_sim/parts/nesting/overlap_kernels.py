@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from packit_sim.core.compilation import inlined, inner_kernel, kernel
-from packit_sim.engine.containment_kernels import holds
 from packit_sim.parts.nesting.field_kernels import SCALE, encoded, fill_field, padding
 from packit_sim.parts.nesting.surface_kernels import surfaces_cross, surfaces_distance
+from packit_sim.placement import holds
 
 _REACH = 3.0
 """Voxels up to which nodes hold distances that surfaces have."""

@@ -6,8 +6,6 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import bounded_cache, cached_property
-from packit_sim.engine.collision_meshes import LooseMesh
-from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, FINE_PER_CELL
@@ -15,6 +13,7 @@ from packit_sim.geometry.parts import Parts, part_numbers
 from packit_sim.geometry.repair import repair_mesh
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
 from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.placement import LooseMesh, winding_number
 
 CHECKED_MESHES_BUDGET = 400_000
 """Triangles in the process's cache of checked meshes."""

@@ -19,13 +19,12 @@ import trimesh
 from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.caches import cached_property
-from packit_sim.engine.collision_meshes import LooseMesh
-from packit_sim.engine.containment_kernels import winding_number
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.parts import part_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
+from packit_sim.placement import LooseMesh, winding_number
 
 if TYPE_CHECKING:
     from packit_sim.parts.reading.prepared import PreparedPart
