@@ -36,7 +36,7 @@ from packit_sim.placement import PosedItem
 from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_category
 from packit_sim.rules import End
 from packit_sim.web.box_view import corners, reach
-from packit_sim.web.surfaces import MOST_TRIANGLES, surface
+from packit_sim.web.surfaces import MAX_TRIANGLES, surface
 from packit_sim.web.web_page import _look, _view
 from tests.runs import run_packit
 from tests.zoo import BALL, CUBE, cube_of
@@ -377,9 +377,9 @@ def test_large_meshes_are_reduced_and_small_ones_are_not() -> None:
     from packit_sim.geometry.shapes import Shape
 
     fine = Shape.from_mesh(creation.icosphere(subdivisions=5), "fine")
-    assert len(fine.mesh.faces) > 4 * MOST_TRIANGLES
+    assert len(fine.mesh.faces) > 4 * MAX_TRIANGLES
     shown = surface(fine)
-    assert MOST_TRIANGLES / 2 < len(shown.faces) <= MOST_TRIANGLES
+    assert MAX_TRIANGLES / 2 < len(shown.faces) <= MAX_TRIANGLES
     assert np.linalg.norm(shown.vertices, axis=1) == pytest.approx(3**-0.5 / 2, rel=0.02)
     assert len(surface(BALL).faces) == len(BALL.mesh.faces)
 

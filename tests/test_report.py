@@ -25,6 +25,7 @@ from packit_sim.game.reports.runs import ReportError, Runs
 from packit_sim.rules import Rules
 from packit_sim.web import page_models
 from packit_sim.web.page_models import Models
+from packit_sim.web.surfaces import MAX_TRIANGLES
 from tests.runs import everyday, packit, results, rollout, tasks, training
 
 GOOD, BAD = "largest-first/aligned/blbf", "random/random/<b>&random"
@@ -192,7 +193,7 @@ def test_a_model_is_the_box_within_what_is_seen() -> None:
         shape = content["shapes"][item["shape"]]
         vertices = np.frombuffer(b64decode(shape["vertices"]), "<u2").reshape(-1, 3)
         faces = np.frombuffer(b64decode(shape["faces"]), "<u4").reshape(-1, 3)
-        assert len(faces) <= 1500 and faces.max() < len(vertices)
+        assert len(faces) <= MAX_TRIANGLES and faces.max() < len(vertices)
         canonical = (vertices / 65535 - 0.5) * shape["extents"]
         pose = np.array(item["pose"]).reshape(3, 4)
         shown = canonical @ pose[:, :3].T + pose[:, 3]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,17 +14,13 @@ from typing import Any
 import numpy as np
 
 from packit_sim.core.assets import assets_folder
-from packit_sim.core.errors import MeshError
 from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
-from packit_sim.geometry.simplification import collapsed
 from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 from packit_sim.render.export import names
-
-TRIANGLES = 1500
-"""The most triangles of a shape on the page, where boxes are small."""
+from packit_sim.web.surfaces import reduced
 
 VERTEX_TYPE = np.dtype("<u2")
 """The type of coordinates on the lattice of a shape's bounding box."""
@@ -133,10 +128,7 @@ class Models:
 
 @lru_cache(maxsize=512)
 def _compact(shape: Shape) -> dict[str, Any]:
-    if len(shape.mesh.faces) > TRIANGLES:
-        with suppress(MeshError):  # nothing solid is left: it is shown as it is
-            shape = Shape.from_mesh(collapsed(shape.mesh, TRIANGLES), shape.id, shape.category)
-    mesh = QuantizedMesh.of(shape)
+    mesh = QuantizedMesh.of(reduced(shape))
     return {
         "extents": np.round(mesh.extents, 6).tolist(),
         "vertices": b64encode(mesh.vertices.astype(VERTEX_TYPE).tobytes()).decode(),

@@ -1,19 +1,33 @@
-"""Surfaces of shapes for web pages: simplified, with smooth shading."""
+"""Shapes as web pages show them: with fewer triangles, smoothly shaded."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from functools import lru_cache
+
 import trimesh
 
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.shading import CREASE
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 
-MOST_TRIANGLES = 4000
-"""The most triangles of a shape: fifty such shapes rotate smoothly, and look the same."""
+MAX_TRIANGLES = 2000
+"""Triangles of a shape on any page, at most: fifty such shapes rotate smoothly and load quickly."""
+
+
+@lru_cache(maxsize=512)
+def reduced(shape: Shape) -> Shape:
+    """Return a shape with at most `MAX_TRIANGLES` triangles, or as few as possible."""
+    if len(shape.mesh.faces) > MAX_TRIANGLES:
+        with suppress(MeshError):  # nothing solid would be left
+            mesh = collapsed(shape.mesh, MAX_TRIANGLES)
+            return Shape.from_mesh(mesh, shape.id, shape.category)
+    return shape
 
 
 def surface(shape: Shape) -> trimesh.Trimesh:
-    """Simplify the canonical mesh for display, and duplicate vertices along sharp edges.
+    """Duplicate the vertices of a reduced shape along sharp edges, for smooth shading.
 
     Parameters
     ----------
@@ -23,9 +37,8 @@ def surface(shape: Shape) -> trimesh.Trimesh:
     Returns
     -------
     trimesh.Trimesh
-        A mesh of at most `MOST_TRIANGLES` triangles, or as few as possible.
+        The mesh in the canonical frame.
     """
-    mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
-    if len(mesh.faces) > MOST_TRIANGLES:
-        mesh = collapsed(mesh, MOST_TRIANGLES)
+    mesh = reduced(shape).mesh
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     return trimesh.graph.smooth_shade(mesh, angle=CREASE, facet_minarea=None)
