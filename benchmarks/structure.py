@@ -1,9 +1,10 @@
-"""Count what shows how simple the structure is: folders, imports between them, and lines of code.
+"""Count what shows how simple the structure is: folders, imports between them, lines of code.
 
     .venv/bin/python -m benchmarks.structure
 
 Prints a table. An import between folders is counted once for each pair of folders, where each
-module at a package's root counts as a folder. Lines of code are those that `ast.unparse` writes,
+module at a package's root counts as a folder. A circle is a set of modules, or of folders, each of
+which imports all others, directly or through others. Lines of code are those that `ast.unparse` writes,
 without docstrings: they do not depend on comments or on how lines are broken.
 """
 
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import grimp
+import networkx
 from rich.console import Console
 from rich.table import Table
 
@@ -23,15 +25,20 @@ PACKAGES = {"packit_sim": ROOT / "packit_sim", "packit_agents": ROOT / "agents/p
 MOST_ARGUMENTS = 8
 
 
-def arrows() -> set[tuple[str, str]]:
-    """Return the pairs of folders of which the first imports from the second."""
+def imports() -> set[tuple[str, str]]:
+    """Return the pairs of modules of which the first imports the second."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
-    pairs = {
-        (folder(one), folder(other))
+    return {
+        (one, other)
         for one in graph.modules
         for other in graph.find_modules_directly_imported_by(one)
     }
-    return {(one, other) for one, other in pairs if one != other}
+
+
+def circles(pairs: set[tuple[str, str]]) -> list[set[str]]:
+    """Return the sets of modules or folders that import each other."""
+    found = networkx.strongly_connected_components(networkx.DiGraph(pairs))
+    return [circle for circle in found if len(circle) > 1]
 
 
 def folder(module: str) -> str:
@@ -79,7 +86,12 @@ def main() -> None:
     table.add_row("modules at the root", str(len(list(PACKAGES["packit_sim"].glob("*.py")))))
     table.add_row("modules", str(len(files)))
     table.add_row("folders", str(len({file.parent for file in files})))
-    table.add_row("imports between folders", str(len(arrows())))
+    between = imports()
+    arrows = {(folder(one), folder(other)) for one, other in between}
+    arrows = {(one, other) for one, other in arrows if one != other}
+    table.add_row("imports between folders", str(len(arrows)))
+    table.add_row("circles of modules", str(len(circles(between))))
+    table.add_row("circles of folders", str(len(circles(arrows))))
     table.add_row("lines of code", str(sum(map(code_lines, texts.values()))))
     for file, text in texts.items():
         is_kernel = file.stem.endswith("_kernels")
