@@ -33,7 +33,8 @@ from packit_sim.core.parallel import Workers
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
-from packit_sim.physics.settings import METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.rules import Rules
 from packit_sim.scene import Scene

@@ -4,8 +4,8 @@
 
 Prints a table. An import between folders is counted once for each pair of folders, where each
 module at a package's root counts as a folder. A circle is a set of modules, or of folders, each of
-which imports all others, directly or through others. Lines of code are those that `ast.unparse` writes,
-without docstrings: they do not depend on comments or on how lines are broken.
+which imports all others, directly or through others. Lines of code are those that `ast.unparse`
+writes, without docstrings: they do not depend on comments or on how lines are broken.
 """
 
 from __future__ import annotations

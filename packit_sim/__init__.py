@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from packit_sim.parts.reading.box_types import BoxType as BoxType
     from packit_sim.parts.reading.part import Part as Part
     from packit_sim.parts.results.packed import PackedParts as PackedParts
+    from packit_sim.physics.convex.settings import DecompositionSettings as DecompositionSettings
     from packit_sim.physics.quality import pack_quality as pack_quality
-    from packit_sim.physics.settings import DecompositionSettings as DecompositionSettings
     from packit_sim.physics.settings import PhysicsSettings as PhysicsSettings
     from packit_sim.physics.settling import settle as settle
     from packit_sim.render.cameras import TOP as TOP
@@ -98,7 +98,8 @@ _HOMES = {
     "parts.reading.part": ("Part",),
     "parts.filling.task": ("PackSettings",),
     "physics.quality": ("pack_quality",),
-    "physics.settings": ("DecompositionSettings", "PhysicsSettings"),
+    "physics.convex.settings": ("DecompositionSettings",),
+    "physics.settings": ("PhysicsSettings",),
     "physics.settling": ("settle",),
     "render.cameras": ("TOP",),
     "render.coloring": ("ByNumber", "by_order"),

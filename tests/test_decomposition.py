@@ -31,8 +31,8 @@ from packit_sim.physics.convex.pieces import (
     covering,
     within,
 )
+from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.convex.solids import Solid
-from packit_sim.physics.settings import DecompositionSettings
 from tests.examples import examples
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, SOUP, TILTED
 

@@ -9,8 +9,9 @@ from trimesh import creation
 from packit_agents import BLBF, Aligned, LargestFirst, RandomLocation, RandomRotation, RandomShape
 from packit_sim.core.confidence import Estimate
 from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
-from packit_sim.game.episodes.agents import Agent, Policy
+from packit_sim.game.episodes.agents import Agent
 from packit_sim.game.episodes.episode import Episode, Stage
+from packit_sim.game.episodes.policies import Policy
 from packit_sim.game.episodes.policy_registry import UnknownPolicyError, policy_names
 from packit_sim.game.evaluation.evaluation import SUCCESS_LEVELS, Score, evaluate, play
 from packit_sim.geometry import rotations

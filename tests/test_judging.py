@@ -20,8 +20,9 @@ from packit_sim.game.evaluation.results import ResultsError, Rollout, read_resul
 from packit_sim.game.reports import tables
 from packit_sim.game.reports.runs import Runs
 from packit_sim.physics.convex import decomposition, disk_cache
+from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.quality import QualityScores
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.placement import BoxState
 from tests.runs import everyday, packit, rollout
 from tests.zoo import cube_of

@@ -33,7 +33,8 @@ from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex import disk_cache
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.convex.settings import DecompositionSettings
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import SettledItem
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.placement import PosedItem, first, oracle

@@ -16,8 +16,9 @@ from packit_sim.game.datasets.packs import LibraryRef
 from packit_sim.game.datasets.provenance import Other, Played
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex import disk_cache
+from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.quality import QualityScores, pack_quality
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settings import PhysicsSettings
 from tests.zoo import cube_of
 
 HALVES = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))

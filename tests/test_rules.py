@@ -9,7 +9,8 @@ import pytest
 
 from packit_sim.box import Box
 from packit_sim.core.errors import ArgumentError
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.convex.settings import DecompositionSettings
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling_box import SettlingBox
 from packit_sim.rules import PACKIT, Rules
 

@@ -21,8 +21,9 @@ from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics import settling, world
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.pieces import Piece
+from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.penetration import penetrations, wall_penetrations
-from packit_sim.physics.settings import INSIDE, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settings import INSIDE, PhysicsSettings
 from packit_sim.physics.settling import Settled, SettledItem, settle, settle_each
 from packit_sim.physics.stability import stability
 from packit_sim.physics.world import World

@@ -29,7 +29,7 @@ from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.mesh_files import SUFFIXES as MESH_SUFFIXES
 from packit_sim.libraries.splits import Split
 from packit_sim.physics.convex.decomposition import Decomposition, decompose_all, is_cached
-from packit_sim.physics.settings import DecompositionSettings, Method
+from packit_sim.physics.convex.settings import DecompositionSettings, Method
 from packit_sim.physics.world import require_engine
 
 

@@ -38,7 +38,8 @@ from packit_sim.game.evaluation.judging import SCORES, is_judged, judge
 from packit_sim.game.evaluation.results import Rollout, read_results
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
-from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings, Method
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.rules import PACKIT, RotationSet, Rules
 
 HEURISTICS = tuple(

@@ -28,8 +28,9 @@ from packit_sim.game.datasets.packs import Pack
 from packit_sim.game.datasets.provenance import Played
 from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.physics.convex.decomposition import require
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings
 from packit_sim.physics.quality import pack_quality
-from packit_sim.physics.settings import DISTANCE, METHODS, DecompositionSettings, PhysicsSettings
+from packit_sim.physics.settings import DISTANCE, PhysicsSettings
 from packit_sim.placement import MOVES, compact
 
 LimitOption = Annotated[int | None, typer.Option(min=1, help="Read only the first N packs.")]

@@ -6,8 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from packit_sim.game.episodes.agents import Agent, OnProgress, Scored
+from packit_sim.game.episodes.agents import Agent, OnProgress
 from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage
+from packit_sim.game.episodes.policies import Scored
 from packit_sim.game.episodes.policy_registry import UnknownPolicyError
 from packit_sim.rules import End
 

@@ -11,7 +11,7 @@ from packit_sim.game.datasets.densification_settings import DensificationSetting
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.geometry import rotations
 from packit_sim.libraries.splits import Split
-from packit_sim.physics.settings import Method
+from packit_sim.physics.convex.settings import Method
 from packit_sim.rules import PACKIT, End, Rules
 
 RETURN_SLACK = 1e-9

@@ -24,8 +24,8 @@ from packit_sim.game.datasets.pack_files import STARTER_PACKS
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.envs.observations import OBSERVERS, Observation
 from packit_sim.game.envs.task_source import GENERATED, Order, TaskMaker, TaskSource
-from packit_sim.game.episodes.agents import Policy
 from packit_sim.game.episodes.episode import Episode, EpisodeState, Stage, ordered, stages
+from packit_sim.game.episodes.policies import Policy
 from packit_sim.game.episodes.policy_registry import load_policy
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import grid_nodes

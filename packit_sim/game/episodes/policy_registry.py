@@ -13,14 +13,12 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.extras import needed_for
 from packit_sim.game.episodes.episode import Stage
-
-if TYPE_CHECKING:
-    from packit_sim.game.episodes.agents import Policy, Search
+from packit_sim.game.episodes.policies import Policy
 
 _SEARCHES = "packit_sim.searches"
 
@@ -147,7 +145,7 @@ def load_policy(stage: Stage, name: str) -> Policy:
     return policy
 
 
-def load_search(name: str) -> Search:
+def load_search(name: str) -> Any:
     """Load a search.
 
     Parameters
@@ -158,7 +156,7 @@ def load_search(name: str) -> Search:
     Returns
     -------
     Search
-        The search.
+        The search, which follows the protocol `agents.Search`.
 
     Raises
     ------
@@ -168,10 +166,9 @@ def load_search(name: str) -> Search:
     kind, _, value = name.partition("=")
     found = _load(_SEARCHES, "search", kind)
     try:
-        search: Search = found.parse(value)
+        return found.parse(value)
     except ValueError as error:
         raise UnknownPolicyError(f"search {name!r}: {error}") from None
-    return search
 
 
 def _load(group: str, kind: str, name: str) -> Any:

@@ -17,8 +17,9 @@ from packit_sim.game.evaluation.results_store import opened
 from packit_sim.geometry.items import BoxState, PlacedItem
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.physics.convex.decomposition import require
+from packit_sim.physics.convex.settings import METHODS, DecompositionSettings, Method
 from packit_sim.physics.quality import QualityScores
-from packit_sim.physics.settings import METHODS, DecompositionSettings, Method, PhysicsSettings
+from packit_sim.physics.settings import PhysicsSettings
 
 _log = plain_logger(__name__)
 

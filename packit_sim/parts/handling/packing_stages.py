@@ -13,7 +13,8 @@ from packit_sim.parts.handling.part_sweeps import PartSweeps
 from packit_sim.parts.handling.supports import stacking_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
-from packit_sim.physics.settings import DecompositionSettings, PhysicsSettings
+from packit_sim.physics.convex.settings import DecompositionSettings
+from packit_sim.physics.settings import PhysicsSettings
 from packit_sim.physics.settling import fitted_pieces
 from packit_sim.physics.world import World
 

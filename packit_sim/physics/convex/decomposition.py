@@ -29,8 +29,8 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.physics.convex import disk_cache
 from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.pieces import MassProperties, Piece, covering, within
+from packit_sim.physics.convex.settings import DecompositionSettings
 from packit_sim.physics.convex.solids import Solid
-from packit_sim.physics.settings import DecompositionSettings
 
 PIECES_BUDGET = 200_000
 """Pieces in the process's cache of decompositions, roughly 5 kB each."""
