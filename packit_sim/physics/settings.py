@@ -24,7 +24,7 @@ corner 0.5 away from the edge over which an item tilts moves this far at 6 degre
 
 @dataclass(frozen=True)
 class DecompositionSettings:
-    """How shapes are decomposed into convex pieces.
+    """Settings of the decomposition of shapes into convex pieces.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class PhysicsSettings:
     rest_time : float
         Time for which items stay below `rest_speed` before a simulation ends, s.
     decomposition : DecompositionSettings
-        How shapes are decomposed into convex pieces.
+        The decomposition of shapes into convex pieces.
     fitted : bool
         Whether pieces that overlap those of other items at the start are cut (see `fitting`).
 

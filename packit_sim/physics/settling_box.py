@@ -68,7 +68,7 @@ class SettlingBox(BaseBox[SettledItem]):
         Returns
         -------
         Settled
-            How the items moved.
+            The movements of the items.
 
         Raises
         ------

@@ -25,7 +25,7 @@ from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
 from packit_sim.render.export import names
 
 TRIANGLES = 1500
-"""The most triangles of a shape on the page, where boxes are small."""
+"""Maximum number of triangles of a shape on the page, where boxes are small."""
 
 VERTEX_TYPE = np.dtype("<u2")
 """The type of coordinates on the lattice of a shape's bounding box."""

@@ -8,8 +8,8 @@ from packit_sim.geometry.shading import CREASE
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 
-MOST_TRIANGLES = 4000
-"""The most triangles of a shape: fifty such shapes rotate smoothly, and look the same."""
+MAX_TRIANGLES = 4000
+"""Maximum number of triangles of a shape: fifty such shapes rotate smoothly, and look the same."""
 
 
 def surface(shape: Shape) -> trimesh.Trimesh:
@@ -23,9 +23,9 @@ def surface(shape: Shape) -> trimesh.Trimesh:
     Returns
     -------
     trimesh.Trimesh
-        A mesh of at most `MOST_TRIANGLES` triangles, or as few as possible.
+        A mesh of at most `MAX_TRIANGLES` triangles, or as few as possible.
     """
     mesh = trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False)
-    if len(mesh.faces) > MOST_TRIANGLES:
-        mesh = collapsed(mesh, MOST_TRIANGLES)
+    if len(mesh.faces) > MAX_TRIANGLES:
+        mesh = collapsed(mesh, MAX_TRIANGLES)
     return trimesh.graph.smooth_shade(mesh, angle=CREASE, facet_minarea=None)
