@@ -31,10 +31,7 @@ def assert_cache_is_that_of_a_new_box(box: Box) -> None:
 
 
 def fine_cells(occupancy: Occupancy) -> np.ndarray:
-    """(
-    from packit_sim.placement import BoxState
-    bricks, 64, 2) words of the cells that are outer and not inner, 0 elsewhere.
-    """
+    """Words (bricks, 64, 2) of the cells that are outer and not inner, 0 elsewhere."""
     bits = np.arange(64, dtype=np.uint64)
     outer, inner = ((words[:, None] >> bits) & 1 for words in occupancy.bricks)
     surface = (outer == 1) & (inner == 0)

@@ -23,7 +23,7 @@ from packit_sim.physics.convex.bisection import bisect
 from packit_sim.physics.convex.decomposition import Decomposition, decompose, decompose_all
 from packit_sim.physics.convex.fitting import fitted
 from packit_sim.physics.convex.pieces import (
-    MOST_CORNERS,
+    MAX_CORNERS,
     SHEET,
     MassProperties,
     Piece,
@@ -70,7 +70,7 @@ def covers(pieces: tuple[Piece, ...] | list[Piece], shape: Shape) -> bool:
 @given(SEEDS)
 def test_a_hull_is_convex_closed_and_around_its_points(seed) -> None:
     rng = np.random.default_rng(seed)
-    points = rng.uniform(-1, 1, (int(rng.integers(4, MOST_CORNERS)), 3))
+    points = rng.uniform(-1, 1, (int(rng.integers(4, MAX_CORNERS)), 3))
     piece = Piece.around(points)
     assert is_in(points, piece).all()
     edges = piece.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).tolist()
@@ -116,7 +116,7 @@ def test_what_is_flat_becomes_a_sheet() -> None:
 def test_a_hull_of_many_corners_keeps_those_farthest_out() -> None:
     ball = creation.icosphere(subdivisions=4)
     piece = Piece.around(np.asarray(ball.vertices) * (1, 1, 3))
-    assert len(piece.vertices) <= MOST_CORNERS
+    assert len(piece.vertices) <= MAX_CORNERS
     assert 0.95 < piece.volume / (3 * ball.volume) < 1
 
 

@@ -1,1 +1,1 @@
-"""What every other package shares: errors, files, caches, compilation, counters, workers."""
+"""The base of all packages: errors, files, caches, compilation, counters, workers."""

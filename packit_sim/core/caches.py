@@ -1,6 +1,6 @@
-"""The caches of the process: bounded, counted, safe in threads and after fork().
+"""Bounded caches of the process: counted, and safe in threads and after fork().
 
-A cached value can be computed again: a cache changes how fast an answer comes, never which.
+A cached value can always be computed again: caches change speed, never results.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ class FileProblem:
         The number of the pack in the file, from 0 as `read_packs` counts; None for a problem of the
         whole file.
     sentence : str
-        What is wrong; the sentence names the item if it concerns one.
+        A description of the problem; it names the item if it concerns one.
     """
 
     file: Path
@@ -67,12 +67,12 @@ class Report:
 
     @property
     def holds(self) -> bool:
-        """Whether there is no problem."""
+        """True if there is no problem."""
         return not self.problems
 
     @property
     def not_judged(self) -> str:
-        """What the check leaves open, as a sentence; empty if it leaves nothing open."""
+        """A sentence that says what could not be checked; empty if everything was."""
         sentences = []
         if self.settled:
             sentences.append(

@@ -17,7 +17,7 @@ class Range:
     low, high : float
         The ends.
     ends : str
-        Which ends belong to the range, in interval notation: "[]" both, "(]" all but the lower.
+        The ends that belong to the range, in interval notation: "[]" both, "(]" all but the lower.
     """
 
     low: float
@@ -50,7 +50,7 @@ Valid: TypeAlias = Range | tuple[bool, str]
 
 
 def check_range(name: str, value: Any, valid: Valid, unit: str = "") -> None:
-    """Raise ArgumentError, which says what is valid, if a value is not."""
+    """Raise ArgumentError, which lists the valid values, if a value is not valid."""
     holds, description = (value in valid, valid) if isinstance(valid, Range) else valid
     if not holds:
         raise ArgumentError(f"{name} {value!r} is not possible: {description} {unit}".rstrip())
@@ -96,12 +96,12 @@ def check_settings(settings: Any, kind: str = "", **checks: Valid) -> None:
     kind : str
         The kind of settings in messages, such as "training setting".
     **checks : Valid
-        What is valid, by the name of the setting.
+        The valid values, by the name of the setting.
 
     Raises
     ------
     ArgumentError
-        If a setting is not valid; the message contains its name, its value and what is valid.
+        If a setting is not valid; the message contains its name, its value and the valid values.
     """
     for name, valid in checks.items():
         check_range(f"{kind} {name} =" if kind else name, getattr(settings, name), valid)

@@ -49,7 +49,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     -----
     The machine code is cached next to the module, or else in the user's cache folder (or
     `NUMBA_CACHE_DIR`), for as long as neither the module changes nor one that it imports: numba
-    alone would go on with machine code that contains kernels of other modules as they were.
+    alone would keep using machine code that contains old kernels of other modules.
     Processes that need the same kernel wait for the first one to compile it. If
     no folder is writable, each process compiles again. With `NUMBA_DISABLE_JIT=1` the function is
     not compiled, so that a debugger can stop in it.
@@ -122,7 +122,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 @cache  # once per process, where no file can be written
 def announce() -> None:
-    """Log that kernels are compiled, unless that was said before in this installation."""
+    """Log that kernels are compiled, once per installation."""
     if _is_first():
         _log.warning("compiling the placement engine, once per installation: 30 s to 2 minutes")
 
@@ -192,7 +192,7 @@ def _lock(module: str) -> AbstractContextManager[None]:
 
 
 def _is_first() -> bool:
-    """Whether this process is the first that compiles here, with these versions."""
+    """Return whether this process is the first that compiles here, with these versions."""
     folder = kernel_folder()
     if folder is None:
         return True

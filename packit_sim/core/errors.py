@@ -1,6 +1,6 @@
 """The errors that a user can cause.
 
-Each message is one line, and contains the value, the file if there is one, and what is valid. An
+Each message is one line with the value, the file if there is one, and the valid values. An
 operation that raises has changed nothing. Errors that only one module raises are defined there, as
 subclasses of `PackItError`.
 """
@@ -92,7 +92,7 @@ def located(where: object, kind: type[PackItError]) -> Iterator[None]:
     Raises
     ------
     PackItError
-        Of the same type, with the longer message.
+        The same type of error, with the longer message.
     """
     try:
         yield

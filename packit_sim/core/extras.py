@@ -35,9 +35,9 @@ def needed_for(purpose: str, alternative: str = "") -> Iterator[None]:
     Parameters
     ----------
     purpose : str
-        What needs them, a plural noun: the subject of the message.
+        The feature that needs them, a plural noun: the subject of the message.
     alternative : str
-        What can be done instead of installing them.
+        An alternative to installing them.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, by one process at a time."""
+"""Atomic writes of files, by one process at a time."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all."""
+    """Write a text file in UTF-8, atomically."""
     with replacing(path) as file:
         file.write(text.encode())
 
@@ -194,12 +194,12 @@ def _temporary(target: Path) -> tuple[int, str]:
 
 
 def _prefix(target: Path) -> str:
-    """Return how the names of temporary files for a path begin."""
+    """Return the prefix of the names of temporary files for a path."""
     return f".{target.name}."
 
 
 def _concerns(error: OSError, target: Path) -> bool:
-    """Whether an error concerns writing of a file: it has no file name, or a temporary one."""
+    """Return whether an error concerns the write: it names no file, or a temporary one."""
     if error.errno is None:
         return False
     named = error.filename

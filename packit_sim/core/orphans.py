@@ -1,4 +1,4 @@
-"""Worker processes that end with the process that started them, and only then."""
+"""Worker processes that end when the process that started them ends, not earlier."""
 
 import os
 import signal

@@ -64,7 +64,7 @@ class Workers:
         The number of processes; 0: one per core, in a cluster also on cores that join later, up to
         twice as many.
     backend : BackendName
-        Where the processes run: "loky" or "ray".
+        The backend that runs the processes: "loky" or "ray".
     address : str | None
         The address of the Ray cluster's head; None: the cluster that runs on this machine, or else
         a new one.
@@ -209,7 +209,7 @@ def search_workers(count: int, backend: SearchBackend, address: str | None) -> W
     count : int
         The number of workers; 0: one per core.
     backend : SearchBackend
-        Where they run.
+        The backend that runs them.
     address : str | None
         The address of the Ray cluster's head.
 

@@ -1,11 +1,11 @@
-"""Plain texts for people: messages contain names from files, which strangers may have written."""
+"""Plain text for messages: names from files may contain control characters."""
 
 from __future__ import annotations
 
 import logging
 
 MAX_CHARACTERS = 2000
-"""Most characters of a message; of a longer one the middle is left out."""
+"""Maximum number of characters of a message; the middle of a longer one is omitted."""
 
 _CONTROL = {code: 0x2400 + code for code in range(0x20) if chr(code) != "\n"}
 _OTHERS = (
@@ -19,12 +19,12 @@ _VISIBLE: dict[int, int | str] = {
     **_CONTROL,
     **dict.fromkeys([*range(0x7F, 0xA0), *_OTHERS], "\ufffd"),
 }
-"""What stands for characters that command a terminal, end a line, change the direction of writing,
-are invisible, or can't be encoded: pictures of the first 32, and a replacement character."""
+"""Replacements of characters that control a terminal, end a line, change the direction of writing,
+are invisible, or can't be encoded: pictures of the first 32, else the replacement character."""
 
 
 def plain(text: str) -> str:
-    """Return a text without characters that do more than show; newlines stay."""
+    """Replace all characters that are not printable, except newlines."""
     return text.translate(_VISIBLE)
 
 
@@ -38,7 +38,7 @@ def plain_line(text: str) -> str:
 
 
 def plain_logger(name: str) -> logging.Logger:
-    """Return the logger of a module; its records are plain lines, whoever handles them."""
+    """Return the logger of a module, whose records are plain lines for every handler."""
     logger = logging.getLogger(name)
     logger.addFilter(_make_plain)
     return logger

@@ -54,7 +54,7 @@ def quiet_threads(error: type[Exception]) -> Iterator[None]:
     Parameters
     ----------
     error : type of Exception
-        What the thread's owner raises again in the main thread.
+        An error that the thread's owner raises again in the main thread.
     """
     shown = threading.excepthook
 

@@ -23,7 +23,7 @@ def render(
     content : Mapping[str, Any]
         The values by the names that the template uses.
     html : bool
-        Whether values are escaped for HTML; the filter `safe` marks what is HTML already.
+        Whether values are escaped for HTML; the filter `safe` marks values that are HTML already.
     filters : Mapping[str, Callable[..., str]] | None
         Functions that the template uses as filters.
 

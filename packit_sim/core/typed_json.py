@@ -1,4 +1,4 @@
-"""JSON read into typed records by `msgspec`, with one clear error for what does not fit."""
+"""JSON decoded into typed records by `msgspec`, with one clear error for a wrong field."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NAMED = re.compile(r"Object (missing required|contains unknown) field `(.+)`")
 _STEPS = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 MAX_DIGITS = 39
-"""Most digits of an integer: those of the 128 bits in the state of a random generator."""
+"""Maximum digits of an integer: those of the 128 bits in the state of a random generator."""
 
 _MANY_DIGITS = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 
@@ -37,7 +37,7 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
     kind : type[T]
         A dataclass, a `msgspec.Struct` or any other type that msgspec knows.
     error : type[PackItError]
-        What to raise.
+        The error to raise.
     what : str
         The name of the whole text in messages, such as "a pack".
 
@@ -49,9 +49,9 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
     Raises
     ------
     PackItError
-        Of the given type, if the text is not JSON, or not of this kind. NaN and Infinity are not
+        The given type, if the text is not JSON, or not of this kind. NaN and Infinity are not
         JSON, a bool is not a number, and an integer has at most `MAX_DIGITS` digits. The message
-        names the field, its value and what is valid.
+        names the field, its value and the valid values.
     """
     refuse_long_integers(data, error)
     try:
@@ -65,7 +65,7 @@ def decode(data: bytes | str, kind: type[T], error: type[PackItError], what: str
 
 
 def convert(raw: Any, kind: type[T], error: type[PackItError], what: str = "it") -> T:
-    """Read a value of JSON's types as a typed record; the rest is as of `decode`."""
+    """Convert a value of JSON's types to a typed record; otherwise like `decode`."""
     _refuse_large_integers(raw, error)
     try:
         return msgspec.convert(raw, kind)
@@ -88,14 +88,14 @@ def check_names(
     kind : type
         The dataclass of the settings.
     error : type of Exception
-        What to raise.
+        The error to raise.
     table : str
-        What precedes the names in the message, such as "physics."; empty for the outermost.
+        A prefix of the names in the message, such as "physics."; empty for the outermost.
 
     Raises
     ------
     Exception
-        Of the given type, if there is no setting of such a name; the message lists the valid ones.
+        The given type, if there is no setting of such a name; the message lists the valid ones.
     """
     known = {
         field.encode_name: field.type for field in getattr(inspect.type_info(kind), "fields", ())
@@ -118,12 +118,12 @@ def refuse_long_integers(data: bytes | str, error: type[PackItError]) -> None:
     data : bytes | str
         The text; if it is not JSON, nothing is raised.
     error : type[PackItError]
-        What to raise.
+        The error to raise.
 
     Raises
     ------
     PackItError
-        Of the given type.
+        The given type.
     """
     if not _MANY_DIGITS.search(data if isinstance(data, bytes) else data.encode()):
         return
@@ -144,7 +144,7 @@ class _Header(msgspec.Struct):
 
 
 def format_of(data: bytes | str, error: type[PackItError], what: str = "it") -> Any:
-    """Read the field "format" of a JSON object, unchecked; the rest is as of `decode`."""
+    """Read the field "format" of a JSON object, unchecked; otherwise like `decode`."""
     return decode(data, _Header, error, what).format
 
 
@@ -182,7 +182,7 @@ def _refuse_large_integers(raw: Any, error: type[PackItError]) -> None:
 
 
 def _parsed(data: bytes | str) -> Any:
-    """Decode JSON without types; None where it is beyond reading."""
+    """Decode JSON without types; None if it can't be decoded."""
     try:
         return msgspec.json.decode(data)
     except (ValueError, RecursionError):
@@ -190,7 +190,7 @@ def _parsed(data: bytes | str) -> Any:
 
 
 def _sentence(text: str, raw: Any, kind: Any, what: str) -> str:
-    """Turn msgspec's message into ours."""
+    """Rewrite msgspec's message in our words."""
     match = _WHERE.fullmatch(text)
     assert match is not None
     problem, path = match["problem"], (match["path"] or "").removesuffix("[...]")
@@ -232,7 +232,7 @@ def _choices(kind: Any, path: str) -> Iterator[str]:
 
 
 def _alternatives(node: Any) -> Iterator[Any]:
-    """Yield a type, or each of a union's, without what only restricts them."""
+    """Yield a type, or each type of a union, without its restrictions."""
     if isinstance(node, inspect.Metadata):
         yield from _alternatives(node.type)
     elif isinstance(node, inspect.UnionType):

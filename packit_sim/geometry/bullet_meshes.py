@@ -29,8 +29,8 @@ _COLLADA = (
     "<node><instance_geometry url='#mesh'/></node></visual_scene></library_visual_scenes>"
     "<scene><instance_visual_scene url='#scene'/></scene></COLLADA>"
 )
-"""Only what PyBullet reads; the gaps are the positions, the normals, the number of triangles and
-their vertices."""
+"""The subset that PyBullet reads; the gaps are the positions, the normals, the number of triangles
+and their vertices."""
 
 
 def convex_pieces(mesh: trimesh.Trimesh) -> list[tuple[Rows, Rows]]:

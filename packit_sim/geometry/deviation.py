@@ -19,7 +19,7 @@ from packit_sim.geometry.deviation_kernels import bound, farthest
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
 
 RELATIVE_SLACK = 0.02
-"""Relative slack of the bound: how much larger than the distance it may be."""
+"""Relative slack of the bound: it exceeds the distance by at most this share."""
 
 DIAGONAL_SLACK = 1e-5
 """Further slack, relative to the larger bounding box's diagonal: a tenth of the contact tolerance

@@ -140,7 +140,7 @@ class PlacedItem:
 
     @property
     def counts(self) -> bool:
-        """Whether its volume counts for the box's density: always."""
+        """True: its volume counts for the box's density."""
         return True
 
 
@@ -161,7 +161,7 @@ class PosedItem:
 
     @classmethod
     def of(cls, placed: PlacedItem) -> PosedItem:
-        """Take an item off the grid, where it is."""
+        """Convert an item on the grid to one off the grid, at the same place."""
         return cls(placed.item, placed.matrix)
 
     @classmethod
@@ -189,7 +189,7 @@ class PosedItem:
 
     @property
     def counts(self) -> bool:
-        """Whether its volume counts for the box's density: always."""
+        """True: its volume counts for the box's density."""
         return True
 
     def __eq__(self, other: object) -> bool:

@@ -40,13 +40,13 @@ ORIGIN: Triple = (0, 0, 0)
 """The first location in the order of bottom-left-back fill."""
 
 CONTACT_TOLERANCE = 1e-4
-"""How far two accepted items may interpenetrate, in box units: surfaces that touch are no conflict,
-and parts on a grid touch all the time. Collision meshes are shrunk by half of it on each side, and
+"""Depth to which two accepted items may interpenetrate, in box units: surfaces may touch, and on a
+grid they often do. Collision meshes are shrunk by half of it on each side, and
 cells are grown by half of it when they are tested against a surface."""
 
 CELL_ROUNDING = 1e-6
-"""How far, in cells, an extent may exceed a whole number of cells and still be rounded down to it:
-the rounding error of an extent that is meant to be whole."""
+"""Excess, in cells, over a whole number of cells at which an extent is still rounded down: the
+rounding error of an extent that is meant to be whole."""
 
 _MOST_CELLS = 2**31
 """Cells along an axis of an item that is larger than any box; more might overflow."""

@@ -1,4 +1,4 @@
-"""Meshes as a stored library keeps them: compact, and bit for bit the same on every machine."""
+"""Quantized meshes of stored libraries: compact, and bit for bit the same on every machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from packit_sim.core.errors import MeshError
 from packit_sim.geometry.shapes import Shape
 
 MAX_COMPRESSION = 32
-"""Most bytes of an array per byte of its file; meshes compress to about half."""
+"""Maximum bytes of an array per byte of its file; meshes compress to about half."""
 
 DIAGONAL_SLACK = 1e-6
 """Largest difference of a stored mesh's diagonal from 1: rounding."""
@@ -129,7 +129,7 @@ class QuantizedMesh:
 def _array(
     archive: ZipFile, name: str, kinds: tuple[str, ...], shape: tuple[int | None, ...], most: int
 ) -> npt.NDArray[Any]:
-    """Read an array of a type and a shape, None for any length, of at most so many bytes."""
+    """Read an array of a given type, shape (None is any length) and maximum size in bytes."""
     with archive.open(f"{name}.npy") as member:
         if np.lib.format.read_magic(member) != (1, 0):
             raise ValueError(f"{name!r} has another version of numpy's format")

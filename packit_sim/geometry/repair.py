@@ -17,7 +17,7 @@ may be intended: the mouth of a bag, an open box."""
 
 @dataclass(frozen=True)
 class Repairs:
-    """How much of a mesh was repaired.
+    """Counts of the repairs of a mesh.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def clean_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Repairs]:
     clean : trimesh.Trimesh
         A mesh with the same surface.
     repairs : Repairs
-        What was removed.
+        Counts of what was removed.
     """
     clean = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     clean.remove_unreferenced_vertices()

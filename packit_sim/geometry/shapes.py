@@ -71,7 +71,7 @@ class Shape:
             self.volume = volume
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled, without parts and what trimesh derived from the mesh.
+        """Return the state to pickle, without parts and values that trimesh derived.
 
         To find them again is cheaper than to send them.
         """
@@ -129,7 +129,7 @@ class Shape:
         shape : Shape
             The shape of the repaired mesh.
         repairs : Repairs
-            What was repaired (see `repair.repair_mesh`).
+            Counts of the repairs (see `repair.repair_mesh`).
         """
         clean, cleaning = _canonical(mesh, id, up)
         whole, fixed = repair_mesh(clean)
@@ -147,7 +147,7 @@ class Shape:
 
     @cached_property
     def is_solid(self) -> bool:
-        """Whether the mesh is one closed body with consistent winding: its volume is exact."""
+        """True if the mesh is one closed body with consistent winding: its volume is exact."""
         mesh = self.mesh
         return bool(
             mesh.is_watertight

@@ -15,20 +15,20 @@ from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 
 GOOD_ERROR = 0.005
-"""In canonical units: half a cell for an item as long as the box. If the first simplification is
-farther off, others are tried."""
+"""A good error, in canonical units: half a cell for an item as long as the box. If the first
+simplification has a larger one, others are tried."""
 
 EAGER_ERROR = 0.001
 """The error up to which eager simplification goes, in canonical units."""
 
 _AGGRESSIVENESS = (7.0, 3.0, 1.0)
-"""How fast the tolerance of the edge collapses grows, in the order in which they are tried. The
+"""Growth rates of the tolerance of edge collapses, in the order in which they are tried. The
 default of the library is 7; slower growth gives a smaller error for some meshes of many parts."""
 
 
 @dataclass(frozen=True)
 class Simplification:
-    """How far meshes may be reduced.
+    """Limits of the reduction of meshes.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def collapsed(
     triangles : int
         Number of triangles to reduce it to.
     aggressiveness : float
-        How fast the tolerance grows while too many triangles are left.
+        The growth rate of the tolerance while too many triangles are left.
 
     Returns
     -------

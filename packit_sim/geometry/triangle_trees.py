@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from packit_sim.geometry.arrays import Floats, Ints
 
 _PER_LEAF = 4
-"""Triangles in a leaf of a tree, at most."""
+"""Maximum number of triangles in a leaf of a tree."""
 
 
 def tree_order(triangles: Floats) -> Ints:
@@ -41,7 +41,7 @@ def boxes_of(triangles: Floats) -> tuple[Floats, Ints]:
     boxes : ndarray of float64, shape (2 leaves, 2, 3)
         Lowest and highest corners, from the root at 1 to the leaves.
     starts : ndarray of int64, shape (leaves + 1,)
-        Where each leaf's triangles start.
+        The first triangle of each leaf.
     """
     leaves = 1
     while leaves * _PER_LEAF < len(triangles):

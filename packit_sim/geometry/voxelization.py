@@ -40,7 +40,7 @@ def fine_cells(triangles: npt.NDArray[np.float64], cells: Triple) -> tuple[Words
         Words [x, y, z] over the cell box: fine cells that meet a triangle when they are grown by
         half the contact tolerance.
     reached : Words
-        Those that a path over faces of untouched fine cells connects with the outside.
+        Fine cells that are connected with the outside by a path over faces of untouched fine cells.
 
     Raises
     ------

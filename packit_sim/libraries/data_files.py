@@ -1,4 +1,4 @@
-"""Files of data, such as packs and manifests, which are read whole: not meshes."""
+"""Reading of data files, such as packs and manifests; `mesh_files` reads meshes."""
 
 from __future__ import annotations
 

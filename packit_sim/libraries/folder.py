@@ -18,8 +18,8 @@ UNCATEGORISED = "uncategorised"
 """Category of mesh files that are not in a subfolder."""
 
 MAX_ENTRIES = 100_000
-"""Most files and folders in a folder: a manifest may refer to any folder, also to that of a whole
-disk."""
+"""Maximum number of files and folders in a folder: a manifest may refer to any, even to the root of
+a disk."""
 
 
 class MeshFolder(Source):

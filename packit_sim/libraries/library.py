@@ -1,4 +1,4 @@
-"""Shape libraries: shapes by id, in categories, whole or one split of them."""
+"""Shape libraries: shapes by id and category, all of them or those of one split."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from packit_sim.libraries.splits import SPLITS
 from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
 
 SCHEMES = ("folder", "shapenet")
-"""Prefixes of a path, followed by a colon, that say what is there."""
+"""Prefixes of a path, followed by a colon, that name the kind of library."""
 
 SOURCES = "packit_sim.shape_sources"
 """Entry points of other packages: a scheme, and a function of a path that returns a `Source`."""
@@ -170,7 +170,7 @@ class ShapeLibrary:
 
     @property
     def locator(self) -> str:
-        """What `open` takes in any working directory: a built-in name, or an absolute path."""
+        """The argument of `open` in any working directory: a built-in name or an absolute path."""
         if self.path.parent == assets_folder():
             return self.path.name
         scheme = self.source.locator.removesuffix(str(self.path))
@@ -178,12 +178,12 @@ class ShapeLibrary:
 
     @property
     def missing(self) -> Mapping[str, str]:
-        """Why there is no shape, for ids that one would expect."""
+        """Reasons why expected shapes are missing, by id."""
         return MappingProxyType({**self.source.missing, **self._unreadable})
 
     @property
     def digest(self) -> str:
-        """The SHA-256, in hex, of whatever changes a result.
+        """The SHA-256, in hex, of everything that can change a result.
 
         It covers the ids, geometry, volumes, categories, groups and splits of a stored library, and
         the ids and mesh files of others.

@@ -1,7 +1,7 @@
-"""Reading of mesh files in eight formats, whole or not at all.
+"""Reading of mesh files in eight formats.
 
-trimesh reads them, after the checks of `mesh_limits`. A file may not refer to others outside its
-folder.
+trimesh reads them, after the checks of `mesh_limits`. A file is read completely or not at all, and
+may not refer to others outside its folder.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class RawPart:
     raw : RawMesh
         Its mesh, in the scene's coordinates.
     count : int
-        How many instances of it there are, in the same orientation.
+        The number of its instances in the same orientation.
     """
 
     name: str
@@ -121,7 +121,7 @@ def read_parts(file: Path) -> list[RawPart]:
 
 
 def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
-    """Open a file's scene and take something from it; every error is a MeshError."""
+    """Open a file's scene and apply a function to it; every error is a MeshError."""
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise MeshError(f"{file}: not a mesh file: its name must end in {', '.join(SUFFIXES)}")
@@ -219,7 +219,7 @@ class _Scene:
         return list(found.values())
 
     def _groups(self) -> dict[str, list[str]]:
-        """Return the nodes with meshes by the uppermost node that they are below of."""
+        """Group the nodes with meshes by the uppermost node above them."""
         graph = self.scene.graph
         parents = graph.transforms.parents
         nodes = [node for node in graph.nodes_geometry if self._is_mesh(graph[node][1])]

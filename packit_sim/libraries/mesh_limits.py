@@ -110,7 +110,7 @@ def _check_obj(content: bytes) -> int:
 
 
 def _check_glb(content: bytes) -> int:
-    """Refuse a wrong header; the rest is as of `_check_gltf`."""
+    """Refuse a wrong header; then check as `_check_gltf` does."""
     if len(content) < 20 or content[:4] != b"glTF":
         raise MeshError("it does not begin as a GLB file does")
     (length,) = struct.unpack_from("<I", content, 12)

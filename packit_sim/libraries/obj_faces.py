@@ -15,7 +15,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.polygons import cut_into_triangles, folded
 
 MAX_CORNERS = 500
-"""Most corners of a polygon that is cut: the time may grow with their cube."""
+"""Maximum number of corners of a polygon that is cut: the time may grow with their cube."""
 
 _COMMENT = re.compile(rb"^([ \t]*f[ \t][^#\n]*)#.*$", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*f[ \t]+(.*)$", re.MULTILINE)
@@ -82,7 +82,7 @@ def _cut(vertices: Floats, faces: list[list[bytes]]) -> dict[int, bytes]:
 
 
 def _numbers(tokens: Iterable[bytes], count: int, kind: type) -> npt.NDArray[Any]:
-    """Read numbers; raise ValueError if one is none."""
+    """Read numbers; raise ValueError if a word is not one."""
     text = b" ".join(tokens).decode("ascii", "replace")
     found: npt.NDArray[Any] = np.fromstring(text, sep=" ", dtype=kind)
     if len(found) != count:

@@ -161,7 +161,7 @@ class Source(ABC):
     """
 
     is_catalogued = False
-    """Whether `info` does not need to read a mesh."""
+    """True if `info` need not read a mesh."""
 
     def __init__(
         self,

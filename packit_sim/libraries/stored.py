@@ -157,7 +157,7 @@ def write(
     shapes: Iterable[tuple[QuantizedMesh, ShapeInfo]],
     split: Callable[[Mapping[str, ShapeInfo]], Mapping[str, tuple[str, ...]]] | None = None,
 ) -> None:
-    """Store a library, all of it or nothing.
+    """Store a library, completely or not at all.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _replace_in_steps(path: Path, new: Path, old: Path) -> None:
 
 
 def _staging_prefix(path: Path) -> str:
-    """Return how the names of folders begin in which a library is written."""
+    """Return the prefix of the names of folders in which a library is written."""
     return f".{path.name}.importing-"
 
 
@@ -349,7 +349,7 @@ def _digest(infos: Mapping[str, ShapeInfo], divided: Mapping[str, Sequence[str]]
 def _is_digest(
     digest: str, infos: Mapping[str, ShapeInfo], divided: Mapping[str, Sequence[str]]
 ) -> bool:
-    """Whether a digest is that of a library, as this version or a former one computes it."""
+    """Return whether a digest is that of a library, by this version or a former one."""
     if digest == _digest(infos, divided):
         return True
     lines = "".join(f"{id} {infos[id].digest}\n" for id in sorted(infos))

@@ -1,4 +1,4 @@
-"""How deep settled items penetrate each other and the walls, by FCL on their meshes."""
+"""Depths to which settled items penetrate each other and the walls, by FCL on their meshes."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class PackQuality:
     density : float
         The placed volume, relative to the box's volume.
     stability : Stability
-        How the items move under gravity.
+        Movements of the items under gravity.
     disassembly : Disassembly
         The routes of the items into the box and out of it.
     compacted : Compacted

@@ -49,7 +49,7 @@ class PhysicsSettings:
     rest_time : float
         Time for which items stay below `rest_speed` before a simulation ends, s.
     decomposition : DecompositionSettings
-        How shapes are decomposed into convex pieces.
+        The decomposition of shapes into convex pieces.
     fitted : bool
         Whether pieces that overlap those of other items at the start are cut (see `fitting`).
 

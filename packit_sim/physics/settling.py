@@ -1,4 +1,4 @@
-"""Settling: where placed items come to rest under gravity, and which of them touch."""
+"""Settling: the poses in which placed items come to rest under gravity, and their contacts."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class SettledItem:
 
     @property
     def counts(self) -> bool:
-        """Whether it is inside and stable: less than `DISTANCE` from where it landed."""
+        """True if it is inside and stable: less than `DISTANCE` from where it landed."""
         return self.inside and self.drift < DISTANCE
 
     def __eq__(self, other: object) -> bool:
@@ -197,12 +197,12 @@ def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = Non
     settings = settings or PhysicsSettings()
     items, cut = fitted_pieces(box.placed, settings)
     with World(_size(box), settings) as world:
-        held = [world.add(pieces, 0.0) for pieces in items]
+        fixed = [world.add(pieces, 0.0) for pieces in items]
         free = [world.add(*both) for both in zip(items, _masses(box, settings), strict=True)]
         for n, one in enumerate(free):
-            for other in (*free[:n], *held[n:]):
+            for other in (*free[:n], *fixed[n:]):
                 world.ignore(one, other)
-        return _simulate(world, box, cut, free, held)
+        return _simulate(world, box, cut, free, fixed)
 
 
 def _size(box: Contents[ItemInBox]) -> Floats:
@@ -226,7 +226,7 @@ def fitted_pieces(
     items : sequence of ItemInBox
         The items.
     settings : PhysicsSettings
-        How they are decomposed, and whether pieces are cut.
+        The decomposition, and whether pieces are cut.
 
     Returns
     -------
@@ -259,16 +259,16 @@ def _simulate(
     box: Contents[ItemInBox],
     cut: float,
     free: Sequence[int],
-    held: Sequence[int],
+    fixed: Sequence[int],
 ) -> Settled:
     """Simulate the items until they are at rest.
 
-    free, held: the world's numbers of the moving items, and of the fixed ones.
+    free, fixed: the world's numbers of the moving items, and of the fixed ones.
     """
     energy = world.energy
     seconds, at_rest = world.run()
     moves, contacts = world.moves, world.contacts
-    known = {number: n for numbers in (held, free) for n, number in enumerate(numbers)}
+    known = {number: n for numbers in (fixed, free) for n, number in enumerate(numbers)}
     size = _size(box)
     items = []
     for start, own in zip(box.placed, free, strict=True):

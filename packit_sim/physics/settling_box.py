@@ -67,7 +67,7 @@ class SettlingBox(BaseBox[SettledItem]):
         Returns
         -------
         Settled
-            How the items moved.
+            The movements of the items.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from packit_sim.physics.settling import Settled, settle, settle_each
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """How the items of a pack move under gravity.
+    """The movements of a pack's items under gravity.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def stability(
     Returns
     -------
     Stability
-        How the items move.
+        The movements of the items.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""PyBullet worlds of static bodies: drawn with EGL, or for contacts.
+"""PyBullet worlds of static bodies, for pictures by EGL and for contacts.
 
 No other module of the scene talks to PyBullet.
 """
@@ -59,7 +59,7 @@ class BulletClient:
     Attributes
     ----------
     folder : Path
-        Where its files lie; removed when it is closed.
+        The folder of its files, removed when it is closed.
     number : int
         PyBullet's number of the connection.
     close : Callable[[], None]
@@ -98,7 +98,7 @@ class BulletClient:
 
     @staticmethod
     def _on_release() -> None:
-        """Free what the world holds besides the connection."""
+        """Free all resources of the world except the connection."""
 
     def _write(self, text: str, suffix: str) -> str:
         path = self.folder / f"{len(os.listdir(self.folder))}{suffix}"

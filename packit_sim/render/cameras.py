@@ -1,4 +1,4 @@
-"""Cameras: where a picture is taken from, and where a point of the box is in it."""
+"""Cameras: viewpoints, and the projection of points of the box to pixels."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Camera:
         aspect : float
             Width over height of the picture.
         center : Points | None
-            What the camera looks at, of shape (3,); by default whatever allows the nearest
+            The point that the camera looks at, of shape (3,); by default the one with the nearest
             position.
 
         Returns

@@ -22,13 +22,13 @@ PALETTE = (
     *((0.34, 0.71, 0.91), (0.84, 0.37, 0.00), (0.87, 0.80, 0.47), (0.53, 0.13, 0.33)),
     *((0.59, 0.90, 0.80), (0.60, 0.60, 0.20), (0.45, 0.45, 0.75), (0.20, 0.20, 0.55)),
 )
-"""Most are by Okabe and Ito and by Paul Tol; colour-blind readers can distinguish them."""
+"""Colours that colour-blind readers can distinguish, mostly by Okabe and Ito and by Paul Tol."""
 
 _SHADES = (0.0, 0.25, 0.45)
 """Shares of white in the palette's colours, for more categories than it has colours."""
 
 _RAMP = ((0.24, 0.22, 0.52), (0.13, 0.46, 0.58), (0.36, 0.70, 0.46), (0.99, 0.90, 0.42))
-"""From low to high: lighter at each step, so that brightness alone is enough to read it."""
+"""Colours from low to high, lighter at each step, so that brightness alone tells them apart."""
 
 UNKNOWN_COLOR: Color = (0.72, 0.72, 0.72)
 """The colour of items without a number."""
@@ -41,7 +41,7 @@ class ColorKey:
     Attributes
     ----------
     title : str
-        What the colours stand for.
+        The quantity that the colours show.
     entries : tuple of (str, Color)
         Names and their colours, in the order of the legend.
     """
@@ -57,7 +57,7 @@ class ColorScale:
     Attributes
     ----------
     title : str
-        What the colours stand for.
+        The quantity that the colours show.
     low : str
         The value at the lower end of the colour ramp.
     high : str

@@ -124,7 +124,7 @@ def contact_sheet(
         A label and a shape each, or a message to show if there is none. They are taken one at a
         time and not kept.
     columns : int | None
-        At most so many as tiles; by default as many as rows.
+        The maximum number of columns; by default as many as rows.
     side : int
         Pixels along each side of a shape's picture, `MIN_SIDE` to `MAX_SIDE`.
     on_tile : Callable[[], object] | None
@@ -203,5 +203,5 @@ def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int,
 
 
 def _font(side: int) -> FreeTypeFont:
-    """Return the font for a picture with a side of so many pixels."""
+    """Return the font for a picture, given the length of its side in pixels."""
     return font_of(min(6 + side // 22, 32))

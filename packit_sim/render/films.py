@@ -22,7 +22,7 @@ from packit_sim.render.looks import DEFAULT_LOOK, Look
 from packit_sim.render.scene import Scene
 
 Frame = tuple[Look, Layout | None]
-"""How a box is shown in one frame of a film."""
+"""The look and the layout of one frame of a film."""
 
 _SIDES = ((2, 1), (1, 1), (0, 1), (0, -1), (1, -1))
 """Directions from which items enter, in order of preference: axis, and 1 or -1 for the side."""
@@ -74,7 +74,7 @@ class Pace:
         return cls(fps, usual.flight * share, usual.gap * share, usual.rest * share)
 
     def seconds(self, items: int) -> float:
-        """Return how long a film of so many items takes."""
+        """Return the duration of a film of a number of items."""
         return 2 * self.rest + (self.flight + self.gap * (items - 1) if items else 0.0)
 
 
@@ -91,7 +91,7 @@ def packing(
     box : Contents[PlacedItem]
         The box.
     look : Look
-        How it is shown.
+        The look of the box.
     pace : Pace | None
         The speed.
 

@@ -1,4 +1,4 @@
-"""Where items are shown: in their places, moved apart, or next to the box."""
+"""Layouts of items in pictures: in their places, moved apart, or next to the box."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ ITEM_GAP = 0.06
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the items of a box are shown.
+    """The poses in which the items of a box are shown.
 
     Attributes
     ----------
     poses : tuple[Pose or None, ...]
         One for each item, in order of placing; None hides the item.
     points : ndarray of float64, shape (n, 3)
-        What a picture contains in addition to the box, in box units.
+        Points that a picture contains in addition to the box, in box units.
     """
 
     poses: tuple[Pose | None, ...]
@@ -42,7 +42,7 @@ class Layout:
         size : Floats
             Extents (3,) of the box in box units.
         explode : float
-            How much farther, as a share of the distance.
+            The additional distance, as a share of the distance.
 
         Returns
         -------

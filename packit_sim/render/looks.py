@@ -1,4 +1,4 @@
-"""How a box is shown: one value for snapshots, films, environments and the command line."""
+"""Looks: the display options of a box, for snapshots, films, environments and commands."""
 
 from __future__ import annotations
 
@@ -52,21 +52,21 @@ class Cut:
 
 @dataclass(frozen=True)
 class Look:
-    """How a box is shown.
+    """The display options of a box.
 
     Parameters
     ----------
     camera : Camera
-        Where the picture is taken from.
+        The viewpoint of the picture.
     background : RGB
         Red, green and blue, 0 to 255.
     box : BoxStyle
         "edges" shows the box's edges and floor, "ghost" panes of glass around its contents, "none"
         the items alone, as large as fits.
     explode : float
-        How far items are moved apart: a share of their distance from the middle of the floor.
+        The distance by which items are moved apart, as a share of that to the middle of the floor.
     cut : Cut | None
-        Where the box is cut open.
+        The plane that cuts the box open.
     coloring : Coloring
         The rule that gives each item its colour.
 
@@ -93,4 +93,4 @@ class Look:
 
 
 DEFAULT_LOOK = Look()
-"""How a box is shown by default."""
+"""The look of a box by default."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F")
-"""By Okabe and Ito; colour-blind readers can distinguish them, the first three best."""
+"""Colours by Okabe and Ito; colour-blind readers can distinguish them, the first three best."""
 
 DPI = 150
 """Pixels per inch of a figure."""
@@ -101,7 +101,7 @@ def inlined(
     Parameters
     ----------
     out : TextIO
-        Where the element is written.
+        The file to which the element is written.
     mosaic : Sequence[Sequence[str]]
         Names of axes, row by row.
     width : float

@@ -15,7 +15,7 @@ RENDERER_VARIABLE = "PACKIT_RENDERER"
 
 
 def open_world() -> DrawnWorld:
-    """Open an empty world with the renderer that `PACKIT_RENDERER` says.
+    """Open an empty world with the renderer that `PACKIT_RENDERER` names.
 
     Returns
     -------

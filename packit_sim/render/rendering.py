@@ -102,9 +102,9 @@ def take(
     indices : dict[int, int]
         The item's index for each body's number.
     points : Points
-        What the picture contains, of shape (n, 3), see `Camera.eye`.
+        Points that the picture contains, of shape (n, 3), see `Camera.eye`.
     center : Points | None
-        Where the camera looks, of shape (3,), see `Camera.eye`.
+        The point that the camera looks at, of shape (3,), see `Camera.eye`.
     look : Look
         The camera and the background.
     size : tuple[int, int]

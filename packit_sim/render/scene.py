@@ -27,13 +27,13 @@ from packit_sim.render.rendering import Snapshot, take
 from packit_sim.render.staging import BodyStager, corners
 
 _MAX_SHAPES = 512
-"""The most shapes of a world: PyBullet frees none before it disconnects."""
+"""Maximum number of shapes of a world: PyBullet frees none before it disconnects."""
 
 _MAX_TRIANGLES = 2**19
-"""The most triangles of a world, for the same reason."""
+"""Maximum number of triangles of a world, for the same reason."""
 
 _MAX_SECTIONS = 2**18
-"""The most triangles that a world has of the box itself and of items that are cut open."""
+"""Maximum number of triangles in a world for the box itself and for items that are cut open."""
 
 
 class Scene:
@@ -97,9 +97,9 @@ class Scene:
         height : int
             Pixels, 1 to 2048.
         look : Look | None
-            How the box is shown; None for `DEFAULT_LOOK`.
+            The display options; None for `DEFAULT_LOOK`.
         layout : Layout | None
-            Where the items are shown, instead of `look.explode`. By default they are in their
+            The poses of the items, instead of `look.explode`. By default they are in their
             places, or as far apart as the look says.
 
         Returns

@@ -1,4 +1,4 @@
-"""What remains of an item that a plane cuts, and its section."""
+"""Items that a plane cuts: the part that remains, and its section."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def is_beyond(placed: PlacedItem, cut: Cut) -> bool:
 
 
 def section(placed: PlacedItem, cut: Cut, mesh: trimesh.Trimesh | None = None) -> Section | None:
-    """Compute what remains of an item that a plane crosses.
+    """Compute the part that remains of an item that a plane crosses.
 
     The plane is moved to the nearest face between fine cells.
 
@@ -55,7 +55,7 @@ def section(placed: PlacedItem, cut: Cut, mesh: trimesh.Trimesh | None = None) -
     Returns
     -------
     Section | None
-        What remains; None if the plane does not cross the item.
+        The part that remains; None if the plane does not cross the item.
     """
     low, high = _span(placed, cut)
     at = _plane(cut)

@@ -73,9 +73,9 @@ class BodyStager:
         bodies : Mapping[ItemInBox, int]
             The body's number of each placed item.
         look : Look
-            How the box is shown.
+            The display options.
         layout : Layout
-            Where the items are shown.
+            The poses of the items.
         size : Points
             Extents (3,) of the box in box units.
 
@@ -113,7 +113,7 @@ class BodyStager:
         self._paint(self._floor, floor)
 
     def _cut_open(self, bodies: Mapping[ItemInBox, int], cut: Cut | None) -> None:
-        """Create bodies of what remains of items that are cut, none of those that are hidden."""
+        """Create bodies of the remaining parts of items that are cut; none for hidden items."""
         gone = [placed for placed in self._parts if placed not in bodies or cut != self._cut]
         for placed in gone:
             self.remove(self._parts.pop(placed))

@@ -1,4 +1,4 @@
-"""What a renderer must offer: static bodies that are moved, painted and drawn."""
+"""The interface of renderers: static bodies that are moved, painted and drawn."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class DrawnWorld(Protocol):
 
     @property
     def renderer(self) -> str:
-        """The name of what draws it."""
+        """The name of the renderer."""
 
     @property
     def triangles(self) -> int:

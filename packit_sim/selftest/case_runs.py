@@ -30,7 +30,7 @@ def run(seed: int, minutes: float, workers: Workers, file: Path | None = None) -
     seed : int
         The seed of the cases; a run continues with the first case that the file does not contain.
     minutes : float
-        How long new cases are started.
+        The time during which new cases are started.
     workers : Workers
         The processes.
     file : Path, optional
@@ -39,7 +39,7 @@ def run(seed: int, minutes: float, workers: Workers, file: Path | None = None) -
     Yields
     ------
     Totals
-        After each case the totals of the file, or of this run if there is no file.
+        The totals of the file, or of this run if there is no file, after each case.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def run_case(seed: int, number: int) -> CaseOutcome:
     Returns
     -------
     CaseOutcome
-        What was compared; with a difference also the reduced case.
+        The counts of the comparisons; with a difference also the reduced case.
     """
     start = time.process_time()
     tally, replay = Tally(), None

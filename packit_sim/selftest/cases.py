@@ -35,7 +35,7 @@ class Case:
     item : Item
         The item to place.
     seed : tuple of int
-        What the checks draw locations and orders from.
+        The seed from which the checks draw locations and orders.
     easy : bool
         Whether the item is compared in all 24 rotations, as PackIt-Easy asks for.
     kinematic : bool
@@ -79,7 +79,7 @@ class Case:
         return _drawn(near if near.any() else np.ones_like(near), count, rng)
 
     def near(self, count: int, rng: Rng) -> list[Triple]:
-        """Draw locations at which the item's bounding box overlaps another's, of both answers."""
+        """Draw locations at which bounding boxes overlap, some feasible and some not."""
         inside = locations_inside(self.cells, self.item)
         corner = np.moveaxis(np.indices(inside), 0, -1) * (STEP * CELL)
         center = corner + np.array(self.item.cells) * (CELL / 2)

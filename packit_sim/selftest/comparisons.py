@@ -1,4 +1,4 @@
-"""What `packit selftest` compares in a case. Each check is a function of the case and a tally."""
+"""Comparisons of `packit selftest`. Each check is a function of a case and a tally."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def check_blockers(case: Case, tally: Tally) -> None:
 
 
 def check_table(case: Case, tally: Tally) -> None:
-    """Compare a no-fit table of one pair with the oracle, in whichever order the two are."""
+    """Compare a no-fit table of one pair with the oracle, in both orders of the pair."""
     if not case.placed or not fits(case.cells, case.item):
         return
     rng = case.rng("table")
@@ -148,7 +148,7 @@ def check_kinematic(case: Case, tally: Tally) -> None:
 
 
 def check_volumes(case: Case, tally: Tally) -> None:
-    """Compare with what solids share: little if they are accepted, something if they are not."""
+    """Compare with the volume that solids share: little if feasible, more if not."""
     if not volumes.is_available():
         return
     for location in case.near(SAMPLES, case.rng("volumes")):
@@ -202,12 +202,12 @@ def differences(case: Case, name: str, tally: Tally | None = None) -> list[Diffe
     name : str
         The name of the check.
     tally : Tally, optional
-        Where comparisons are counted.
+        The counts, to which comparisons are added.
 
     Returns
     -------
     list of Difference
-        Those that this check added to the tally.
+        The differences that this check added to the tally.
     """
     tally = tally or Tally()
     before = len(tally.differences)

@@ -74,7 +74,7 @@ def contacts(rng: Rng) -> list[Item]:
 
 
 def extremes(rng: Rng) -> list[Item]:
-    """From a fraction of a cell to about the box, side by side."""
+    """Items of all sizes side by side, from a fraction of a cell to about the box."""
     everyday = _everyday()
     shapes = (*ZOO, *(everyday[i] for i in rng.choice(everyday.ids, 4, replace=False)))
     sizes = 10 ** rng.uniform(-2.5, 0.1, size=14)

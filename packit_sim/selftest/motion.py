@@ -1,4 +1,4 @@
-"""The way out of the box in small steps: brute force for the kinematic rule."""
+"""The kinematic rule by brute force: items move out of the box in small steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from packit_sim.placement import LooseMesh
 
 
 class Paths:
-    """The ways straight up of an item from locations of a box.
+    """Straight moves of an item up from locations of a box.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reduce a case in which answers differ, as long as they still do."""
+"""Reduction of a case in which answers differ to a smaller one in which they still do."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from packit_sim.selftest.comparisons import CHECKS
 from packit_sim.selftest.totals import SelftestError
 
 _FRAME = 1e-6
-"""How far a shape may be from its canonical frame."""
+"""Maximum distance of a shape from its canonical frame."""
 
 
 @dataclass(frozen=True)

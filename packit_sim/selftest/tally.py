@@ -1,4 +1,4 @@
-"""What a case counted: comparisons by their name, and the differences that were found."""
+"""The counts of one case: comparisons by name, and the differences found."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Difference:
     check : str
         The name of the check.
     message : str
-        What differs.
+        A description of the difference.
     """
 
     check: str
@@ -35,7 +35,7 @@ class Tally:
     counts : Counter of str
         The number of comparisons by name.
     differences : list of Difference
-        Those found.
+        The differences found.
     """
 
     counts: Counter[str] = field(default_factory=Counter)

@@ -1,4 +1,4 @@
-"""Totals of `packit selftest`: what all runs of a file compared, and where answers differed."""
+"""Totals of `packit selftest` over all runs of a file: comparisons and differences."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SelftestError(PackItError, ValueError):
 
 @dataclass
 class KindTotals:
-    """What was compared for one kind of items.
+    """The comparisons for one kind of items.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class FoundDifference:
     check : str
         The name of the check.
     message : str
-        What differs.
+        A description of the difference.
     replay : str
         The name of the file with the reduced case, in the folder of the totals.
     """
@@ -65,7 +65,7 @@ class FoundDifference:
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """What one case counted.
+    """The counts of one case.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Totals:
     seconds : float
         Wall time of all runs.
     kinds : dict of str to KindTotals
-        What was compared by the kind of items.
+        The comparisons by the kind of items.
     differences : list of FoundDifference
         The differences.
     """

@@ -11,27 +11,27 @@ from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
 
 DEPTH = float(np.sqrt(3)) * CONTACT_TOLERANCE
-"""How deep two accepted solids may overlap: the tolerance along each axis."""
+"""Maximum depth of the overlap of two accepted solids: the tolerance along each axis."""
 
 
 def is_available() -> bool:
-    """Whether manifold3d is installed."""
+    """Return whether manifold3d is installed."""
     return importlib.util.find_spec("manifold3d") is not None
 
 
 def is_solid(placed: PlacedItem) -> bool:
-    """Whether an item's mesh is closed, so that it has a volume."""
+    """Return whether an item's mesh is closed, so that it has a volume."""
     with np.errstate(divide="ignore", invalid="ignore"):  # the centre of mass, if it has none
         return bool(placed.item.shape.mesh.is_volume)
 
 
 def is_one_solid(placed: PlacedItem) -> bool:
-    """Whether an item's mesh is one closed body."""
+    """Return whether an item's mesh is one closed body."""
     return placed.item.shape.is_solid
 
 
 def shared_depth(one: PlacedItem, other: PlacedItem) -> float:
-    """Compute the mean thickness of what two solids share: twice its volume over its area."""
+    """Compute the mean thickness of the overlap of two solids: twice its volume over its area."""
     shared = _shared(one, other, 0.0)
     return 2 * _volume(shared) / shared.area if _volume(shared) else 0.0
 

@@ -41,16 +41,16 @@ _GLASS = 0.12
 
 @dataclass(frozen=True)
 class DisplaySettings:
-    """How the items of a box are shown.
+    """The display options of a box on a page.
 
     Parameters
     ----------
     step : int | None
-        How many items, from the first on; None for all.
+        The number of items that are shown, from the first on; None for all.
     explode : float
-        How far items are moved apart: a share of their distance from the middle of the floor.
+        The distance by which items are moved apart, as a share of that to the middle of the floor.
     cut : Cut | None
-        Where the box is cut open, whose items must be on the grid.
+        The plane that cuts the box open, whose items must be on the grid.
     colors : tuple[Color, ...] | None
         The colour of each item; None for each shape's own.
     focus : frozenset[int] | None
@@ -184,7 +184,7 @@ class BoxView:
             handle.color = rgb(color, light)
 
     def _cut_open(self, key: tuple[int, ItemInBox], color: Color) -> tuple[MeshHandle, ...]:
-        """Create what remains of an item that is cut, and its section; nothing if it is not cut."""
+        """Create the remaining part and the section of an item that is cut, if it is."""
         if self._cut is None:
             return ()
         if key not in self._parts:
@@ -253,7 +253,7 @@ def _on_grid(placed: ItemInBox) -> PlacedItem:
 
 
 def corners(cells: Triple) -> Floats:
-    """Compute the corners (8, 3) of a box of so many cells, in box units."""
+    """Compute the corners (8, 3) of a box with these cells, in box units."""
     return np.indices((2, 2, 2)).reshape(3, 8).T * np.array(cells) * CELL
 
 

@@ -77,7 +77,7 @@ def _quiet(handler: ConnectionHandler, protocol: str) -> ConnectionHandler:
             return
         try:
             await handler(connection)
-        except Exception as error:  # whatever a client's message makes the server raise
+        except Exception as error:  # a client's message may make the server raise anything
             _log.warning("the viewer closed a connection after a malformed message: %r", error)
             await connection.close(_INVALID, "not a message of this page")
 

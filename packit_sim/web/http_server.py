@@ -1,4 +1,4 @@
-"""A small web server for one local page: routes, bounded bodies, and no requests of others."""
+"""A small web server for one local page: routes, limited bodies, no requests from other pages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.web.origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page, refused
 
 _SECONDS = 60.0
-"""How long a connection may be silent."""
+"""Timeout of a silent connection."""
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -40,7 +40,7 @@ class RequestError(PackItError, ValueError):
     Parameters
     ----------
     message : str
-        Why.
+        The reason.
     status : HTTPStatus
         The status of the answer.
     """
@@ -52,7 +52,7 @@ class RequestError(PackItError, ValueError):
 
 @dataclass(frozen=True)
 class WebRequest:
-    """What a page asks for.
+    """A request of a page.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class WebRequest:
 
 @dataclass(frozen=True)
 class WebAnswer:
-    """What a page gets.
+    """The answer to a request.
 
     Attributes
     ----------
@@ -98,18 +98,18 @@ class WebAnswer:
 
 @dataclass(frozen=True)
 class HttpRoute:
-    """What answers requests.
+    """The handler of the requests to a path.
 
     Attributes
     ----------
     answer : callable
         Returns the answer to a request; raises PackItError for one clear sentence instead.
-    most : int
-        The largest body in bytes.
+    max_body_bytes : int
+        Maximum size of a request's body.
     """
 
     answer: Callable[[WebRequest], WebAnswer]
-    most: int = 0
+    max_body_bytes: int = 0
 
 
 class HttpServer:
@@ -211,9 +211,9 @@ class _Handler(BaseHTTPRequestHandler):
         if route is None:
             raise RequestError(f"there is no {url.path}", HTTPStatus.NOT_FOUND)
         length = self._length()
-        if length > route.most:
+        if length > route.max_body_bytes:
             raise RequestError(
-                f"{length:,} bytes are too many: at most {route.most:,}",
+                f"{length:,} bytes are too many: at most {route.max_body_bytes:,}",
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
             )
         query = {key: values[-1] for key, values in parse_qs(url.query).items()}

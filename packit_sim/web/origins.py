@@ -1,4 +1,7 @@
-"""Where pages are served, and whether a request is of such a page: others may send some, too."""
+"""Addresses of local pages, and checks that a request comes from such a page.
+
+Other pages in the same browser may send requests, too.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ LOOPBACK = "127.0.0.1"
 """The address that only this machine reaches."""
 
 EVERYWHERE = "0.0.0.0"
-"""Stands for all addresses of this machine."""
+"""The wildcard for all addresses of this machine."""
 
 
 def refused(host: str, port: int | None, reason: object) -> RenderError:
@@ -39,8 +42,8 @@ def is_own_host(asked: str, host: str) -> bool:
     Returns
     -------
     bool
-        Whether it is an address, "localhost" or a name of this machine: anyone may let a name of
-        their own point to this server (DNS rebinding).
+        Whether it is an address, "localhost" or a name of this machine: anyone may let their own
+        domain name point to this server (DNS rebinding).
     """
     try:
         name = urlsplit(f"//{asked.lower()}").hostname or ""

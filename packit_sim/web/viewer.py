@@ -25,7 +25,7 @@ class Viewer:
     box : Contents[ItemInBox]
         The box.
     host : str
-        Where the page listens, see `WebPage`.
+        The address at which the page is served, see `WebPage`.
     port : int | None
         The same.
 

@@ -1,4 +1,4 @@
-"""A local web page with a 3D scene, by viser: its address, light and end."""
+"""A local web page with a 3D scene, by viser: server, light and camera."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def _silence() -> Iterator[None]:
 
 
 def _dress(server: viser.ViserServer) -> None:
-    """Set up what all pages share: light, background, and no share button."""
+    """Set up all pages alike: light, background, and no share button."""
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.initial_camera.fov = math.radians(ISO.fov)
     server.scene.set_background_image(np.full((1, 1, 3), BACKGROUND, dtype=np.uint8), "png")

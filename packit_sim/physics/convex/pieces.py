@@ -15,9 +15,9 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.physics.convex.polytope_kernels import clip
 
 SHEET = 1e-4
-"""Least thickness of a piece: flat and linear ones are thickened to it."""
+"""Minimum thickness of a piece: flat and linear ones are thickened to it."""
 
-MOST_CORNERS = 200
+MAX_CORNERS = 200
 """Largest number of a hull's corners; of more, only the extreme ones in as many directions are
 kept, which removes about 1% of a ball. A simulation's time grows with the number of corners."""
 
@@ -28,7 +28,7 @@ _HALVINGS = 12
 """Largest number of halvings of a triangle's sides into grains."""
 
 _ROUNDING = 1e-9
-"""How far a point may be beyond a plane and count as on it, in units of about the diagonal."""
+"""Distance beyond a plane at which a point counts as on it, relative to about the diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +48,10 @@ class Piece:
 
     @classmethod
     def around(cls, points: Floats) -> Piece:
-        """Compute the convex hull of points (n, 3), n > 0; see `SHEET` and `MOST_CORNERS`."""
+        """Compute the convex hull of points (n, 3), n > 0; see `SHEET` and `MAX_CORNERS`."""
         points = _thick(points)
         hull = _hull(points)
-        if len(hull.vertices) > MOST_CORNERS:
+        if len(hull.vertices) > MAX_CORNERS:
             hull = _hull(_outermost(points[hull.vertices]))
         kept, faces = np.unique(hull.simplices, return_inverse=True)
         vertices, faces = hull.points[kept], faces.reshape(-1, 3)
@@ -218,8 +218,8 @@ def _thick(points: Floats) -> Floats:
 
 def _outermost(points: Floats) -> Floats:
     """Return the extreme ones of points (n, 3), in directions that follow their extents."""
-    heights = (np.arange(MOST_CORNERS) + 0.5) / MOST_CORNERS * 2 - 1
-    angles = np.arange(MOST_CORNERS) * (np.pi * (3 - np.sqrt(5)))  # a spiral over the sphere
+    heights = (np.arange(MAX_CORNERS) + 0.5) / MAX_CORNERS * 2 - 1
+    angles = np.arange(MAX_CORNERS) * (np.pi * (3 - np.sqrt(5)))  # a spiral over the sphere
     around = np.sqrt(1 - heights**2)
     directions = np.column_stack((around * np.cos(angles), around * np.sin(angles), heights))
     return points[np.unique(np.argmax(points / np.ptp(points, axis=0) @ directions.T, axis=0))]

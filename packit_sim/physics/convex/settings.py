@@ -15,7 +15,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 @dataclass(frozen=True)
 class DecompositionSettings:
-    """How shapes are decomposed into convex pieces.
+    """Settings of the decomposition of shapes into convex pieces.
 
     Parameters
     ----------
