@@ -35,6 +35,7 @@ REASONS = {
     "import-linter": "checks that imports run downwards",
     "jinja2": "HTML pages: packings, instructions, reports",
     "joblib": "local worker processes",
+    "lazy-loader": "imports public names when they are first used",
     "lib3mf": "reads 3MF files as slicers do, in tests",
     "lxml": "reads XML: 3MF and COLLADA; external entities are refused",
     "manifold3d": "volumes of intersections, an independent check: tests, `packit selftest`",

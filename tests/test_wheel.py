@@ -75,7 +75,7 @@ def test_the_wheel_claims_only_its_own_names_and_has_everything(wheel) -> None:
     code = below(names, "packit_sim/") - {f"assets/{name}" for name in assets}
     assert code == checked_out("packit_sim")
     assert below(names, "packit_agents/") == checked_out("agents/packit_agents")
-    assert {"py.typed", "__init__.py"} <= code
+    assert {"py.typed", "__init__.py", "__init__.pyi"} <= code
 
 
 @pytest.mark.slow
