@@ -13,7 +13,7 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
 
 MAX_TRIANGLES = 2000
-"""Maximum number of triangles of a shape on any page: fifty such shapes rotate smoothly and load quickly."""
+"""Maximum number of triangles of a shape on any page: fifty such shapes rotate smoothly."""
 
 
 @lru_cache(maxsize=512)
