@@ -195,6 +195,7 @@ class Occupancy(Generic[ItemT]):
         """Compare the joined voxels with those of the items, one after the other."""
         spans, starts, *joined = self.placed_arrays
         ends = np.zeros(3, dtype=np.int64)
+        own: tuple[npt.NDArray[Any], ...]
         for n, (location, voxels) in enumerate(self._voxels):
             own = voxels.number.ravel(), voxels.outer, voxels.inner, voxels.first[:-1], voxels.fine
             begins = ends[[0, 1, 1, 1, 2]].tolist()
