@@ -195,9 +195,9 @@ class Occupancy(Generic[ItemT]):
         """Compare the joined voxels with those of the items, one after the other."""
         spans, starts, *joined = self.placed_arrays
         ends = np.zeros(3, dtype=np.int64)
-        own: tuple[npt.NDArray[Any], ...]
         for n, (location, voxels) in enumerate(self._voxels):
-            own = voxels.number.ravel(), voxels.outer, voxels.inner, voxels.first[:-1], voxels.fine
+            words = voxels.outer, voxels.inner, voxels.first[:-1], voxels.fine
+            own: list[npt.NDArray[Any]] = [voxels.number.ravel(), *words]
             begins = ends[[0, 1, 1, 1, 2]].tolist()
             for array, begin, expected in zip(joined, begins, own, strict=True):
                 assert np.array_equal(array[begin : begin + len(expected)], expected)
