@@ -60,7 +60,7 @@ def one_pack(*job: Any) -> tuple[float, float, int]:
     """Create a pack; return wall seconds, CPU seconds and the process's peak memory in bytes."""
     caches.clear()
     started, cpu = time.perf_counter(), time.process_time()
-    jobs._evolve(*job)
+    jobs.evolve_pack(*job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return time.perf_counter() - started, time.process_time() - cpu, peak
 

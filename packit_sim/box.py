@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from packit_sim import placement
 from packit_sim.core.caches import cached_property
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import ArgumentError, InfeasibleError
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry import rotations
@@ -227,6 +228,8 @@ class BaseBox(ABC, Generic[ItemT]):
         self._occupancy.truncate(kept)
         for placed in snapshot.placed[kept:]:
             self._occupancy.add(placed)
+        if is_checking():
+            assert self.snapshot() == snapshot
 
     def __repr__(self) -> str:
         name, items = type(self).__name__, len(self.placed)

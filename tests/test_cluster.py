@@ -73,7 +73,7 @@ def local(order, tmp_path_factory) -> Path:
 def begun(tmp_path, monkeypatch) -> Path:
     """Where a line is added for each evolution that begins: number, generation, node."""
     file = tmp_path / "begun.jsonl"
-    evolve = jobs._evolve
+    evolve = jobs.evolve_pack
 
     def logged(*job):  # a nested function, so that it travels by value
         import json
@@ -82,7 +82,7 @@ def begun(tmp_path, monkeypatch) -> Path:
 
         _, _, folder, number, _ = job
         jobs.CHECKPOINT_SECONDS = 0.0
-        state = jobs._read(jobs.checkpoint(folder, number), jobs.EvolutionState)
+        state = jobs.read_state(jobs.checkpoint(folder, number), jobs.EvolutionState)
         line = number, len(state.densities) if state else 0, node()
         with file.open("a") as log:
             log.write(json.dumps(line) + "\n")
@@ -93,7 +93,7 @@ def begun(tmp_path, monkeypatch) -> Path:
 
         return ray.get_runtime_context().get_node_id()
 
-    monkeypatch.setattr(jobs, "_evolve", logged)
+    monkeypatch.setattr(jobs, "evolve_pack", logged)
     return file
 
 

@@ -420,7 +420,7 @@ def test_a_missing_package_names_its_extra_before_any_work(
         if name.partition(".")[0] == package or name.startswith("packit_agents.learning."):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
-    world._pybullet.cache_clear()
+    world.pybullet_module.cache_clear()
     failed = packit(*command.split(), cwd=tmp_path)
     assert failed.returncode == 2, failed.stdout
     assert failed.stderr.count("\n") == 1

@@ -36,7 +36,7 @@ def inked(image: RGBImage) -> np.ndarray:
 
 def tile(image: RGBImage, row: int, column: int, side: int = SIDE) -> tuple[RGBImage, RGBImage]:
     """The picture and the label of one tile of a sheet."""
-    gap, strip = side // 20, len(contact_sheets._label("", side))
+    gap, strip = side // 20, len(contact_sheets.label_image("", side))
     y, x = gap + row * (side + strip + gap), gap + column * (side + gap)
     return image[y : y + side, x : x + side], image[y + side : y + side + strip, x : x + side]
 
@@ -90,7 +90,7 @@ def test_tiles_stand_in_their_places(renderer: str) -> None:
     for n, shape in enumerate(shapes):
         image, label = tile(sheet.image, *divmod(n, 3))
         assert inked(image).any() and inked(label).any()
-        assert np.array_equal(label, contact_sheets._label(shape.id, SIDE))
+        assert np.array_equal(label, contact_sheets.label_image(shape.id, SIDE))
         if shape in (CUBE, ROD):
             assert np.array_equal(image, picture(shape, SIDE))
     image, label = tile(sheet.image, 1, 2)
@@ -106,14 +106,14 @@ def test_tiles_stand_in_their_places(renderer: str) -> None:
 )
 def test_the_size_of_the_grid(count: int, columns: int | None, grid: tuple[int, int]) -> None:
     sheet = contact_sheet([(str(n), "none") for n in range(count)], columns, side=40)
-    strip = len(contact_sheets._label("", 40))
+    strip = len(contact_sheets.label_image("", 40))
     rows, across = grid
     assert sheet.image.shape == (rows * (42 + strip) + 2, across * 42 + 2, 3)
     assert inked(tile(sheet.image, *divmod(count - 1, across), side=40)[0]).any()
 
 
 def test_labels_are_shortened_in_the_middle() -> None:
-    font = contact_sheets._font(SIDE)
+    font = contact_sheets.sheet_font(SIDE)
     assert lettering.shortened("mug", font, 80) == "mug"
     short = lettering.shortened("category/a-very-long-name-0017", font, 80)
     start, end = short.split(lettering.ELLIPSIS)
@@ -121,7 +121,7 @@ def test_labels_are_shortened_in_the_middle() -> None:
     assert end and "category/a-very-long-name-0017".endswith(end)
     assert 65 < font.getlength(short) <= 80
     assert lettering.shortened("mug", font, 1) == lettering.ELLIPSIS
-    assert not inked(contact_sheets._label("m" * 500, SIDE))[:, [0, 1, -2, -1]].any()
+    assert not inked(contact_sheets.label_image("m" * 500, SIDE))[:, [0, 1, -2, -1]].any()
 
 
 @pytest.mark.parametrize("side", [16, 33, 160, 600])
@@ -129,8 +129,9 @@ def test_labels_are_shortened_in_the_middle() -> None:
     "text", ["", " ", "a\nb\tc", "Käse für 2 €", "杯子", "👍", "\udce9\x00\u202e", "x" * 10_000]
 )
 def test_any_text_can_be_a_label_or_a_message(text: str, side: int) -> None:
-    assert contact_sheets._label(text, side).shape == contact_sheets._label("mug", side).shape
-    assert contact_sheets._message(text, side).shape == (side, side, 3)
+    label, other = (contact_sheets.label_image(one, side) for one in (text, "mug"))
+    assert label.shape == other.shape
+    assert contact_sheets.message_image(text, side).shape == (side, side, 3)
 
 
 def test_what_the_font_does_not_have() -> None:
@@ -139,18 +140,18 @@ def test_what_the_font_does_not_have() -> None:
 
 
 def test_messages_are_wrapped_at_spaces_and_within_long_words() -> None:
-    font = contact_sheets._font(SIDE)
+    font = contact_sheets.sheet_font(SIDE)
     text = "the file ends early: /data/" + "deep/" * 12 + "mug.stl holds nothing"
     lines = list(lettering.lines_of(text, font, 90))
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
     assert all(font.getlength(line) <= 90 and line == line.strip() for line in lines)
     assert lines[0].split() == text.split()[: len(lines[0].split())]
-    shown = inked(contact_sheets._message(text, SIDE))
+    shown = inked(contact_sheets.message_image(text, SIDE))
     assert 3 < np.count_nonzero(np.diff(shown.any(axis=1).astype(int)) == 1) < len(lines) + 3
     assert not shown[[0, -1]].any() and not shown[:, [0, -1]].any()
     ends = (
-        contact_sheets._message("too long " * 100, SIDE),
-        contact_sheets._message("too long " * 9, SIDE),
+        contact_sheets.message_image("too long " * 100, SIDE),
+        contact_sheets.message_image("too long " * 9, SIDE),
     )
     assert not np.array_equal(*ends)
 
@@ -193,7 +194,7 @@ def test_many_shapes_need_more_than_one_world(
 ) -> None:
     tiles = [(shape.id, shape) for shape in ZOO[:3]]
     in_one = contact_sheet(tiles, side=SIDE)
-    monkeypatch.setattr(scene, "_MAX_SHAPES", 1)
+    monkeypatch.setattr(scene, "MAX_SHAPES", 1)
     in_three = contact_sheet(tiles, side=SIDE)
     assert np.array_equal(in_one.image, in_three.image)
 

@@ -138,7 +138,7 @@ def few_items(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Settle a few items of a pack, bisected: CoACD and a whole pack would take minutes."""
     write_packs(folder / "few.jsonl", [rollout("a/b/c", 0, 3).pack])
     monkeypatch.setenv(disk_cache.CACHE_VARIABLE, str(folder))
-    monkeypatch.setattr(decomposition, "_by_coacd", lambda shape, settings: ([], "not asked"))
+    monkeypatch.setattr(decomposition, "by_coacd", lambda shape, settings: ([], "not asked"))
     monkeypatch.setattr(packit_sim, "dataset_file", lambda name: folder / "few.jsonl")
 
 

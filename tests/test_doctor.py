@@ -77,12 +77,12 @@ def test_packages_that_crash_hang_or_raise_are_distinguished(
     (tmp_path / "packit_hang.py").write_text("import time; time.sleep(60)")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     names = ["packit_raise", "packit_crash", "packit_loud", "packit_fine"]
-    assert machine_checks._import_problems(names) == {
+    assert machine_checks.import_problems(names) == {
         "packit_raise": "can't be imported: ImportError: no libX",
         "packit_crash": "its import ends with status -6",
     }
     monkeypatch.setattr(machine_checks, "PATIENCE", 0.5)
-    problems = machine_checks._import_problems(["packit_hang"])
+    problems = machine_checks.import_problems(["packit_hang"])
     assert problems == {"packit_hang": "its import takes more than 0.5 s"}
 
 
@@ -101,14 +101,14 @@ def test_little_memory_is_a_problem_and_other_systems_have_no_figure(
 ) -> None:
     file = tmp_path / "meminfo"
     monkeypatch.setattr(machine_checks, "MEMORY", file)
-    assert [check.status for check in machine_checks._machine()] == ["ok", "ok"]
+    assert [check.status for check in machine_checks.machine()] == ["ok", "ok"]
     file.write_text("MemTotal:  8000000 kB\nMemAvailable:  1000000 kB\n")
-    memory = machine_checks._machine()[1]
+    memory = machine_checks.machine()[1]
     assert (memory.status, memory.found) == ("problem", "1.0 GB free of 8.2 GB")
     assert "--workers 1" in memory.remedy
 
 
 def test_sizes_are_readable() -> None:
-    assert [machine_checks._size(n) for n in (0, 999, 2_000, 3_500_000, 12e12)] == [
+    assert [machine_checks.size_text(n) for n in (0, 999, 2_000, 3_500_000, 12e12)] == [
         *("0 B", "999 B", "2 kB", "4 MB", "12000.0 GB")
     ]

@@ -37,7 +37,7 @@ from packit_sim.render.coloring import PALETTE, ColorKey, ColorScale, by_categor
 from packit_sim.rules import End
 from packit_sim.web.box_view import corners, reach
 from packit_sim.web.surfaces import MAX_TRIANGLES, surface
-from packit_sim.web.web_page import _look, _view
+from packit_sim.web.web_page import aim_camera, camera_of
 from tests.runs import run_packit
 from tests.zoo import BALL, CUBE, cube_of
 
@@ -93,10 +93,10 @@ def test_items_that_settled_are_shown_where_they_rest(packs, library) -> None:
         for handle, one in zip(explorer.boxes[0].items, placed, strict=True):
             assert handle.position == pytest.approx(one.center)
         controls = explorer.controls
-        assert controls._axis.disabled and controls._wanted.options == (NOTHING,)
-        controls._axis.value = "y"
+        assert controls.axis.disabled and controls.wanted.options == (NOTHING,)
+        controls.axis.value = "y"
         explorer.wait()
-        assert shown(explorer) == len(placed) and not controls._notice.visible
+        assert shown(explorer) == len(placed) and not controls.notice.visible
         assert "settled" in controls.answer.content
 
 
@@ -129,17 +129,17 @@ def test_the_sequence_plays_to_its_end(
 
 
 def test_another_pack_takes_the_place_of_the_first(explorer: Explorer, packs: list[Pack]) -> None:
-    explorer.controls._switch_pack(-1)
+    explorer.controls.switch_pack(-1)
     explorer.wait()
     assert explorer.controls.request.pack == 2
     assert shown(explorer) == len(packs[2].items)
-    explorer.controls._switch_pack(1)
+    explorer.controls.switch_pack(1)
     explorer.wait()
     assert explorer.controls.request.pack == 0
 
 
 def test_items_move_apart(explorer: Explorer, packs: list[Pack], library: ShapeLibrary) -> None:
-    explorer.controls._explode.value = 0.5
+    explorer.controls.explode.value = 0.5
     explorer.wait()
     middle = np.array((0.5, 0.5, 0.0))
     for handle, placed in zip(explorer.boxes[0].items, packs[0].placed(library), strict=True):
@@ -149,9 +149,9 @@ def test_items_move_apart(explorer: Explorer, packs: list[Pack], library: ShapeL
 def test_a_cut_takes_away_what_is_beyond(
     explorer: Explorer, packs: list[Pack], library: ShapeLibrary
 ) -> None:
-    explorer.controls._axis.value = "y"
+    explorer.controls.axis.value = "y"
     explorer.wait()
-    scene = explorer._page.server.scene
+    scene = explorer.page.server.scene
     for n, placed in enumerate(packs[0].placed(library)):
         low, high = placed.center[1] + np.array((-0.5, 0.5)) * placed.item.extents[1]
         handle = explorer.boxes[0].items[n]
@@ -161,22 +161,22 @@ def test_a_cut_takes_away_what_is_beyond(
             assert (cap.vertices + cap.position)[:, 1] == pytest.approx(0.5)
         else:
             assert handle.visible == (high <= 0.5) and cap is None
-    explorer.controls._axis.value = NOTHING
+    explorer.controls.axis.value = NOTHING
     explorer.wait()
     assert shown(explorer) == len(packs[0].items)
     assert scene.get_handle_by_name("/first/parts/0/cap") is None
 
 
 def test_a_chosen_item_stays_solid_while_the_others_turn_to_glass(explorer: Explorer) -> None:
-    explorer._choose(0, 3)
+    explorer.choose(0, 3)
     explorer.wait()
     opacities = [handle.opacity for handle in explorer.boxes[0].items]
     assert opacities[3] is None and set(opacities) == {None, GLASS}
-    assert explorer._page.server.scene.get_handle_by_name("/first/label").text.startswith("3 ")
-    explorer._choose(0, 3)
+    assert explorer.page.server.scene.get_handle_by_name("/first/label").text.startswith("3 ")
+    explorer.choose(0, 3)
     explorer.wait()
     assert {handle.opacity for handle in explorer.boxes[0].items} == {None}
-    assert explorer._page.server.scene.get_handle_by_name("/first/label") is None
+    assert explorer.page.server.scene.get_handle_by_name("/first/label") is None
 
 
 def test_why_not_here_shows_where_and_names_what_blocks(
@@ -185,7 +185,7 @@ def test_why_not_here_shows_where_and_names_what_blocks(
     controls = explorer.controls
     controls.set_step(6)
     explorer.wait()
-    controls._wanted.value = controls._wanted.options[1]
+    controls.wanted.value = controls.wanted.options[1]
     explorer.wait()
     wanted = packs[0].placed(library)[6]
     assert (controls.request.wanted, controls.request.location) == (6, wanted.location)
@@ -195,7 +195,7 @@ def test_why_not_here_shows_where_and_names_what_blocks(
         box.place(placed.item, placed.location)
     mask = box.feasible(wanted.item)
     assert f"{np.count_nonzero(mask):,} of 15,625" in controls.answer.content
-    scene = explorer._page.server.scene
+    scene = explorer.page.server.scene
     assert len(scene.get_handle_by_name("/markers/dots").points) == np.count_nonzero(mask)
     blocked = next(tuple(n.tolist()) for n in np.argwhere(~mask) if box.why_not(wanted.item, n))
     controls.set_query(wanted.item.rotation, blocked)
@@ -206,7 +206,7 @@ def test_why_not_here_shows_where_and_names_what_blocks(
         assert explorer.boxes[0].items[n].opacity == 0.35
     nodes = mask[:, :, blocked[2]]
     assert len(scene.get_handle_by_name("/markers/level").points) == np.count_nonzero(nodes)
-    explorer._to_first()
+    explorer.to_first()
     explorer.wait()
     assert controls.request.location == box.blbf(wanted.item)
     controls.set_step(7)
@@ -219,29 +219,29 @@ def test_places_are_asked_about_where_items_are_in_theirs(
     explorer: Explorer, packs: list[Pack], library: ShapeLibrary
 ) -> None:
     controls = explorer.controls
-    controls._explode.value = 0.5
+    controls.explode.value = 0.5
     controls.set_step(6)
     explorer.wait()
     placed = packs[0].placed(library)[5]
     assert not np.allclose(explorer.boxes[0].items[5].position, placed.center)
-    controls._wanted.value = controls._wanted.options[1]
+    controls.wanted.value = controls.wanted.options[1]
     explorer.wait()
     assert explorer.boxes[0].items[5].position == pytest.approx(placed.center)
-    assert controls._explode.disabled
-    controls._wanted.value = NOTHING
+    assert controls.explode.disabled
+    controls.wanted.value = NOTHING
     explorer.wait()
-    assert controls.request.explode == 0.5 and not controls._explode.disabled
+    assert controls.request.explode == 0.5 and not controls.explode.disabled
 
 
 @pytest.mark.parametrize("way", [(1.0, 2.0, 0.5), (-3.0, 0.1, -1.0), (0.0, 0.0, 1.0)])
 def test_a_camera_goes_to_what_it_is_to_see_on_the_side_where_it_is(way: Floats) -> None:
     camera = SimpleNamespace(position=np.array(way) + 7, look_at=np.full(3, 7.0))
     points = corners((300, 100, 50)) + np.array((1.0, -2.0, 3.0))
-    _look(camera, points, 1.5, _view(camera))
+    aim_camera(camera, points, 1.5, camera_of(camera))
     toward = camera.position - camera.look_at
     toward /= np.linalg.norm(toward)
     assert toward == pytest.approx(np.array(way) / np.linalg.norm(way), abs=2e-3)
-    view = _view(camera)
+    view = camera_of(camera)
     rays = points - camera.position
     reach = math.tan(math.radians(view.fov) / 2) * -(rays @ toward)
     assert (np.abs(rays @ view.right) < 1.5 * reach).all()
@@ -252,12 +252,12 @@ def test_two_boxes_that_are_moved_apart_are_clear_of_each_other(
     packs: list[Pack], library: ShapeLibrary
 ) -> None:
     with Explorer(PackCollection(packs, library), 0, 1) as explorer:
-        scene = explorer._page.server.scene
+        scene = explorer.page.server.scene
         for explode in (0.0, 1.5):
-            explorer.controls._explode.value = explode
+            explorer.controls.explode.value = explode
             explorer.wait()
             spans, tops = [], []
-            for name, view in zip(("/first", "/second"), explorer._views, strict=True):
+            for name, view in zip(("/first", "/second"), explorer.views, strict=True):
                 x, _, _ = scene.get_handle_by_name(name).position
                 points = reach(view.contents(), explode)
                 spans.append((x + points[:, 0].min(), x + points[:, 0].max()))
@@ -276,11 +276,11 @@ def test_two_agents_stand_side_by_side(packs: list[Pack], library: ShapeLibrary)
     assert [collection.rivals(0), collection.rivals(1)] == [(2, 3), (4,)]
     with Explorer(collection, 0, 2) as explorer:
         assert [shown(explorer, n) for n in (0, 1)] == [5, 9]
-        explorer._choose(1, 2)
+        explorer.choose(1, 2)
         explorer.wait()
         for box in explorer.boxes:
             assert box.items[2].opacity is None and box.items[0].opacity == GLASS
-        explorer.controls._switch_pack(1)
+        explorer.controls.switch_pack(1)
         explorer.wait()
         assert len(explorer.boxes) == 1 and explorer.controls.request.second is None
 
@@ -312,12 +312,12 @@ def test_a_pack_that_cant_be_shown_is_reported_and_the_page_works_on(
 ) -> None:
     broken = replace(packs[1], outside=(ItemRecord("no-such-shape", 1.0),))
     with Explorer(PackCollection([packs[0], broken], library)) as explorer:
-        explorer.controls._switch_pack(1)
+        explorer.controls.switch_pack(1)
         explorer.wait()
-        assert "no-such-shape" in explorer.controls._notice.content
-        explorer.controls._switch_pack(1)
+        assert "no-such-shape" in explorer.controls.notice.content
+        explorer.controls.switch_pack(1)
         explorer.wait()
-        assert explorer.controls._notice.content == "" and shown(explorer) == len(packs[0].items)
+        assert explorer.controls.notice.content == "" and shown(explorer) == len(packs[0].items)
 
 
 def test_an_empty_box_and_one_without_neighbours_are_shown(

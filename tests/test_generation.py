@@ -249,7 +249,7 @@ def test_a_machine_without_our_folder_keeps_no_checkpoints(
     (anothers / "job.json").write_text(typed_json.encode(other))
     checkpoint(anothers, 1).write_text("{}")
     for folder in (tmp_path / "no" / "such" / "folder", anothers, Path("/proc/no/folder")):
-        generated = jobs._evolve(wanted, wanted.record, folder, 1, os.getpid())
+        generated = jobs.evolve_pack(wanted, wanted.record, folder, 1, os.getpid())
         assert generated == (1, undisturbed[1:2])
     assert checkpoint(anothers, 1).read_text() == "{}"
     assert [path.name for path in tmp_path.iterdir()] == ["anothers"]
@@ -260,7 +260,7 @@ def test_a_machine_with_another_library_makes_no_packs(library, tmp_path) -> Non
     foreign = replace(known.library, digest="0123456789abcdef")
     wanted = structs.replace(known, library=foreign)
     with pytest.raises(GenerationError, match="should be 0123456789ab"):
-        jobs._evolve(order(library), wanted, tmp_path, 0, os.getpid())
+        jobs.evolve_pack(order(library), wanted, tmp_path, 0, os.getpid())
 
 
 def test_a_library_that_travels_is_found_wherever_it_is_installed(

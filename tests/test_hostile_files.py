@@ -140,7 +140,7 @@ def test_the_page_shows_the_results() -> None:
 
 
 def test_a_recording_without_spaces_runs_nothing(tmp_path: Path) -> None:
-    recording = learning_readers._recording()
+    recording = learning_readers.recording_folder()
     for file in recording.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     metadata = json.loads((tmp_path / "metadata.json").read_text())
@@ -180,7 +180,7 @@ RECORDED: dict[str, tuple[Callable[[Any], object], str]] = {
 def test_a_recording_is_read_from_its_file_alone(
     tmp_path: Path, change: Callable[[Any], object], problem: str
 ) -> None:
-    for file in learning_readers._recording().iterdir():
+    for file in learning_readers.recording_folder().iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     assert len(list(stage_steps(tmp_path, Stage.SHAPE))) == 2
     with h5py.File(tmp_path / "main_data.hdf5", "a") as file:

@@ -95,7 +95,7 @@ def test_what_is_judged_is_not_judged_again(played, judged, tmp_path, monkeypatc
     write_results(other, played)
     judge(read_results(other), everyday(), "bisection", file=other)
     assert other.read_bytes() == before
-    monkeypatch.setattr(judging, "_judged", None)
+    monkeypatch.setattr(judging, "judge_one", None)
     monkeypatch.setattr(results_store, "write_results", None)
     assert judge(judged, everyday(), "bisection", file=file) == judged
     assert file.read_bytes() == before and list(tmp_path.glob(".*")) == []
@@ -120,7 +120,8 @@ def test_a_stop_keeps_what_was_judged(played, judged, tmp_path, monkeypatch) -> 
 
 
 def test_other_pieces_are_another_score(judged, monkeypatch) -> None:
-    monkeypatch.setattr(judging, "_judged", lambda n, box, pieces: (n, QualityScores(0.5, 0.25, 7)))
+    scores = QualityScores(0.5, 0.25, 7)
+    monkeypatch.setattr(judging, "judge_one", lambda n, box, pieces: (n, scores))
     monkeypatch.setattr(judging, "require", lambda settings: None)
     again = judge(judged[:1], everyday(), "coacd")
     assert scores_of(again[0]) == {"stable": 0.5, "insertable": 0.25, "floating": 7}
@@ -157,7 +158,7 @@ def test_evaluate_prints_scores_and_stores_them(played, tmp_path, monkeypatch) -
     mean = sum(one.played.scores["stable"] for one in read_results(file)) / 2
     assert f"{mean:.3f}" in shown.partition("insertable")[2]
     before = file.read_bytes()
-    monkeypatch.setattr(judging, "_judged", None)
+    monkeypatch.setattr(judging, "judge_one", None)
     again = packit("evaluate", *common, "--scores", "--decomposition", "bisection")
     assert heading.search(again) and file.read_bytes() == before
     assert not heading.search(packit("evaluate", *common)) and file.read_bytes() == before

@@ -604,17 +604,17 @@ def test_labelled_states_are_kept_until_a_checkpoint_needs_none(
     )
     whole = Training(settings, tmp_path / "whole", "cpu")
     whole.run()
-    write = Training._write
+    write = Training.write
 
     def kill(self: Training) -> None:
         if self.steps >= 128:
             raise Killed
         write(self)
 
-    monkeypatch.setattr(Training, "_write", kill)
+    monkeypatch.setattr(Training, "write", kill)
     with pytest.raises(Killed):
         Training(settings, tmp_path / "parts", "cpu").run()
-    monkeypatch.setattr(Training, "_write", write)
+    monkeypatch.setattr(Training, "write", write)
     parts = Training(settings, tmp_path / "parts", "cpu")
     assert parts.steps == 64
     parts.run()
@@ -632,7 +632,7 @@ def test_a_checkpoint_that_does_not_fit_on_the_disk_is_an_error_of_the_system(
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
         with pytest.raises(OSError, match="File too large"):
-            done._write()
+            done.write()
 
     assert injector.fork(write, tmp_path, fault="none") == 0
 
@@ -827,13 +827,13 @@ def test_with_costs_a_safe_choice_is_preferred_to_a_gamble() -> None:
     logits = torch.zeros(1, 3, requires_grad=True)
     dataset = torch.tensor([[0.0, 1.0, 0.1], [1.0, 0.0, 0.1]])
     for _ in range(300):
-        loss = model._loss(_distribution(logits.expand(2, 3)), dataset)
+        loss = model.imitation_loss(_distribution(logits.expand(2, 3)), dataset)
         (gradient,) = torch.autograd.grad(loss, logits)
         logits = (logits - gradient).detach().requires_grad_()
     assert logits.argmax() == 2
     model.num_timesteps = 0
     choices = torch.nn.functional.cross_entropy(logits.expand(2, 3), torch.tensor([0, 1]))
-    assert model._loss(_distribution(logits.expand(2, 3)), dataset) == choices
+    assert model.imitation_loss(_distribution(logits.expand(2, 3)), dataset) == choices
 
 
 def _distribution(logits: torch.Tensor) -> MaskableCategoricalDistribution:

@@ -141,7 +141,8 @@ def test_the_reward_is_of_what_is_inside_and_stable_at_the_end() -> None:
     for shape, at in ((0, (4, 3, 0)), (1, (1, 4, 2)), (2, (5, 4, 4))):
         env.step(shape)
         env.step(0)
-        rewards.append(env.step(number(*at))[1])
+        _, reward, _, _, info = env.step(number(*at))
+        rewards.append(reward)
     whole = base.volume + plank.volume + load.volume
     kept = [one.counts for one in env.episode.box.placed]
     assert kept == [True, False, True]
@@ -149,7 +150,6 @@ def test_the_reward_is_of_what_is_inside_and_stable_at_the_end() -> None:
     assert rewards[2] == pytest.approx((load.volume - plank.volume) / whole)
     assert env.episode.total == pytest.approx((base.volume + load.volume) / whole)
     assert env.episode.end is End.COMPLETE
-    _, info = env._observe()
     assert info["placed_volume"] == pytest.approx(base.volume + load.volume)
     assert len(env.episode.box.placed) == 3
     env.close()

@@ -157,7 +157,7 @@ def test_equal_pieces_have_one_shape_in_any_rotation(kind: PuzzleName) -> None:
 
 def test_pinwheels_are_separated_by_no_plane() -> None:
     rng = np.random.default_rng(0)
-    blocks = cuboid_cuts._divided([cuboid_cuts.WHOLE], 2, cuboid_cuts._whirled, rng)
+    blocks = cuboid_cuts.divided([cuboid_cuts.WHOLE], 2, cuboid_cuts.whirled, rng)
     assert blocks is not None and len(blocks) == 9
     filled = np.zeros((NODES,) * 3, dtype=int)
     for start, stop in blocks:
@@ -183,7 +183,7 @@ def test_polycubes_are_connected_and_interlock(pieces: int) -> None:
     rng = np.random.default_rng(pieces)
     labels = None
     while labels is None:
-        labels = polycube_cuts._joined(pieces, rng)
+        labels = polycube_cuts.joined_cubes(pieces, rng)
     names, counts = np.unique(labels, return_counts=True)
     least, most = polycube_cuts.sizes(pieces)
     assert len(names) == pieces and least <= counts.min() and counts.max() <= most
@@ -196,7 +196,7 @@ def test_a_twisted_polycube_has_a_closed_surface_drawn_in_by_the_clearance() -> 
     """Four cubes around a corner, at which faces look both ways along each axis."""
     cubes = np.zeros((5, 5, 5), dtype=bool)
     cubes[(1, 1, 1, 2), (1, 1, 2, 2), (1, 2, 2, 2)] = True
-    shape = polycube_cuts._piece(cubes).item().item.shape
+    shape = polycube_cuts.piece_of(cubes).item().item.shape
     assert shape.is_solid
     volume = shape.volume / shape.extents.max() ** 3 * (0.4 - 1.5e-4) ** 3
     area = 18 * 0.04

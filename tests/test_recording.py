@@ -359,7 +359,7 @@ from packit_sim.game.envs.recording import Recorder
 assert not {{"minari", "h5py"}} & sys.modules.keys()
 recorder = Recorder(PackItEnv(observation="none", **{SHAPE_ONLY!r}), {str(tmp_path / "r")!r})
 recorder.reset(seed=0)
-while recorder._count == 0:
+while recorder.count == 0:
     recorder.step(int(recorder.unwrapped.action_masks().argmax()))
 os._exit(9)
 """

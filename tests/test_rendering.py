@@ -6,6 +6,7 @@ import dataclasses
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
@@ -28,6 +29,7 @@ from packit_sim.render.looks import BACKGROUND, Cut, Look
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.render.software import SoftwareWorld
 from packit_sim.scene import Scene
+from tests.watched import Watched
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, RING, ZOO, cube_of
 
 pytestmark = pytest.mark.usefixtures("software")
@@ -204,21 +206,32 @@ def test_an_item_is_kept_cut_or_gone(at: float, which: int, axis: str) -> None:
         assert left.rest.bounds[1][n] + placed.center[n] <= at + FINE
 
 
-def number_of_bodies(scene: Scene) -> int:
-    world = scene._world
-    if isinstance(world, SoftwareWorld):
-        return len(world._bodies)
-    assert isinstance(world, bullet.EglWorld)
-    return int(pybullet.getNumBodies(physicsClientId=world.number))
+@pytest.fixture
+def number_of_bodies(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """Count the bodies of the world of the only scene that is opened."""
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
+    added = Watched(monkeypatch, SoftwareWorld, "add_body")
+    removed = Watched(monkeypatch, SoftwareWorld, "remove")
+
+    def count() -> int:
+        (world,) = worlds.returned
+        if isinstance(world, SoftwareWorld):
+            return len(added.calls) - len(removed.calls)
+        assert isinstance(world, bullet.EglWorld)
+        return int(pybullet.getNumBodies(physicsClientId=world.number))
+
+    return count
 
 
-def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) -> None:
+def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(
+    renderer: str, number_of_bodies: Callable[[], int]
+) -> None:
     look = Look(FRONT, box="edges")
     with Scene(three_cubes()) as scene:
         whole = scene.snapshot(SIDE, SIDE, look)
         opened = scene.snapshot(SIDE, SIDE, dataclasses.replace(look, cut=Cut("y", 0.15)))
         again = scene.snapshot(SIDE, SIDE, look)
-        bodies = number_of_bodies(scene)
+        bodies = number_of_bodies()
     assert set(np.unique(opened.segmentation)) == {-1, 0, 2}
     assert opened.depth[opened.segmentation == 0].min() == pytest.approx(
         whole.depth[whole.segmentation == 0].min() + 0.15, abs=0.012
@@ -230,18 +243,17 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(renderer: str) ->
 def test_a_world_is_replaced_before_it_has_too_many_sections(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.render.scene._MAX_SECTIONS", 6000)
+    monkeypatch.setattr("packit_sim.render.scene.MAX_SECTIONS", 6000)
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
+    stagers = Watched(monkeypatch, "packit_sim.render.scene", "BodyStager")
     box = Box()
     box.place(Item(BALL, 0.1), (5, 5, 0))
     with Scene(box) as scene:
-        worlds = []
         for at in (0.3, 0.31, 0.32, 0.33, 0.34):
             shot = scene.snapshot(SIDE, SIDE, Look(FRONT, cut=Cut("y", at)))
             assert set(np.unique(shot.segmentation)) == {-1, 0}
-            if scene._world not in worlds:
-                worlds.append(scene._world)
-            assert scene._stager.triangles < 12000
-    assert len(worlds) > 1
+            assert stagers.returned[-1].triangles < 12000
+    assert len(worlds.calls) > 1
 
 
 def test_panes_of_glass_are_before_and_behind_and_change_no_measure() -> None:
@@ -399,12 +411,14 @@ def test_without_a_display_and_without_mesa(missing: dict[str, str], tmp_path: P
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, f"{expected}\n", "")
 
 
-def test_what_a_picture_is_of_does_not_grow_with_pictures() -> None:
+def test_what_a_picture_is_of_does_not_grow_with_pictures(
+    number_of_bodies: Callable[[], int],
+) -> None:
     looks = [Look(), Look(cut=Cut("y", 0.2)), Look(cut=Cut("x", 0.2)), Look(box="ghost")]
     with Scene(three_cubes()) as scene:
         counts = []
         for look in looks * 2:
             scene.snapshot(24, 24, look)
-            counts.append(number_of_bodies(scene))
+            counts.append(number_of_bodies())
     assert counts[:4] == counts[4:] and max(counts) <= 5 + 2 * 3
     assert CELL == 4 * FINE

@@ -27,6 +27,7 @@ from packit_sim.render import bullet, renderers
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
+from tests.watched import Watched
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
 pytestmark = pytest.mark.usefixtures("software")
@@ -133,15 +134,18 @@ def test_a_shape_keeps_its_colour(renderer: str) -> None:
     assert np.abs(colors[0] - colors[1]).max() <= 12
 
 
-def test_update_equals_a_fresh_scene(renderer: str) -> None:
+def test_update_equals_a_fresh_scene(renderer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     box = three_items()
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
     with Scene(box) as scene:
-        kept = dict(scene._bodies)
+        (world,) = worlds.returned
+        added = Watched(monkeypatch, world, "add_body")
+        removed = Watched(monkeypatch, world, "remove")
         box.undo()
         box.place(Item(BOWL, 0.1), (15, 0, 0))
         box.place(Item(RING, 0.05, 9), (0, 10, 15))
         scene.update(box)
-        assert sum(scene._bodies.get(placed) == body for placed, body in kept.items()) == 2
+        assert len(added.calls) == 2 and len(removed.calls) == 1
         ours = scene.snapshot(160, 160)
     with Scene(box) as fresh:
         theirs = fresh.snapshot(160, 160)
@@ -153,29 +157,32 @@ def test_update_equals_a_fresh_scene(renderer: str) -> None:
 def test_update_to_a_box_of_other_cells_and_after_many_shapes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
     with Scene(three_items()) as scene:
-        world = scene._world
-        monkeypatch.setattr("packit_sim.render.scene._MAX_SHAPES", 2)
+        monkeypatch.setattr("packit_sim.render.scene.MAX_SHAPES", 2)
         box = Box((60, 80, 100))
         box.place(cube_of(20), (5, 5, 0))
         scene.update(box)
-        assert scene._world is not world
+        assert len(worlds.calls) == 2
         assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
 
 
 def test_a_world_is_replaced_before_it_has_too_many_triangles(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("packit_sim.render.scene._MAX_TRIANGLES", 6000)
+    monkeypatch.setattr("packit_sim.render.scene.MAX_TRIANGLES", 6000)
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
     with Scene(Box()) as scene:
         for scale in (0.1, 0.11, 0.12, 0.13):
             box = Box()
             box.place(Item(BALL, scale), (5, 5, 0))
             scene.update(box)
-            assert len(scene._visuals) <= 2 and scene._world.triangles <= 6000
+            world = worlds.returned[-1]
+            assert world.triangles <= 2 * len(BALL.mesh.faces) <= 6000
             assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0}
-            if isinstance(scene._world, bullet.EglWorld):
-                assert len(list(scene._world.folder.iterdir())) == len(scene._visuals) + 2
+            if isinstance(world, bullet.EglWorld):
+                visuals = round(world.triangles / len(BALL.mesh.faces))
+                assert len(list(world.folder.iterdir())) == visuals + 2
 
 
 def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,11 +287,11 @@ def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch
         assert third.renderer == "egl"
 
 
-def test_close_ends_everything_and_twice_is_fine() -> None:
+def test_close_ends_everything_and_twice_is_fine(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "ContactWorld")
     scene = Scene(three_items())
     scene.penetrations()
-    assert scene._contacts is not None
-    folder, client = scene._contacts.folder, scene._contacts.number
+    folder, client = worlds.returned[0].folder, worlds.returned[0].number
     assert folder.exists() and pybullet.isConnected(client)
     scene.close()
     scene.close()
@@ -294,12 +301,13 @@ def test_close_ends_everything_and_twice_is_fine() -> None:
             use()
 
 
-def test_a_forgotten_scene_is_closed() -> None:
+def test_a_forgotten_scene_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "ContactWorld")
     scene = Scene(three_items())
     scene.penetrations()
-    assert scene._contacts is not None
-    folder, client = scene._contacts.folder, scene._contacts.number
-    del scene
+    contacts = worlds.returned.pop()
+    folder, client = contacts.folder, contacts.number
+    del scene, contacts
     gc.collect()
     assert not folder.exists() and not pybullet.isConnected(client)
 
@@ -486,11 +494,13 @@ def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> N
     if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
     monkeypatch.setenv(renderers.RENDERER_VARIABLE, "egl")
+    worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
     with Scene(three_items()) as scene:
         before = scene.snapshot(64, 64).image
-        assert isinstance(scene._world, bullet.EglWorld)
+        (world,) = worlds.returned
+        assert isinstance(world, bullet.EglWorld)
         empty = trimesh.Trimesh(np.zeros((0, 3)), np.zeros((0, 3), int), process=False)
-        scene._world.add_body(scene._world.add_visual(empty, 1.0, (1, 0, 0)), Pose(np.zeros(3)))
+        world.add_body(world.add_visual(empty, 1.0, (1, 0, 0)), Pose(np.zeros(3)))
         assert np.array_equal(scene.snapshot(64, 64).image, before)
 
 

@@ -151,7 +151,7 @@ def test_boolean_volumes_find_what_engine_and_oracle_both_miss(monkeypatch) -> N
         mesh, other = collision_mesh(a), collision_mesh(b)
         return np.array([mesh.crosses(other, pair) for pair in pairs])
 
-    monkeypatch.setattr(collision, "_on_grid", crossing_alone)
+    monkeypatch.setattr(collision, "conflicts_at", crossing_alone)
     monkeypatch.setattr(oracle, "contains", lambda *_: False)
     case = nested()
     assert differences(case, "masks") == []

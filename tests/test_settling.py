@@ -301,7 +301,7 @@ def shifted(box: Box, *shifts: tuple[float, float, float]) -> Settled:
     for placed, shift in zip(box.placed, shifts, strict=True):
         move = np.eye(4)
         move[:3, 3] = shift
-        inside = settling._is_inside(placed, move, box.size)
+        inside = settling.is_inside(placed, move, box.size)
         items.append(SettledItem(placed, move, (), (), inside))
     return Settled(tuple(items), box.size, 0.0, True, (0.0, 0.0), 0.0)
 

@@ -152,7 +152,7 @@ def test_update_changes_only_what_changed(viewer: Viewer) -> None:
 
 def test_another_box_has_another_frame(viewer: Viewer) -> None:
     viewer.update(Box((200, 40, 80)))
-    scene = viewer._page.server.scene
+    scene = viewer.page.server.scene
     assert scene.get_handle_by_name("/box/edges").points.max(axis=(0, 1)).tolist() == pytest.approx(
         [2.0, 0.4, 0.8]
     )

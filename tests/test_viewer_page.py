@@ -90,16 +90,16 @@ def _as_at_first(opened: Opened) -> None:
     """What the tests may have set: they stand by themselves."""
     opened.page.mouse.move(1, 1)  # what is under it is outlined
     controls = opened.explorer.controls
-    controls.set_step(len(opened.explorer._views[0].placed))
-    controls._item.value = controls._axis.value = controls._wanted.value = "nothing"
-    controls._second.value = "nothing"
-    controls._explode.value = 0.0
+    controls.set_step(len(opened.explorer.views[0].placed))
+    controls.item.value = controls.axis.value = controls.wanted.value = "nothing"
+    controls.second.value = "nothing"
+    controls.explode.value = 0.0
     opened.explorer.wait()
 
 
 def pixels(opened: Opened, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """(n, 2) where in the window points (n, 3) of the scene are."""
-    (client,) = opened.explorer._page.server.get_clients().values()
+    (client,) = opened.explorer.page.server.get_clients().values()
     camera = client.camera
     import viser
 
@@ -154,10 +154,10 @@ def test_the_whole_box_is_in_view(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_what_moves_apart_stays_in_view(opened: Opened) -> None:
-    first = opened.explorer._views[0]
+    first = opened.explorer.views[0]
     apart = reach(first.at(len(first.placed)), 1.5)
     assert not in_view(opened, apart)
-    opened.explorer.controls._explode.value = 1.5
+    opened.explorer.controls.explode.value = 1.5
     opened.explorer.wait()
     assert in_view(opened, apart)
 
@@ -179,7 +179,7 @@ def drag(opened: Opened, share: float) -> None:
 def test_the_step_slider_moves_items(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
     controls = opened.explorer.controls
-    placed = len(opened.explorer._views[0].placed)
+    placed = len(opened.explorer.views[0].placed)
     drag(opened, -0.25)
     opened.wait(lambda: 0 < controls.request.step < placed)
     drag(opened, -1.0)
@@ -191,7 +191,7 @@ def test_the_step_slider_moves_items(opened: Opened) -> None:
 @pytest.mark.slow
 def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     controls = opened.explorer.controls
-    last = len(opened.explorer._views[0].placed) - 1
+    last = len(opened.explorer.views[0].placed) - 1
     handle = opened.explorer.boxes[0].items[last]
     settled_like(opened, "whole")  # all items are drawn: they can be hit
     ((x, y),) = pixels(opened, handle.position[None])
@@ -199,7 +199,7 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
     opened.wait(lambda: controls.request.chosen is not None)
     chosen = controls.request.chosen
     assert chosen is not None
-    text = f"{chosen} {opened.explorer._views[0].items[chosen].shape.id}"
+    text = f"{chosen} {opened.explorer.views[0].items[chosen].shape.id}"
     fields = opened.page.locator("input:visible")
     opened.wait(lambda: text in [one.input_value() for one in fields.all()])
     opened.image()
@@ -210,11 +210,11 @@ def test_a_click_chooses_an_item_and_another_lets_it_go(opened: Opened) -> None:
 @pytest.mark.slow
 def test_a_cut_and_an_explosion_look_different(opened: Opened) -> None:
     whole = settled_like(opened, "whole")
-    opened.explorer.controls._axis.value = "y"
+    opened.explorer.controls.axis.value = "y"
     opened.explorer.wait()
     cut = settled_like(opened, "cut")
-    opened.explorer.controls._axis.value = "nothing"
-    opened.explorer.controls._explode.value = 0.4
+    opened.explorer.controls.axis.value = "nothing"
+    opened.explorer.controls.explode.value = 0.4
     opened.explorer.wait()
     apart = settled_like(opened, "apart")
     for one, other in ((whole, cut), (whole, apart), (cut, apart)):
@@ -226,7 +226,7 @@ def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
     explorer, controls = opened.explorer, opened.explorer.controls
     controls.set_step(3)
     explorer.wait()
-    controls._wanted.value = controls._wanted.options[1]
+    controls.wanted.value = controls.wanted.options[1]
     explorer.wait()
     controls.set_query(0, (6, 6, 4))
     explorer.wait()
@@ -240,11 +240,11 @@ def test_why_an_item_can_not_stand_somewhere(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_two_stand_side_by_side_with_their_titles(opened: Opened) -> None:
-    opened.explorer.controls._second.value = opened.explorer.controls._second.options[1]
+    opened.explorer.controls.second.value = opened.explorer.controls.second.options[1]
     opened.explorer.wait()
     settled_like(opened, "beside")
-    scene = opened.explorer._page.server.scene
-    for node, view in zip(("/first", "/second"), opened.explorer._views, strict=True):
+    scene = opened.explorer.page.server.scene
+    for node, view in zip(("/first", "/second"), opened.explorer.views, strict=True):
         title = scene.get_handle_by_name(f"{node}/title")
         assert title.text == view.name
         place = title.position + scene.get_handle_by_name(node).position

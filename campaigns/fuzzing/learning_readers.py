@@ -89,7 +89,7 @@ def _read_training(name: str) -> Callable[[bytes], None]:
     return read
 
 
-def _recording() -> Path:
+def recording_folder() -> Path:
     folder = world.folder() / "recording-seed"
     if not folder.exists():
         tasks = [world.pack().task(world.library())]
@@ -103,12 +103,12 @@ def _recording() -> Path:
 
 
 def _recorded(name: str) -> Callable[[], list[bytes]]:
-    return lambda: [(_recording() / name).read_bytes()]
+    return lambda: [(recording_folder() / name).read_bytes()]
 
 
 def _read_recording(name: str) -> Callable[[bytes], None]:
     def read(data: bytes) -> None:
-        for file in _recording().iterdir():
+        for file in recording_folder().iterdir():
             world.written(f"recording/{file.name}", file.read_bytes())
         folder = world.written(f"recording/{name}", data).parent
         for _ in stage_steps(folder, Stage.SHAPE):

@@ -134,7 +134,7 @@ def all_checks() -> list[MachineCheck]:
     tasks: list[Callable[[], list[MachineCheck]]] = [
         _installation,
         _base,
-        _machine,
+        machine,
         _caches,
         lambda: [_egl()],
         lambda: [_browser()],
@@ -163,7 +163,7 @@ def _installation() -> list[MachineCheck]:
 
 def _base() -> list[MachineCheck]:
     """Import what everything needs in another process, except what this one has imported."""
-    problems = _import_problems([name for name in BASE if name not in sys.modules])
+    problems = import_problems([name for name in BASE if name not in sys.modules])
     found = []
     for name, distribution in BASE.items():
         problem = problems.get(name)
@@ -182,7 +182,7 @@ def _optional(name: str) -> list[MachineCheck]:
     install = f"pip install 'packit-sim[{EXTRAS[name]}]'"
     if importlib.util.find_spec(name) is None:
         return [MachineCheck(name, "missing", f"for {purpose}", install)]
-    problem = _import_problems((name,)).get(name) if name in COMPILED else None
+    problem = import_problems((name,)).get(name) if name in COMPILED else None
     if problem is not None:
         return [
             MachineCheck(
@@ -192,7 +192,7 @@ def _optional(name: str) -> list[MachineCheck]:
     return [MachineCheck(name, "ok", _version(name) or "of unknown version")]
 
 
-def _import_problems(names: Sequence[str]) -> dict[str, str]:
+def import_problems(names: Sequence[str]) -> dict[str, str]:
     """Import packages one after another in another process; return the problems by name."""
     problems: dict[str, str] = {}
     rest = list(names)
@@ -233,7 +233,7 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _machine() -> list[MachineCheck]:
+def machine() -> list[MachineCheck]:
     """Look at the cores and the memory; only Linux says all of it."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = MachineCheck("cores", "ok", f"{usable} usable of {os.cpu_count()}")
@@ -241,7 +241,7 @@ def _machine() -> list[MachineCheck]:
         return [cores, MachineCheck("memory", "ok", "unknown: this system has no /proc/meminfo")]
     fields = dict(re.findall(r"(\w+):\s+(\d+) kB", MEMORY.read_text()))
     total, free = (1024 * int(fields[name]) for name in ("MemTotal", "MemAvailable"))
-    text = f"{_size(free)} free of {_size(total)}"
+    text = f"{size_text(free)} free of {size_text(total)}"
     if free >= LEAST_MEMORY:
         return [cores, MachineCheck("memory", "ok", text)]
     remedy = "end other programs, or choose --workers 1"
@@ -267,14 +267,14 @@ def _caches() -> list[MachineCheck]:
     if not os.access(there, os.W_OK):
         remedy = f"make it writable, or set {CACHE_VARIABLE} to another folder"
         return [first, MachineCheck("cache", "problem", f"{folder} is not writable", remedy)]
-    free = f"{_size(shutil.disk_usage(there).free)} free on its disk"
+    free = f"{size_text(shutil.disk_usage(there).free)} free on its disk"
     return [first, MachineCheck("cache", "ok", f"{_content(folder, '*.npz')}; {free}")]
 
 
 def _content(folder: Path, pattern: str) -> str:
     """Describe the files in a folder."""
     sizes = [file.stat().st_size for file in folder.rglob(pattern)] if folder.is_dir() else []
-    return f"{folder}: {len(sizes)} files, {_size(sum(sizes))}"
+    return f"{folder}: {len(sizes)} files, {size_text(sum(sizes))}"
 
 
 def _egl() -> MachineCheck:
@@ -303,7 +303,8 @@ def _browser() -> MachineCheck:
     )
 
 
-def _size(count: float) -> str:
+def size_text(count: float) -> str:
+    """Format a number of bytes, with a unit."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}"

@@ -110,10 +110,10 @@ def surfaces_conflicts(
     if not isinstance(other, PlacedItem):
         at = ((i, j, k) for i, j, k in locations.tolist())
         return np.array([_off_grid_memo(PlacedItem(item, location), other) for location in at])
-    return _on_grid(*canonical_offsets(item, locations, other))
+    return conflicts_at(*canonical_offsets(item, locations, other))
 
 
-def _on_grid(a: Item, b: Item, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+def conflicts_at(a: Item, b: Item, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Decide by a proof where there is one, otherwise by FCL: bool (n,) for offsets (n, 3)."""
     count_mesh_comparisons(len(offsets))
     shifts = shifts_at(a, b, offsets)
@@ -147,7 +147,7 @@ def _conflict(pair: Pair) -> bool:
     key=lambda a, b, offset: (a.key, b.key, offset),
 )
 def _on_grid_memo(a: Item, b: Item, offset: Triple) -> bool:
-    return bool(_on_grid(a, b, np.array([offset]))[0])
+    return bool(conflicts_at(a, b, np.array([offset]))[0])
 
 
 @bounded_cache(

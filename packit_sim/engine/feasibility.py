@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packit_sim.core.counters import count
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.engine import nofit, screening
 from packit_sim.engine.collision import surfaces_conflict, surfaces_conflicts
@@ -134,6 +135,9 @@ def _states(
     states = np.full(screening.location_counts(occupancy.cells, item), FREE, dtype=np.uint8)
     for placed, table in zip(occupancy.placed, tables, strict=True):
         table.merge_into(states, placed, item)
+    if is_checking():
+        screened = screen(occupancy, item)
+        assert ((states == screened) | (screened == OPEN)).all()
     return states, tables
 
 

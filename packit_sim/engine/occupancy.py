@@ -8,6 +8,7 @@ from typing import Any, Generic
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.debugging import is_checking
 from packit_sim.engine.occupancy_kernels import NO_PAGE, PlacedArrays, append, fill, unfill
 from packit_sim.geometry.bits import Words
 from packit_sim.geometry.items import ItemT, PlacedItem, triangles
@@ -126,6 +127,8 @@ class Occupancy(Generic[ItemT]):
         append(tuple(self._joined), len(self._placed), voxels.fixed_arrays, location)
         self._placed.append(placed)
         self._voxels.append((location, voxels))
+        if is_checking():
+            self._assert_same_as_rebuilt()
 
     def truncate(self, count: int) -> None:
         """Remove all but the first `count` items."""
@@ -142,6 +145,8 @@ class Occupancy(Generic[ItemT]):
             location, voxels = self._voxels.pop()
             start = self._brick_number(location)
             unfill(self.arrays, self._pages, voxels.bricks, start, words, shared)
+        if is_checking():
+            self._assert_same_as_rebuilt()
 
     def _make_space(self, voxels: Voxels) -> None:
         """Grow the arrays so that there is space for the voxels of one more item."""
@@ -158,7 +163,51 @@ class Occupancy(Generic[ItemT]):
             )
         )
 
-    def _brick_number(self, location: Triple) -> int:
+    def _assert_same_as_rebuilt(self) -> None:
+        """Compare all arrays with those that the voxels of the items result in, without kernels."""
+        count = len(self._placed)
+        assert len(self._voxels) == len(self._before) == count
+        used = np.sort(self.page[self.page != NO_PAGE])
+        assert np.array_equal(used, np.arange(self._pages)), "each page belongs to one brick"
+        bricks, fine = np.zeros_like(self.bricks), np.zeros((2, 64 * self._pages), np.uint64)
+        pages = np.full_like(self.page, NO_PAGE)
+        for location, voxels in self._voxels:
+            x, y, z = voxels.bricks.T.astype(np.int64)
+            at = self._brick_number(location) + self._brick_number((x, y, z))
+            bricks[0, at] |= voxels.outer
+            bricks[1, at] |= voxels.inner
+            brick, bit = _bits(voxels.outer & ~voxels.inner)
+            page = self.page[at]
+            pages[at[np.diff(voxels.first) > 0]] = page[np.diff(voxels.first) > 0]
+            cell = 64 * page[brick] + bit
+            fine[0, cell] |= voxels.fine[:, 0]
+            fine[1, cell] |= voxels.fine[:, 1]
+        assert np.array_equal(self.page, pages), "bricks have pages where items have surfaces"
+        assert np.array_equal(self.bricks, bricks), "the cells are the union of those of the items"
+        brick, bit = _bits(bricks[0] & ~bricks[1])
+        cell = 64 * self.page[brick] + bit
+        for n in range(2):
+            kept = self.fine[: self._pages, :, n].ravel()
+            assert np.array_equal(kept[cell], fine[n, cell]), "so are the fine cells"
+        self._assert_joined()
+
+    def _assert_joined(self) -> None:
+        """Compare the joined voxels with those of the items, one after the other."""
+        spans, starts, *joined = self.placed_arrays
+        ends = np.zeros(3, dtype=np.int64)
+        for n, (location, voxels) in enumerate(self._voxels):
+            words = voxels.outer, voxels.inner, voxels.first[:-1], voxels.fine
+            own: list[npt.NDArray[Any]] = [voxels.number.ravel(), *words]
+            begins = ends[[0, 1, 1, 1, 2]].tolist()
+            for array, begin, expected in zip(joined, begins, own, strict=True):
+                assert np.array_equal(array[begin : begin + len(expected)], expected)
+            assert np.array_equal(starts[n], ends)
+            ends += len(own[0]), len(own[1]), len(own[4])
+            last = np.add(location, voxels.number.shape) - 1
+            assert np.array_equal(spans[n], np.append(location, last))
+        assert np.array_equal(starts[len(self._placed)], ends)
+
+    def _brick_number(self, location: Any) -> Any:
         nx, ny, _ = grid_nodes(self.cells)
         i, j, k = location
         return (k * nx + i) * ny + j
@@ -169,3 +218,11 @@ def _voxels(placed: Any, cells: Triple) -> tuple[Triple, Voxels]:
     if isinstance(placed, PlacedItem):
         return placed.location, placed.item.voxels
     return Voxels.in_box(triangles(placed), cells)
+
+
+def _bits(words: Words) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """List the bits of words that are set, in order: the numbers of the words and of the bits."""
+    number = np.flatnonzero(words)
+    bits = np.unpackbits(words[number].view(np.uint8), bitorder="little").view(np.bool_)
+    word, bit = np.divmod(np.flatnonzero(bits), 64)
+    return number[word], bit

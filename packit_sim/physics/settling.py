@@ -278,7 +278,7 @@ def _simulate(
             moves[own],
             tuple(sorted(known[other] for other in met if isinstance(other, int))),
             tuple(wall for wall in WALLS_AND_FLOOR if wall in met),
-            _is_inside(start, moves[own], size),
+            is_inside(start, moves[own], size),
         )
         items.append(replace(settled, landed=settled.posed) if at_rest else settled)
     return Settled(tuple(items), size, seconds, at_rest, (energy, world.energy), cut)
@@ -289,7 +289,7 @@ def _farthest(before: Floats, after: Floats) -> float:
     return float(np.linalg.norm(after - before, axis=1).max())
 
 
-def _is_inside(start: ItemInBox, move: Floats, size: Floats) -> bool:
+def is_inside(start: ItemInBox, move: Floats, size: Floats) -> bool:
     """Decide whether an item is inside a box of extents (3,) after a motion (4, 4)."""
     vertices = _moved(start, move)
     return bool((vertices > -INSIDE).all() and (vertices < size + INSIDE).all())

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from packit_sim.box import BaseBox
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import InfeasibleError
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.items import BoxState, PlacedItem, PosedItem
@@ -88,6 +89,10 @@ class SettlingBox(BaseBox[SettledItem]):
         occupancy: Occupancy[SettledItem] = Occupancy(self.cells)
         for after, first in zip(settled.items, landed, strict=True):
             occupancy.add(replace(after, landed=first or after.landed))
+        if is_checking():
+            assert len(occupancy.placed) == len(self.placed) + 1
+            for before, after in zip(self.placed, occupancy.placed, strict=False):
+                assert (before.item, before.landed) == (after.item, after.landed)
         self._occupancy = occupancy
         return settled
 

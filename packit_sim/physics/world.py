@@ -87,7 +87,7 @@ class World:
     """
 
     def __init__(self, size: Floats, settings: PhysicsSettings) -> None:
-        self._pybullet = _pybullet()
+        self._pybullet = pybullet_module()
         self._settings = settings
         self._scale = UNIT / settings.side
         with contextlib.ExitStack() as undo:
@@ -304,11 +304,11 @@ class World:
 
 def require_engine() -> None:
     """Raise MissingPackageError if PyBullet is missing; call it before long work."""
-    _pybullet()
+    pybullet_module()
 
 
 @functools.cache
-def _pybullet() -> Any:
+def pybullet_module() -> Any:
     """Import PyBullet, which takes a tenth of a second and prints its build time."""
     with quiet(), needed_for("physics simulations"):
         import pybullet
@@ -317,4 +317,4 @@ def _pybullet() -> Any:
 
 def _disconnect(client: int) -> None:
     with quiet():
-        _pybullet().disconnect(physicsClientId=client)
+        pybullet_module().disconnect(physicsClientId=client)

@@ -150,8 +150,8 @@ def contact_sheet(
                 scene.update(_box_of(content))
                 image = scene.snapshot(side, side, _LOOK).image
             else:
-                image = _message(content, side)
-            pictures.append(np.concatenate((image, _label(label, side))))
+                image = message_image(content, side)
+            pictures.append(np.concatenate((image, label_image(label, side))))
             if on_tile is not None:
                 on_tile()
         renderer = scene.renderer
@@ -175,16 +175,16 @@ def _grid(pictures: list[RGBImage], columns: int) -> RGBImage:
     return grid
 
 
-def _label(text: str, side: int) -> RGBImage:
+def label_image(text: str, side: int) -> RGBImage:
     """Draw a line of text (H, side, 3), shortened in the middle if it is too wide."""
-    font = _font(side)
+    font = sheet_font(side)
     line = shortened(plain(text), font, side * _TEXT_WIDTH)
     return _written([line], side, 3 * line_height(font) // 2, _INK)
 
 
-def _message(text: str, side: int) -> RGBImage:
+def message_image(text: str, side: int) -> RGBImage:
     """Draw text in lines (side, side, 3), as many as there is space for."""
-    font = _font(side)
+    font = sheet_font(side)
     space = max(1, side // line_height(font) - 1)
     *lines, last = itertools.islice(lines_of(plain(text), font, side * _TEXT_WIDTH), space + 1)
     lines.append(last if len(lines) < space else lines.pop()[:-1] + ELLIPSIS)
@@ -193,7 +193,7 @@ def _message(text: str, side: int) -> RGBImage:
 
 def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int, int]) -> RGBImage:
     """Draw lines of text in the middle of a picture (height, width, 3)."""
-    font = _font(width)
+    font = sheet_font(width)
     image = Image.new("RGB", (width, height), BACKGROUND)
     draw = ImageDraw.Draw(image)
     for n, line in enumerate(lines):
@@ -202,6 +202,6 @@ def _written(lines: Sequence[str], width: int, height: int, ink: tuple[int, int,
     return np.asarray(image)
 
 
-def _font(side: int) -> FreeTypeFont:
+def sheet_font(side: int) -> FreeTypeFont:
     """Return the font for a picture, given the length of its side in pixels."""
     return font_of(min(6 + side // 22, 32))

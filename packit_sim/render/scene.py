@@ -26,13 +26,13 @@ from packit_sim.render.renderers import open_world
 from packit_sim.render.rendering import Snapshot, take
 from packit_sim.render.staging import BodyStager, corners
 
-_MAX_SHAPES = 512
+MAX_SHAPES = 512
 """Maximum number of shapes of a world: PyBullet frees none before it disconnects."""
 
-_MAX_TRIANGLES = 2**19
+MAX_TRIANGLES = 2**19
 """Maximum number of triangles of a world, for the same reason."""
 
-_MAX_SECTIONS = 2**18
+MAX_SECTIONS = 2**18
 """Maximum number of triangles in a world for the box itself and for items that are cut open."""
 
 
@@ -76,7 +76,7 @@ class Scene:
         self._check()
         items = {_key(placed.item): placed.item for placed in box.placed}
         new = sum(len(items[key].shape.mesh.faces) for key in items.keys() - self._visuals.keys())
-        if len(self._visuals) > _MAX_SHAPES or self._world.triangles + new > _MAX_TRIANGLES:
+        if len(self._visuals) > MAX_SHAPES or self._world.triangles + new > MAX_TRIANGLES:
             self._world.close()
             self._open()
         self._build(box)
@@ -116,7 +116,7 @@ class Scene:
         look = look or DEFAULT_LOOK
         size = np.array(self._cells) * CELL
         placed = tuple(self._bodies)
-        if self._stager.triangles > _MAX_SECTIONS:
+        if self._stager.triangles > MAX_SECTIONS:
             box = BoxState(self._cells, placed)
             self._world.close()
             self._open()

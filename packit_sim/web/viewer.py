@@ -41,12 +41,12 @@ class Viewer:
     def __init__(
         self, box: Contents[ItemInBox], *, host: str = LOOPBACK, port: int | None = None
     ) -> None:
-        self._page = WebPage(host, port)
-        self.address = self._page.address
+        self.page = WebPage(host, port)
+        self.address = self.page.address
         self._cells: Triple | None = None
         try:
-            self._page.server.gui.main_panel.minimize()
-            self._shown = BoxView(self._page.server)
+            self.page.server.gui.main_panel.minimize()
+            self._shown = BoxView(self.page.server)
             self.update(box)
         except BaseException:
             self.close()
@@ -55,20 +55,20 @@ class Viewer:
     @property
     def items(self) -> tuple[MeshHandle, ...]:
         """Viser's handle of each item in the order of placing; empty after `close`."""
-        return self._shown.items if self._page.is_open else ()
+        return self._shown.items if self.page.is_open else ()
 
     def update(self, box: Contents[ItemInBox]) -> None:
         """Show the box as it is now; raise RenderError after `close`."""
-        server = self._page.server
+        server = self.page.server
         with server.atomic():
             self._shown.show(box)
             if box.cells != self._cells:
-                self._page.frame(corners(box.cells))
+                self.page.frame(corners(box.cells))
                 self._cells = box.cells
 
     def close(self) -> None:
         """End the page, its server and its threads; calling it again does nothing."""
-        self._page.close()
+        self.page.close()
 
     def __enter__(self) -> Viewer:
         return self

@@ -99,11 +99,11 @@ class WebPage:
         reports may be older than the camera's placement.
         """
         self._points = points
-        _look(self.server.initial_camera, points, _ASPECT)
+        aim_camera(self.server.initial_camera, points, _ASPECT)
         for client in self.server.get_clients().values():
             known = client.client_id in self._aspects
-            view = _view(client.camera) if known else ISO
-            _look(client.camera, points, client.camera.aspect, view)
+            view = camera_of(client.camera) if known else ISO
+            aim_camera(client.camera, points, client.camera.aspect, view)
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Keep the points in view of a browser when its window changes shape."""
@@ -114,7 +114,7 @@ class WebPage:
             aspect = camera.aspect
             if self._points is not None and self._aspects.get(client.client_id) != aspect:
                 self._aspects[client.client_id] = aspect
-                _look(camera, self._points, aspect)
+                aim_camera(camera, self._points, aspect)
 
         changed(client.camera)
         client.camera.on_update(changed)
@@ -128,7 +128,7 @@ class WebPage:
                 server.stop()
 
 
-def _look(
+def aim_camera(
     camera: viser.InitialCameraConfig | viser.CameraHandle,
     points: npt.NDArray[np.float64],
     aspect: float,
@@ -142,7 +142,7 @@ def _look(
     camera.look_at = middle  # after the position, which moves it as well
 
 
-def _view(camera: viser.CameraHandle) -> Camera:
+def camera_of(camera: viser.CameraHandle) -> Camera:
     """Return the direction in which a browser looks."""
     x, y, z = camera.position - camera.look_at
     elevation = math.degrees(math.atan2(z, math.hypot(x, y)))

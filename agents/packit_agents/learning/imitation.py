@@ -150,7 +150,7 @@ class ImitationPPO(MaskablePPO):
         observations, masks = self.dataset.sample(size)
         observations = {name: field.to(self.device) for name, field in observations.items()}
         distribution = self.policy.get_distribution(observations, masks.numpy())
-        loss = self._loss(distribution, observations[LABEL])
+        loss = self.imitation_loss(distribution, observations[LABEL])
         self._descend(loss)
         return float(loss.item())
 
@@ -161,7 +161,7 @@ class ImitationPPO(MaskablePPO):
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         self.policy.optimizer.step()
 
-    def _loss(self, distribution: Any, labels: Tensor) -> Tensor:
+    def imitation_loss(self, distribution: Any, labels: Tensor) -> Tensor:
         """Compute the policy's loss for labels (b, 1) of choices or (b, actions) of costs."""
         are_costs = labels.shape[1] > 1
         choices = labels.argmin(1) if are_costs else labels.long().flatten()

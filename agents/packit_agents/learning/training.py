@@ -210,9 +210,9 @@ class Training:
         over = self.steps >= self.settings.steps
         if len(self.curve) < due or (over and self.curve[-1].steps < self.steps):
             self._validate()
-            self._write()
+            self.write()
         elif time.monotonic() - self._written > CHECKPOINT_SECONDS:
-            self._write()
+            self.write()
 
     def count(self, rewards: npt.NDArray[np.float32], over: npt.NDArray[np.bool_]) -> None:
         """Add the rewards of a step to the returns.
@@ -294,7 +294,7 @@ class Training:
         record["library"] = LibraryRef.of(self._library).facts()
         return json.loads(json.dumps(record))
 
-    def _write(self) -> None:
+    def write(self) -> None:
         """Write the checkpoint atomically; only then may what earlier ones need be deleted."""
         policy, model = self.policy, self._model
         write_checkpoint(

@@ -23,6 +23,7 @@ from packit_agents.placements.free_kernels import (
 )
 from packit_sim.box import BaseBox
 from packit_sim.core.caches import bounded_cache, cached_property
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations
 from packit_sim.geometry.bits import Words, turning_swaps
@@ -64,6 +65,14 @@ class TurnedItem:
     def nbytes(self) -> int:
         """Size of the arrays in bytes."""
         return sum(array.nbytes for array in self.arrays)
+
+    def all_rows(self, cells: Triple) -> Words:
+        """Compute the rows of the item in an empty box of this many cells (see `FreeSpace`)."""
+        nx, _, nz = grid_nodes(cells)
+        rows: Words = np.zeros((len(self.items), nz, nx), dtype=np.uint64)
+        for n, (x, y, z) in enumerate(self.arrays[0].tolist()):
+            rows[n, :z, :x] = (1 << y) - 1
+        return rows
 
 
 @bounded_cache(
@@ -185,19 +194,14 @@ class FreeSpace:
         ArgumentError
             If the box has more than 63 grid nodes along y.
         """
-        nx, ny, nz = grid_nodes(cells)
+        ny = grid_nodes(cells)[1]
         if ny > MOST_NODES:
             raise ArgumentError(
                 f"a box with {ny} grid nodes along y is too long for this agent: at most "
                 f"{MOST_NODES}"
             )
         turned = [turned_item(item, allowed, cells) for item in items]
-        rows = []
-        for each in turned:
-            own: Words = np.zeros((len(each.items), nz, nx), dtype=np.uint64)
-            for n, (x, y, z) in enumerate(each.arrays[0].tolist()):
-                own[n, :z, :x] = (1 << y) - 1
-            rows.append(own)
+        rows = [each.all_rows(cells) for each in turned]
         return cls(turned, rows, [0] * len(rows))
 
     def copy(self) -> FreeSpace:
@@ -226,6 +230,8 @@ class FreeSpace:
             spans = box.spans[self._known[item] :]
             remove_blocked(box.arrays, self.items[item].arrays, own, spans)
             self._rows[item], self._known[item] = own, count
+        if is_checking():
+            self._assert_same_as_whole(item, box)
         return self._rows[item]
 
     def fits_after(self, item: int, other: LoneItem) -> bool:
@@ -262,3 +268,14 @@ class FreeSpace:
         rows = self._rows[item].copy()
         rows[rotation, k, i] &= ~(np.uint64(1) << np.uint64(j))
         self._rows[item] = rows
+
+    def _assert_same_as_whole(self, item: int, box: BaseBox[Any]) -> None:
+        """Compare an item's rows with those that all items of the box leave it, from none known."""
+        turned, rows = self.items[item], self._rows[item]
+        whole = turned.all_rows(box.cells)
+        if len(box.placed):
+            remove_blocked(box.arrays, turned.arrays, whole, box.spans)
+        assert not (rows & ~whole).any(), "no location becomes free again"
+        removed = (whole & ~rows)[..., None] >> np.arange(MOST_NODES, dtype=np.uint64) & 1
+        for n, k, i, j in np.argwhere(removed).tolist():
+            assert not box.is_feasible(turned.items[n], (i, j, k)), "the meshes exclude it"

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from packit_agents.placements.free_space import FreeSpace
 from packit_agents.placements.placement_features import Placements, choose, placements
 from packit_sim.box import BaseBox
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.shapes import Item
 from packit_sim.placement import BoxState, PlacedItem
@@ -78,6 +79,7 @@ class ScoredLayout:
         inside = *self._fixed, *(item for _, item in placed)
         self._box.restore(BoxState(self._box.cells, inside))
         self._space = (space or self._empty).copy()
+        self._check()
         return self
 
     def free_space(self) -> FreeSpace:
@@ -110,6 +112,7 @@ class ScoredLayout:
             placed = found.placed(chosen)
             self._box.put(placed.item, placed.location)
             self.placed.append((int(found.items[chosen]), placed))
+            self._check()
         return chosen
 
     def fill(
@@ -145,3 +148,9 @@ class ScoredLayout:
                 scores = scores + np.float32(temperature) * noise
             self.place(found, np.argsort(-scores, kind="stable").tolist())
         return self
+
+    def _check(self) -> None:
+        if is_checking():
+            assert self._box.placed == (*self._fixed, *(item for _, item in self.placed))
+            numbers = [number for number, _ in self.placed]
+            assert len(set(numbers)) == len(numbers)

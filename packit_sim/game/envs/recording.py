@@ -120,7 +120,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         self._claim = ExitStack()
         self._claim.enter_context(claimed(lock_path(self.path), self.path))
         self._played: _Played | None = None
-        self._count = 0
+        self.count = 0
         self._staging: tempfile.TemporaryDirectory[str] | None = tempfile.TemporaryDirectory(
             prefix=f".{self.path.name}.", dir=self.path.parent
         )
@@ -206,7 +206,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             if staging is not None:
                 with self._claim, staging:
                     self._finish()
-                    if self._count:
+                    if self.count:
                         self._folder.rename(self.path)
         finally:
             super().close()
@@ -226,13 +226,13 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if not played.terminations[-1]:
             played.truncations[-1] = True
         steps = len(played.actions)
-        self._minari.allocate(self._folder, self._count, played.observations[0], steps + 1)
+        self._minari.allocate(self._folder, self.count, played.observations[0], steps + 1)
         block = max(1, BLOCK_BYTES // max(1, _bytes(played.observations[0])))
         for start in range(0, steps, block):
             observed = slice(start + (start > 0), start + block + 1)
             done = slice(start, start + block)
             buffer = self._minari.buffer(
-                id=self._count,
+                id=self.count,
                 seed=None if start else played.seed,
                 options=None if start else played.options,
                 observations=_columns(played.observations[observed]),
@@ -249,8 +249,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             "end": played.end,
             "return": plain_sum(played.rewards),
         }
-        self._storage.update_episode_metadata([metadata], [self._count])
-        self._count += 1
+        self._storage.update_episode_metadata([metadata], [self.count])
+        self.count += 1
 
 
 def record(

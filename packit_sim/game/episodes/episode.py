@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import as_integer
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.errors import ArgumentError, InfeasibleError, StateError
+from packit_sim.core.sums import plain_sum
 from packit_sim.game.datasets.packs import Task
 from packit_sim.game.episodes.chosen_item import ChosenItem
 from packit_sim.geometry import rotations
@@ -258,6 +260,7 @@ class Episode:
             if found is None or among == len(placed):
                 return found
             if self.box.is_feasible(found.item, found.location):
+                assert not is_checking() or found == self._find_placement(self.task.items[shape])
                 self._placements[shape] = len(placed), found
                 return found
         found = self._find_placement(self.task.items[shape])
@@ -310,6 +313,8 @@ class Episode:
         self._fitting.clear()
         is_chosen = self.shape is not None and (self.rules.easy or self.rotation is not None)
         self.chosen_item = self._choose_item() if is_chosen else None
+        if is_checking():
+            self._assert_same_as_box()
 
     @cached_property
     def _task_digest(self) -> str:
@@ -335,6 +340,7 @@ class Episode:
         among, known = self._fitting.get(turned.key, (-1, (0, 0, 0)))
         if known is not None and among != count and not self.box.is_feasible(turned, known):
             known = self.box.blbf(turned)
+        assert not is_checking() or (known is None) == (self.box.blbf(turned) is None)
         self._fitting[turned.key] = count, known
         return known is not None
 
@@ -390,5 +396,19 @@ class Episode:
         self.stage = Stage.SHAPE
         if self.rules.physics is not None:  # items move, so that others may fit again
             self._fitting.clear()
+        if is_checking():
+            self._assert_same_as_box()
         self._find_end()
         return reward
+
+    def _assert_same_as_box(self) -> None:
+        """Compare what is outside, and the rewards, with the last items of the box."""
+        inside = [self.task.items[n] for n in np.flatnonzero(~self.outside).tolist()]
+        given = len(self.box.placed) - len(inside)
+        own = self.box.placed[given:]
+        assert given >= 0
+        assert sorted(p.item.turned(0).key for p in own) == sorted(i.turned(0).key for i in inside)
+        if given and self.rules.physics is not None:
+            return  # items that were there before may have stopped counting
+        gained = plain_sum(placed.item.volume for placed in own if placed.counts)
+        assert math.isclose(self.total * self.task.volume, gained, rel_tol=1e-9, abs_tol=1e-12)

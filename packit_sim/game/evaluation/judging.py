@@ -91,7 +91,7 @@ def judge(
         ]
         _log.info("%d of %d results to judge", len(jobs), len(found))
         started = time.monotonic()
-        judged = starmap(_judged, jobs) if workers is None else workers.as_done(_judged, jobs)
+        judged = starmap(judge_one, jobs) if workers is None else workers.as_done(judge_one, jobs)
         for n, verdict in judged:
             pack, played = found[n].pack, found[n].played
             scores = {**played.scores, **asdict(verdict)}
@@ -109,6 +109,7 @@ def is_judged(rollout: Rollout, pieces: Method) -> bool:
     return played.pieces == pieces and all(name in played.scores for name in SCORES)
 
 
-def _judged(number: int, box: BoxState[PlacedItem], pieces: Method) -> tuple[int, QualityScores]:
+def judge_one(number: int, box: BoxState[PlacedItem], pieces: Method) -> tuple[int, QualityScores]:
+    """Compute the scores of a box, whose number is returned with them."""
     settings = PhysicsSettings(decomposition=DecompositionSettings(method=pieces))
     return number, QualityScores.of(box, settings)

@@ -91,27 +91,27 @@ class Controls:
         gui.main_panel.set_width(_WIDTH)
         self._pack = gui.add_dropdown("pack", titles, initial_value=titles[pack])
         switch = gui.add_button_group("", ("previous", "next"), visible=len(titles) > 1)
-        switch.on_click(lambda event: self._switch_pack(-1 if switch.value == "previous" else 1))
+        switch.on_click(lambda event: self.switch_pack(-1 if switch.value == "previous" else 1))
         side = NOTHING if second is None else titles[second]
-        self._second = gui.add_dropdown(
+        self.second = gui.add_dropdown(
             "second pack", tuple(dict.fromkeys((NOTHING, side))), initial_value=side
         )
-        self._second.visible = len(titles) > 1
+        self.second.visible = len(titles) > 1
         self._step = gui.add_slider("step", 0, 1, 1, 1, hint="how many items are in the box")
         self.play = gui.add_button("Play")
-        self._notice = gui.add_markdown("", visible=False)
+        self.notice = gui.add_markdown("", visible=False)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Items"):
-            self._item = gui.add_dropdown("item", (NOTHING,), hint="or click it in the box")
+            self.item = gui.add_dropdown("item", (NOTHING,), hint="or click it in the box")
             self.items = gui.add_html("")
         with tabs.add_tab("Look"):
-            self._explode = gui.add_slider("explode", 0.0, _EXPLODE, 0.05, 0.0)
-            self._axis = gui.add_dropdown("cut across", (NOTHING, *UP_AXES))
+            self.explode = gui.add_slider("explode", 0.0, _EXPLODE, 0.05, 0.0)
+            self.axis = gui.add_dropdown("cut across", (NOTHING, *UP_AXES))
             self._at = gui.add_slider("cut at", 0.0, 1.0, STEP * CELL / 4, 0.5, disabled=True)
             self._color = gui.add_dropdown("colours", tuple(COLORINGS))
             self.legend = gui.add_html("")
         with tabs.add_tab("Why not here?"):
-            self._wanted = gui.add_dropdown("item outside", (NOTHING,))
+            self.wanted = gui.add_dropdown("item outside", (NOTHING,))
             self._rotation = gui.add_slider("rotation", 0, rotations.COUNT - 1, 1, 0)
             self._location = tuple(gui.add_slider(axis, 0, 24, 1, 0) for axis in UP_AXES)
             self.first = gui.add_button("To the first free place")
@@ -120,11 +120,11 @@ class Controls:
             self.facts = gui.add_html("")
         handles: list[GuiInputHandle[Any]] = [
             self._pack,
-            self._second,
-            self._item,
-            self._axis,
+            self.second,
+            self.item,
+            self.axis,
         ]
-        handles += [self._color, self._wanted, self._step, self._explode, self._at, self._rotation]
+        handles += [self._color, self.wanted, self._step, self.explode, self._at, self._rotation]
         handles += self._location
         for handle in handles:
             _on_update(handle, changed)
@@ -132,17 +132,17 @@ class Controls:
     @property
     def request(self) -> ViewRequest:
         """The current state of all controls."""
-        axis = next((axis for axis in UP_AXES if axis == self._axis.value), None)
+        axis = next((axis for axis in UP_AXES if axis == self.axis.value), None)
         x, y, z = (slider.value for slider in self._location)
-        wanted = _number(self._wanted.value)
+        wanted = _number(self.wanted.value)
         return ViewRequest(
             self._titles.index(self._pack.value),
-            None if self._second.value == NOTHING else self._titles.index(self._second.value),
+            None if self.second.value == NOTHING else self._titles.index(self.second.value),
             self._step.value,
-            self._explode.value if wanted is None else 0.0,
+            self.explode.value if wanted is None else 0.0,
             None if axis is None else Cut(axis, max(self._at.value, CELL)),
             self._color.value,
-            _number(self._item.value),
+            _number(self.item.value),
             wanted,
             self._rotation.value,
             (x, y, z),
@@ -150,8 +150,8 @@ class Controls:
 
     def set_rivals(self, rivals: Sequence[int], second: int | None) -> None:
         """Offer packs to stand next to the first one, and select one."""
-        self._second.options = (NOTHING, *(self._titles[n] for n in rivals))
-        _set(self._second, NOTHING if second is None else self._titles[second])
+        self.second.options = (NOTHING, *(self._titles[n] for n in rivals))
+        _set(self.second, NOTHING if second is None else self._titles[second])
 
     def set_steps(self, steps: int) -> None:
         """Set the number of steps, and show all of them."""
@@ -160,10 +160,10 @@ class Controls:
 
     def set_pack(self, view: PackView) -> None:
         """Offer the items and the extents of another pack, with nothing selected."""
-        _set(self._item, NOTHING)
-        _set(self._wanted, NOTHING)
-        self._item.options = (NOTHING, *(label(view, n) for n in range(len(view.items))))
-        self._axis.disabled = not view.is_on_grid
+        _set(self.item, NOTHING)
+        _set(self.wanted, NOTHING)
+        self.item.options = (NOTHING, *(label(view, n) for n in range(len(view.items))))
+        self.axis.disabled = not view.is_on_grid
         self._at.max = max(view.cells) * CELL
         for slider, nodes in zip(self._location, grid_nodes(view.cells), strict=True):
             _set(slider, 0)
@@ -173,21 +173,21 @@ class Controls:
         """Offer the items that are outside after so many steps; none if the others settled."""
         first = min(step, len(view.placed)) if view.is_on_grid else len(view.items)
         options = (NOTHING, *(label(view, n) for n in range(first, len(view.items))))
-        if options != self._wanted.options:
-            self._wanted.options = options
+        if options != self.wanted.options:
+            self.wanted.options = options
 
     def enable(self, request: ViewRequest) -> None:
         """Enable the position of a cut if there is one, and the location if an item is wanted."""
         self._at.disabled = request.cut is None
         idle = request.wanted is None
-        self._explode.disabled = not idle
+        self.explode.disabled = not idle
         for handle in (self._rotation, *self._location, self.first):
             handle.disabled = idle
 
     def show_notice(self, notice: str) -> None:
         """Show a line above the lists, "" for none."""
-        self._notice.visible = bool(notice)
-        self._notice.content = notice
+        self.notice.visible = bool(notice)
+        self.notice.content = notice
 
     def set_step(self, step: int) -> None:
         """Show so many items."""
@@ -196,7 +196,7 @@ class Controls:
     def choose(self, view: PackView, number: int) -> None:
         """Select an item, or none if it is selected already."""
         text = label(view, number)
-        _set(self._item, NOTHING if self._item.value == text else text)
+        _set(self.item, NOTHING if self.item.value == text else text)
 
     def set_query(self, rotation: int, location: Triple) -> None:
         """Set the rotation and the location of "Why not here?"."""
@@ -204,7 +204,7 @@ class Controls:
         for slider, node in zip(self._location, location, strict=True):
             _set(slider, node)
 
-    def _switch_pack(self, by: int) -> None:
+    def switch_pack(self, by: int) -> None:
         """Select another pack; the first follows the last."""
         number = self._titles.index(self._pack.value) + by
         _set(self._pack, self._titles[number % len(self._titles)])

@@ -81,24 +81,24 @@ class Explorer:
         port: int | None = None,
     ) -> None:
         self._collection = collection
-        self._views = [collection[n] for n in (pack, second) if n is not None]
+        self.views = [collection[n] for n in (pack, second) if n is not None]
         self._drawn: ViewRequest | None = None
         self._boxes: list[BoxView] = []
         self._query: FitQuery | None = None
         self._due: float | None = None
         self._playing = False
         self._thread = RedrawThread(self._work)
-        self._page = WebPage(host, port)
-        self.address = self._page.address
+        self.page = WebPage(host, port)
+        self.address = self.page.address
         try:
-            server = self._page.server
+            server = self.page.server
             self.controls = Controls(server.gui, collection.titles, pack, second, self._thread.wake)
             self._markers = FitMarkers(server, "/markers")
             self.controls.play.on_click(lambda event: self.play(not self._playing))
-            self.controls.first.on_click(lambda event: self._to_first())
+            self.controls.first.on_click(lambda event: self.to_first())
             self._thread.start()
         except BaseException:
-            self._page.close()
+            self.page.close()
             raise
         self.wait()
 
@@ -119,7 +119,7 @@ class Explorer:
     def close(self) -> None:
         """End the page, its server and its threads; calling it again does nothing."""
         self._thread.close()
-        self._page.close()
+        self.page.close()
 
     def __enter__(self) -> Explorer:
         return self
@@ -130,7 +130,7 @@ class Explorer:
     def _work(self) -> float | None:
         """Draw what is requested; return the seconds until the next step of playback."""
         try:
-            with self._page.server.atomic():
+            with self.page.server.atomic():
                 request = self._apply_request()
                 if request != self._drawn:
                     self._draw(request)
@@ -153,14 +153,14 @@ class Explorer:
             request = self.controls.request
         if drawn is None or (request.pack, request.second) != (drawn.pack, drawn.second):
             numbers = [n for n in (request.pack, request.second) if n is not None]
-            self._views = [self._collection[n] for n in numbers]
+            self.views = [self._collection[n] for n in numbers]
             if other:
-                self.controls.set_pack(self._views[0])
-                self.controls.facts.content = panels.facts(self._views[0])
+                self.controls.set_pack(self.views[0])
+                self.controls.facts.content = panels.facts(self.views[0])
             self.controls.set_steps(self._steps)
             self._create_boxes()
             request = self.controls.request
-        view = self._views[0]
+        view = self.views[0]
         self.controls.set_outside(view, request.step)
         request = self.controls.request
         if request.wanted is not None and (drawn is None or request.wanted != drawn.wanted):
@@ -173,22 +173,22 @@ class Explorer:
 
     @property
     def _steps(self) -> int:
-        return max(len(view.placed) for view in self._views)
+        return max(len(view.placed) for view in self.views)
 
     def _create_boxes(self) -> None:
         """Create the boxes of the packs."""
         for box in self._boxes:
             box.remove()
         self._boxes = [
-            BoxView(self._page.server, name, partial(self._choose, n))
-            for n, name in enumerate(_NODES[: len(self._views)])
+            BoxView(self.page.server, name, partial(self.choose, n))
+            for n, name in enumerate(_NODES[: len(self.views)])
         ]
 
     def _arrange(self, explode: float) -> None:
         """Arrange the boxes side by side, with titles, and move cameras so that all is in view."""
-        places = _places([view.cells for view in self._views], explode)
+        places = _places([view.cells for view in self.views], explode)
         seen = []
-        for view, box, place in zip(self._views, self._boxes, places, strict=True):
+        for view, box, place in zip(self.views, self._boxes, places, strict=True):
             box.move(place)
             points = reach(view.contents(), explode)
             if len(self._boxes) > 1:
@@ -196,16 +196,16 @@ class Explorer:
                 box.title(view.name, head)
                 points = np.vstack((points, head))
             seen.append(points + place)
-        self._page.frame(np.concatenate(seen))
+        self.page.frame(np.concatenate(seen))
 
     def _draw(self, request: ViewRequest) -> None:
-        first, drawn = self._views[0], self._drawn
+        first, drawn = self.views[0], self._drawn
         where = request.pack, request.second, request.explode
         if drawn is None or where != (drawn.pack, drawn.second, drawn.explode):
             self._arrange(request.explode)
-        colors, legend = _colored(self._views, request.coloring)
+        colors, legend = _colored(self.views, request.coloring)
         self._query = self._query_of(request)
-        for n, (view, box) in enumerate(zip(self._views, self._boxes, strict=True)):
+        for n, (view, box) in enumerate(zip(self.views, self._boxes, strict=True)):
             inside, focus = len(view.placed), self._focus(n, view, request)
             display = DisplaySettings(
                 request.step,
@@ -239,14 +239,14 @@ class Explorer:
             return None
         same = frozenset([request.chosen])
         if n > 0:
-            same = view.same(self._views[0].items[request.chosen])
+            same = view.same(self.views[0].items[request.chosen])
         return same if any(m < min(request.step, len(view.placed)) for m in same) else None
 
     def _query_of(self, request: ViewRequest) -> FitQuery | None:
         """Return the requested query, the previous one if nothing but the location changed."""
         if request.wanted is None:
             return None
-        drawn, view = self._drawn, self._views[0]
+        drawn, view = self._drawn, self.views[0]
         if (
             self._query is not None
             and drawn is not None
@@ -273,15 +273,16 @@ class Explorer:
         self.controls.play.label = "Pause" if self._playing else "Play"
         return None if self._due is None else max(0.0, self._due - now)
 
-    def _choose(self, n: int, number: int) -> None:
+    def choose(self, n: int, number: int) -> None:
         """Select the clicked item of one of the boxes in the first one."""
-        first, view = self._views[0], self._views[n]
+        first, view = self.views[0], self.views[n]
         item = view.items[number]
         same = [number] if n == 0 else [m for m, one in enumerate(first.items) if _same(one, item)]
         if same:
             self.controls.choose(first, same[0])
 
-    def _to_first(self) -> None:
+    def to_first(self) -> None:
+        """Ask about the first location at which the item outside fits."""
         query = self._query
         if query is not None and query.first is not None:
             self.controls.set_query(query.item.rotation, query.first)

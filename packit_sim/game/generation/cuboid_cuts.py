@@ -52,8 +52,8 @@ def pinwheel(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
         be cut, or a plane separates the pieces.
     """
     whirls, planes = divmod(pieces - 1, WHIRL - 1)
-    blocks = _divided([WHOLE], whirls, _whirled, rng)
-    blocks = blocks and _divided(blocks, planes, _halved, rng)
+    blocks = divided([WHOLE], whirls, whirled, rng)
+    blocks = blocks and divided(blocks, planes, _halved, rng)
     if not blocks or not is_even(blocks) or separating_planes(blocks):
         return None
     return _pieces(blocks)
@@ -61,7 +61,7 @@ def pinwheel(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
 
 def split(parts: int, rng: np.random.Generator) -> list[Block] | None:
     """Cut the box by planes into blocks; None if one is too small to be cut."""
-    blocks = _divided([WHOLE], parts - 1, _halved, rng)
+    blocks = divided([WHOLE], parts - 1, _halved, rng)
     return blocks if blocks and is_even(blocks) else None
 
 
@@ -107,7 +107,7 @@ def _pieces(blocks: list[Block]) -> list[PuzzlePiece]:
     return [PuzzlePiece.cuboid(*block) for block in from_below(blocks)]
 
 
-def _divided(
+def divided(
     blocks: list[Block],
     times: int,
     divide: Callable[[Block, np.random.Generator], list[Block] | None],
@@ -138,7 +138,7 @@ def _halved(block: Block, rng: np.random.Generator) -> list[Block] | None:
     return [(start, moved(stop, axis, at)), (moved(start, axis, at), stop)]
 
 
-def _whirled(block: Block, rng: np.random.Generator) -> list[Block] | None:
+def whirled(block: Block, rng: np.random.Generator) -> list[Block] | None:
     """Cut a block into a pinwheel: four cuboids around a fifth, along a random axis."""
     sides = extents(block)
     long = [axis for axis in range(3) if sides[axis] >= 3 * LEAST_SIDE]

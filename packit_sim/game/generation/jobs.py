@@ -203,7 +203,9 @@ def generate(
         _log.info("%s: %d of %d packs are left to evolve", file, len(missing), job.packs)
         started = time.monotonic()
         calls = ((job, job.record, folder.absolute(), n, os.getpid()) for n in missing)
-        evolved = starmap(_evolve, calls) if workers is None else workers.as_done(_evolve, calls)
+        evolved = (
+            starmap(evolve_pack, calls) if workers is None else workers.as_done(evolve_pack, calls)
+        )
         for number, packs in evolved:
             done[job.seed + number] = packs
             write_packs(file, _in_order(done))
@@ -230,14 +232,14 @@ def under_way(file: Path) -> list[EvolutionProgress]:
     """Read the progress of a dataset's unfinished packs from their checkpoints."""
     found = []
     for path in sorted(work_folder(file).glob("[0-9]*.json")):
-        state = _read(path, EvolutionState) or _read(path, DensificationState)
+        state = read_state(path, EvolutionState) or read_state(path, DensificationState)
         if state is not None and state.densities:
             last = len(state.densities) - 1
             found.append(EvolutionProgress(int(path.stem), last, state.densities[-1]))
     return found
 
 
-def _evolve(
+def evolve_pack(
     job: GenerationJob, wanted: JobRecord, folder: Path, number: int, driver: int
 ) -> tuple[int, list[Pack]]:
     """Search for a pack to the end, from its checkpoint if it has one.
@@ -251,7 +253,7 @@ def _evolve(
             f"{job.library.digest:.12}, and should be {wanted.library.digest:.12}"
         )
     is_child = os.getppid() == driver
-    writes = _read(folder / JOB_FILE, JobRecord) == wanted
+    writes = read_state(folder / JOB_FILE, JobRecord) == wanted
     path = checkpoint(folder, number)
     search = job.search(number)
     restored = writes and _restore(search, path)
@@ -275,11 +277,11 @@ def _evolve(
 def _restore(search: Evolution | Densification, path: Path) -> bool:
     """Resume a search from its checkpoint; return whether there is one that can be read."""
     if isinstance(search, Evolution):
-        evolved = _read(path, EvolutionState)
+        evolved = read_state(path, EvolutionState)
         if evolved is not None:
             search.restore(evolved)
         return evolved is not None
-    densified = _read(path, DensificationState)
+    densified = read_state(path, DensificationState)
     if densified is not None:
         search.restore(densified)
     return densified is not None
@@ -289,7 +291,7 @@ def _in_order(done: dict[int, list[Pack]]) -> list[Pack]:
     return [pack for seed in sorted(done) for pack in done[seed]]
 
 
-def _read(path: Path, kind: type[T]) -> T | None:
+def read_state(path: Path, kind: type[T]) -> T | None:
     """Read a record; None if there is none, or if a failing disk has damaged it."""
     try:
         return typed_json.decode(path.read_bytes(), kind, GenerationError)
@@ -299,7 +301,7 @@ def _read(path: Path, kind: type[T]) -> T | None:
 
 def _check_job(job: GenerationJob, path: Path) -> None:
     """Record the job, or compare it with the record that is there."""
-    before, wanted = _read(path, JobRecord), job.record
+    before, wanted = read_state(path, JobRecord), job.record
     if before is None:
         replace_text(path, typed_json.encode(wanted))
     elif before != wanted:

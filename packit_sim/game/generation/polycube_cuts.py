@@ -55,12 +55,12 @@ def polycubes(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None
         The pieces in an order in which they can be put in from above; None if the pieces that could
         join would be too large, or the result does not interlock.
     """
-    labels = _joined(pieces, rng)
+    labels = joined_cubes(pieces, rng)
     if labels is None or not interlocks(labels):
         return None
     order = _order(labels)
     assert order is not None
-    return [_piece(labels == label) for label in order]
+    return [piece_of(labels == label) for label in order]
 
 
 def sizes(pieces: int) -> tuple[int, int]:
@@ -93,7 +93,7 @@ def locked(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> int:
     return found
 
 
-def _joined(pieces: int, rng: np.random.Generator) -> Labels | None:
+def joined_cubes(pieces: int, rng: np.random.Generator) -> Labels | None:
     """Join cubes until so many pieces are left; None if that does not succeed."""
     labels = np.arange(CUBES**3).reshape(CUBES, CUBES, CUBES)
     least, most = sizes(pieces)
@@ -159,7 +159,7 @@ def _order(labels: Labels) -> list[int] | None:
         return None
 
 
-def _piece(cubes: npt.NDArray[np.bool_]) -> PuzzlePiece:
+def piece_of(cubes: npt.NDArray[np.bool_]) -> PuzzlePiece:
     """Return the surface of a piece, its faces drawn in by the clearance.
 
     The solid is divided at both sides of each plane between cubes: into the inner parts of cubes,

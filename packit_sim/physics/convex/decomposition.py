@@ -201,7 +201,7 @@ def decompose_anew(shape: Shape, settings: DecompositionSettings) -> Decompositi
     if solid.hausdorff(whole) > 0:
         method = settings.method
         if method == "coacd":
-            pieces, problem = _by_coacd(shape, settings)
+            pieces, problem = by_coacd(shape, settings)
         if method == "bisection" or problem is not None:
             pieces = bisect(shape, solid, settings.hausdorff, settings.max_pieces)
             method = "bisection"
@@ -214,7 +214,7 @@ def decompose_anew(shape: Shape, settings: DecompositionSettings) -> Decompositi
     )
 
 
-def _by_coacd(shape: Shape, settings: DecompositionSettings) -> tuple[list[Piece], str | None]:
+def by_coacd(shape: Shape, settings: DecompositionSettings) -> tuple[list[Piece], str | None]:
     """Return the pieces, and why there are none."""
     hulls, problem = _hulls(shape, settings)
     triangles = np.asarray(shape.mesh.triangles)
