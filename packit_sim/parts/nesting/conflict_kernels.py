@@ -9,7 +9,7 @@ fields allow. The method is our own. A conflict is what makes a packing invalid 
 surfaces that cross or are closer than the clearance, or one item inside the other.
 
 Invariants: margins are symmetric, and only these kernels and a construction change them. They hold
-near the present offset of a pair alone, so that `separate` goes on until `load` finds no conflict.
+near the present offset of a pair alone, so that separation continues until `load` finds no conflict.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def find_conflicts(problem, state, i, count):
     problem : Problem
         The problem.
     state : State
-        Where all items are; its margins are changed.
+        Poses of all items; its margins are changed.
     i : int
         The item.
     count : int
@@ -48,7 +48,7 @@ def find_conflicts(problem, state, i, count):
     Returns
     -------
     int
-        How many there are.
+        Their number.
     """
     found = 0
     for j in range(count):
@@ -77,7 +77,7 @@ def allow_contacts(problem, state):
     problem : Problem
         The problem.
     state : State
-        Where all items are, with their overlaps; margins and overlaps are changed.
+        Poses of all items, with overlaps; margins and overlaps are changed.
     """
     for i in range(len(state.types)):
         for j in range(i):
@@ -122,7 +122,7 @@ def load(problem, state, turned, places, boxes, is_checked):
     problem : Problem
         The problem.
     state : State
-        Where all items are; changed.
+        Poses of all items; changed.
     turned : ndarray
         (n,) int64, the numbers of their rotations.
     places : ndarray

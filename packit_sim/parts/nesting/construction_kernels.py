@@ -38,7 +38,7 @@ def construct(problem, state, order, box, samples, rng):
     problem : Problem
         The problem.
     state : State
-        Where all items are; those of the order must be taken out. Changed.
+        Poses of all items, those of the order taken out; changed.
     order : ndarray
         (k,) int64, the items to place; those for which there is no place stay taken out.
     box : ndarray

@@ -6,7 +6,7 @@ unlike a volume of overlap, it has a useful slope where one item is deep inside 
 sparrow (Gardeyn et al., 2025) it is scaled by the sizes of both items, so that large ones are moved
 apart before small ones.
 
-There are two measures. The *rough cost* interpolates penetration fields as they are: well under a
+There are two measures. The *rough cost* interpolates penetration fields without computing nodes: well under a
 microsecond a pair, for samples and coordinate descent. The *fine cost* is exact near contact where
 the surfaces compute the nodes of fields, and else asks signed distances at points of the surfaces;
 it has a gradient. Both are estimates. Only surfaces (`conflict_kernels`) decide about a packing.
@@ -49,14 +49,14 @@ Fields are too coarse for a place that is hardly larger than what it holds.
 
 @inner_kernel
 def rough_cost(lookup, state, i, o, p, limit):
-    """Compute the weighted overlap of an item at a pose, by the fields as they are.
+    """Compute the weighted overlap of an item at a pose, by fields alone.
 
     Parameters
     ----------
     lookup : Lookup
         The fields.
     state : State
-        Where the other items are.
+        Poses of the other items.
     i : int
         The item.
     o : int
@@ -103,7 +103,7 @@ def fine_cost(problem, state, i, o, p, limit):
     problem : Problem
         The problem.
     state : State
-        Where the other items are; its `depths` get those of this item, its `slope` the gradient.
+        Poses of the other items; its `depths` get those of this item, its `slope` the gradient.
     i : int
         The item.
     o : int

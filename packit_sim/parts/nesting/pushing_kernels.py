@@ -19,7 +19,7 @@ from packit_sim.parts.nesting.cost_kernels import distance_of, update_overlaps
 from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, clamp, put
 
 SWEEPS = 30
-"""Most sweeps over all pairs that are pushed apart."""
+"""Limit of sweeps over all pairs."""
 
 PUSH = 0.55
 """Share of the depth by which each of a pair is pushed: a little over half ends in a gap."""
@@ -37,7 +37,7 @@ def push_apart(problem, state, boxes):
     problem : Problem
         The problem.
     state : State
-        Where all items are, with their overlaps; changed.
+        Poses of all items, with overlaps; changed.
     boxes : ndarray
         (b, 4) float64, the boxes (see `boxes_of`).
     """

@@ -34,13 +34,13 @@ from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, 
 from packit_sim.parts.nesting.pushing_kernels import push_apart
 
 KEPT = 4
-"""Samples of a move that are improved by the rough cost, besides the present pose."""
+"""Samples of a move that are improved by the rough cost, in addition to the present pose."""
 
 REFINED = 2
 """The best of these, which are improved by the fine cost: it takes most of the time."""
 
 STEPS = 30
-"""Most steps along the gradient of the fine cost."""
+"""Limit of steps along the gradient of the fine cost."""
 
 OVERSHOOT = 1.1
 """Factor of a step to where the gradient predicts cost 0: contact then ends in a gap."""
@@ -254,7 +254,7 @@ def separate(problem, state, best, boxes, samples, passes, weights, rng):
     problem : Problem
         The problem.
     state : State
-        Where all items are; changed. Its overlaps must be up to date.
+        Poses of all items, with overlaps that fit them; changed.
     best : State
         Gets the poses of least overlap.
     boxes : ndarray

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class SearchSettings:
     """All settings of a search; the defaults come from measurements (`benchmarks/nesting`).
 
-    Kernels keep two kinds of constants beside their code, which are no settings of a search: the
-    sizes of their arrays with the numerics of a descent, and the accuracy of stored distances.
-    So do the tolerances that make an accepted packing valid (`build`).
+    Two kinds of constants stay next to the code that they belong to: in kernels, the sizes of arrays,
+    the numerics of a descent and the accuracy of stored distances; in `build`, the tolerances that
+    make an accepted packing valid.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class SearchSettings:
     distance_cells : int
         Cells of an item's grid of signed distances along its longest side, with the clearance.
     distance_margin : float
-        Cells around an item, besides the clearance, in which distances to it are known.
+        Cells around an item, in addition to the clearance, in which distances to it are known.
     surface_points : int
         Points of an item's surface whose depth in others counts.
     hollow : float

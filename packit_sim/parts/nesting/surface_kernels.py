@@ -51,7 +51,7 @@ def surfaces_cross(
     Returns
     -------
     bool
-        Whether there are such triangles.
+        True if there are such triangles.
     """
     one_leaves = len(one_starts) - 1
     other_leaves = len(other_starts) - 1
@@ -128,13 +128,13 @@ def _bounds_meet(one, n, other):
 @inner_kernel
 def triangles_cross(one, other):
     """Return whether an edge of one of two triangles (3, 3) passes through the other."""
-    if _is_beside(one, other) or _is_beside(other, one):
+    if _is_on_one_side(one, other) or _is_on_one_side(other, one):
         return False
     return _edges_pass(one, other) or _edges_pass(other, one)
 
 
 @inner_kernel
-def _is_beside(one, other):
+def _is_on_one_side(one, other):
     """Return whether all corners of a triangle are on one side of another triangle's plane."""
     # Strictly: a corner in the plane may be an end of an edge that passes through.
     nx, ny, nz = _normal(other)
