@@ -1,8 +1,8 @@
 """The kernel that computes the scores of a `PlacementNetwork`.
 
 A perceptron with two hidden layers of rectified units, next to a linear part. Plain loops in a
-fixed order: no threads of a linear algebra library, whose sums depend on the machine and on the number of
-rows. So a placement has the same score alone and among others, and plays can be repeated.
+fixed order: no threads of a linear algebra library, whose sums depend on the machine and on the
+number of rows. So a placement has the same score alone and among others, and plays can be repeated.
 """
 
 from __future__ import annotations

@@ -8,8 +8,9 @@ the surfaces find apart lowers it to the present distance, so that bowls may nes
 fields allow. The method is our own. A conflict is what makes a packing invalid (`validity`): two
 surfaces that cross or are closer than the clearance, or one item inside the other.
 
-Invariants: margins are symmetric, and only these kernels and a construction change them. They hold
-near the present offset of a pair alone, so that separation continues until `load` finds no conflict.
+Invariants: margins are symmetric, and only these kernels and a construction change them. They are
+right near the present offset of a pair alone, so that a separation asks `load` again and again
+until it finds no conflict.
 """
 
 from __future__ import annotations

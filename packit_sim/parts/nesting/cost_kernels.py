@@ -6,10 +6,10 @@ unlike a volume of overlap, it has a useful slope where one item is deep inside 
 sparrow (Gardeyn et al., 2025) it is scaled by the sizes of both items, so that large ones are moved
 apart before small ones.
 
-There are two measures. The *rough cost* interpolates penetration fields without computing nodes: well under a
-microsecond a pair, for samples and coordinate descent. The *fine cost* is exact near contact where
-the surfaces compute the nodes of fields, and else asks signed distances at points of the surfaces;
-it has a gradient. Both are estimates. Only surfaces (`conflict_kernels`) decide about a packing.
+There are two measures. The *rough cost* interpolates penetration fields and computes no node: well
+under a microsecond a pair, for samples and coordinate descent. The *fine cost* lets the surfaces
+compute nodes near contact, or asks signed distances at points of the surfaces; it has a gradient.
+Both are estimates. Only surfaces (`conflict_kernels`) decide about a packing.
 
 Invariants: the distance of a pair does not depend on which of the two is asked (see `offset`), so
 that overlaps are symmetric. A cost may stop at its limit; what it returns is then no cost.

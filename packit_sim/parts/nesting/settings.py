@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class SearchSettings:
     """All settings of a search; the defaults come from measurements (`benchmarks/nesting`).
 
-    Two kinds of constants stay next to the code that they belong to: in kernels, the sizes of arrays,
-    the numerics of a descent and the accuracy of stored distances; in `build`, the tolerances that
-    make an accepted packing valid.
+    Other constants stay next to the code that they belong to: in kernels, the sizes of arrays, the
+    numerics of a descent and the accuracy of stored distances; in `build`, the tolerances that make
+    an accepted packing valid.
 
     Attributes
     ----------
