@@ -34,10 +34,11 @@ from packit_sim import (
 from packit_sim.core import parallel
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.core.parallel import WorkersError
-from packit_sim.parts.nesting import build, strips
 from packit_sim.parts.nesting import nest as nest_module
+from packit_sim.parts.nesting import strips
 from packit_sim.parts.nesting.nest import NestingError
 from packit_sim.parts.nesting.problem import Problem
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.rotation_sets import matrices
@@ -149,7 +150,7 @@ def test_something_better_comes_before_all_items_are_arranged(monkeypatch) -> No
     """The search begins with the largest items, the others are then placed around them."""
 
     def stacked(problem: Problem, task: SearchTask, *_: Any) -> Poses:
-        poses = task.nowhere
+        poses = task.unplaced
         poses.inside[:] = 1
         poses.places[:, :2] = 1.5
         poses.places[:, 2] = 3.0 * np.arange(task.count) + 1.5
@@ -735,10 +736,10 @@ def cup() -> trimesh.Trimesh:
     return creation.revolve(profile, sections=48)
 
 
-@pytest.mark.parametrize(("few", "most"), [(build.FEW, 1.1), (0, 1.4)])
-def test_equal_cups_are_stacked(monkeypatch: pytest.MonkeyPatch, few: int, most: float) -> None:
+@pytest.mark.parametrize(("work", "most"), [(SearchSettings().refined_work, 1.1), (0, 1.4)])
+def test_equal_cups_are_stacked(work: int, most: float) -> None:
     """Close by exact fields; if there were too many of them, still inside each other."""
-    monkeypatch.setattr(build, "FEW", few)
+    settings = replace(quick(150), search=SearchSettings(refined_work=work))
     cups = of(cup(), "cup", demand=5, rotations="axis-4")
-    packing = nest([cups], (6.01, 6.01, OPEN), settings=quick(150))
+    packing = nest([cups], (6.01, 6.01, OPEN), settings=settings)
     assert packing.height < most * (4.4 + 4 * 0.4)

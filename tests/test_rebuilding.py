@@ -46,5 +46,5 @@ def test_an_empty_box_is_filled() -> None:
     problem = build([ItemType("cube", mesh.vertices, mesh.faces)], 4.0, 0.0)
     task = SearchTask(np.zeros(3, int), np.ones(3), np.ones(3), (SIZE,))
     rng = np.array([0], np.uint64)
-    poses = rebuilt(problem, task, task.nowhere, boxes_of([SIZE]), np.random.default_rng(0), rng)
+    poses = rebuilt(problem, task, task.unplaced, boxes_of([SIZE]), np.random.default_rng(0), rng)
     assert poses.inside.all()

@@ -25,9 +25,10 @@ from benchmarks.common import argument_parser, machine, write_json
 from benchmarks.nesting.cases import CASES
 from benchmarks.nesting.runs import Search, run
 from packit_sim import NestSettings, nest
-from packit_sim.parts.nesting import search, separation_kernels, strips
+from packit_sim.parts.nesting import strips
 from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.rounds import Problems
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.tasks import Poses, SearchTask
 
 FILE = "nesting_ablations.json"
@@ -47,12 +48,12 @@ WARM_UP = 3
 """Short searches before those that are measured, which compile the kernels."""
 
 
-def no_weights() -> None:
+def no_weights() -> SearchSettings:
     """Let the weights of pairs stay 1: not guided, only a local search."""
-    patch.object(separation_kernels, "GROWTH", (0.0, 0.0)).start()
+    return SearchSettings(weight_growth=(0.0, 0.0))
 
 
-def no_sizes() -> None:
+def no_sizes() -> SearchSettings:
     """Measure overlap by depth alone, whatever the sizes of the two items."""
     original = Problems.build
 
@@ -62,13 +63,14 @@ def no_sizes() -> None:
         return problem
 
     patch.object(Problems, "build", built).start()
+    return SearchSettings()
 
 
-def no_construction() -> None:
+def no_construction() -> SearchSettings:
     """Begin with the items on top of each other, as they are."""
 
     def stacked(problem: Problem, task: SearchTask, *_: Any) -> Poses:
-        poses = task.nowhere
+        poses = task.unplaced
         poses.inside[:] = 1
         poses.turned[:] = problem.allowed[task.numbers, 0]
         boxes = problem.lookup.boxes[task.numbers, poses.turned]
@@ -78,23 +80,24 @@ def no_construction() -> None:
         return poses
 
     patch.object(strips, "constructed", stacked).start()
+    return SearchSettings()
 
 
-def all_at_once() -> None:
+def all_at_once() -> SearchSettings:
     """Search for all items from the start, not for the large ones first."""
-    patch.object(search, "FEWEST", sys.maxsize).start()
+    return SearchSettings(first_items=sys.maxsize)
 
 
 WHOLE = "as it is"
 
-VARIANTS: dict[str, Callable[[], None]] = {
-    WHOLE: lambda: None,
+VARIANTS: dict[str, Callable[[], SearchSettings]] = {
+    WHOLE: SearchSettings,
     "weights stay 1": no_weights,
     "overlap without sizes": no_sizes,
     "no construction": no_construction,
     "all items at once": all_at_once,
 }
-"""What each variant changes, before kernels are compiled."""
+"""The settings of each variant; some also replace functions."""
 
 
 def main() -> None:
@@ -105,7 +108,6 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
     if arguments.only:
-        VARIANTS[arguments.only]()
         measure(
             arguments.only, arguments.seconds, arguments.seeds, arguments.workers, arguments.out
         )
@@ -128,6 +130,7 @@ def main() -> None:
 
 def measure(variant: str, seconds: float, seeds: list[int], workers: int, out: Path) -> None:
     """Search all strips that have no result yet, as this process's variant does."""
+    search = VARIANTS[variant]()
     todo = [
         Search(*strip, seed, seconds)
         for seed in seeds
@@ -137,10 +140,10 @@ def measure(variant: str, seconds: float, seeds: list[int], workers: int, out: P
     for n in range(WARM_UP if todo else 0):
         for kind, name, rotations in STRIPS:
             case = CASES[kind](name, rotations)
-            settings = NestSettings(workers=workers, clock="processor")
+            settings = NestSettings(workers=workers, clock="processor", search=search)
             nest(case.types, case.container, case.objective, 2.0, n, settings=settings)
     for each in todo:
-        result, _ = run(each, workers)
+        result, _ = run(each, workers, search)
         runs = read(out)
         runs[_key(variant, each)] = {
             "variant": variant,

@@ -19,6 +19,7 @@ from benchmarks.common import machine, write_json
 from benchmarks.nesting.cases import CASES, Case
 from packit_sim import NestSettings, Packing, nest
 from packit_sim.parts.nesting.rounds import Problems
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.packings.placements import Placement
 
 
@@ -123,7 +124,9 @@ def score(packing: Packing) -> float:
     return packing.density if packing.objective == "knapsack" else float(packing.boxes)
 
 
-def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
+def run(
+    search: Search, workers: int, settings: SearchSettings = DEFAULT_SETTINGS
+) -> tuple[dict[str, Any], Packing]:
     """Search.
 
     Parameters
@@ -132,6 +135,8 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         What is searched.
     workers : int
         The number of processes.
+    settings : SearchSettings
+        The settings of the search.
 
     Returns
     -------
@@ -152,7 +157,7 @@ def run(search: Search, workers: int) -> tuple[dict[str, Any], Packing]:
         search.seed,
         case.clearance,
         callback=lambda found, seconds: curve.append((round(seconds, 2), score(found))),
-        settings=NestSettings(workers=workers, clock="processor"),
+        settings=NestSettings(workers=workers, clock="processor", search=settings),
     )
     elapsed = time.perf_counter() - before
     result: dict[str, Any] = {

@@ -2,7 +2,17 @@
 
 A *proof* that two triangles are apart is an axis along which there is a gap between them, and a
 proof that they cross is an edge of one that passes through the inside of the other: both by more
-than `MARGIN`, which is far more than rounding. Where there is no proof, the caller asks FCL.
+than `MARGIN`, which is far more than rounding. Where there is no proof, the caller asks FCL. So the
+answers are those of FCL, which remains the definition: neither proof may contradict it.
+
+Sources: separating axes (as Gottschalk, Lin and Manocha, 1996, for boxes), of two triangles the two
+normals, nine products of edges and, for coplanar ones, six normals of edges in their planes; edges
+through triangles by signed volumes of tetrahedra, the orientation predicates of Guigue and
+Devillers (2003), here with a margin instead of their signs alone. Two trees of boxes are descended
+together, the larger box first.
+
+Trees and offsets are never changed. Triangles are passed as an array and a number: a view of one
+would cost reference counts in the innermost loop.
 """
 
 from __future__ import annotations
@@ -18,7 +28,7 @@ MARGIN = 1e-9
 """Box units; coordinates are at most a few units, so that rounding is below 1e-14."""
 
 _STACK = 256
-"""Pairs of nodes that can wait."""
+"""Pairs of nodes that can wait: at most one more for each level of both trees."""
 
 
 @kernel
@@ -59,7 +69,7 @@ def relation(one, other, turn, shift, region):
             found = _leaf_relation(one, other, waiting[top], turn, shift, region, moved)
             if found == CROSSING:
                 return CROSSING
-            unsure = unsure or found == UNSURE
+            unsure = unsure or found == UNSURE  # another pair may still be a proof of a crossing
         else:
             is_first = b >= other_leaves or (
                 a < leaves and _size(boxes, a) >= _size(other_boxes, b)
@@ -98,6 +108,7 @@ def _leaf_relation(one, other, pair, turn, shift, region, moved):
         if is_outside:
             continue
         for n in range(starts[leaf], starts[leaf + 1]):
+            # Boxes first: they leave out most pairs without the 17 axes of `apart`.
             if _is_outside(triangles, n, moved) or apart(triangles, n, moved, 0):
                 continue
             if cross(triangles, n, moved, 0):
@@ -144,6 +155,7 @@ def _boxes_apart(boxes, a, other_boxes, b, turn, shift, region):
 @kernel
 def apart(a, n, b, m):
     """Return whether there is a proof that triangles a[n] and b[m] are apart, by their planes."""
+    # The normals first: a triangle is often on one side of the other's plane.
     x, y, z = _normal(a, n)
     if _separates(a, n, b, m, x, y, z):
         return True
@@ -174,6 +186,7 @@ def _separates(a, n, b, m, x, y, z):
     t = x * b[m, 1, 0] + y * b[m, 1, 1] + z * b[m, 1, 2]
     u = x * b[m, 2, 0] + y * b[m, 2, 1] + z * b[m, 2, 2]
     gap = max(min(p, q, r) - max(s, t, u), min(s, t, u) - max(p, q, r))
+    # Compared squared and by length, so that the axis needs no root and a zero axis proves nothing.
     return gap > 0 and gap * gap > MARGIN * MARGIN * (x * x + y * y + z * z)
 
 
@@ -206,6 +219,7 @@ def _pierces(a, n, i, b, m):
             + y * (a[n, i, 1] - b[m, j, 1])
             + z * (a[n, i, 2] - b[m, j, 2])
         )
+        # The line of the edge passes the triangle's edge too closely to be sure of the side.
         if apart * apart <= MARGIN * MARGIN * length * (fx * fx + fy * fy + fz * fz):
             return False
         side = 1 if apart > 0 else -1

@@ -1,4 +1,13 @@
-"""Kernels that compare the columns of fine cells of an item with those of a box."""
+"""Kernels that compare the columns of fine cells of an item with those of a box.
+
+For an item that moves straight down, a column of fine cells matters only by its ends: the bottom of
+the item's lowest fine cell and the top of the highest one in the box. Differences of these bound
+the item's height from both sides (the kinematic rule, see `insertion`): below the lower bound cells
+prove that something is above the item, from the upper bound on that nothing is. Meshes decide
+between them. All of it is integer arithmetic, and exact.
+
+Columns without fine cells have the ends `NONE` and -`NONE`, so that they never are the maximum.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +18,7 @@ from packit_sim.geometry.lattice import FINE_PER_CELL, STEP
 from packit_sim.geometry.word_kernels import lowest_bit
 
 NONE = np.int32(2**20)
-"""Higher than any fine cell: the value of a column without fine cells."""
+"""Higher than any fine cell: the value of an empty column; sums of two fit in 32 bits."""
 
 _FINE_PER_STEP = STEP * FINE_PER_CELL
 
@@ -33,6 +42,7 @@ def column_ends(words):
             if bits:
                 at = 4 * x + column // 4, 4 * y + column % 4
                 low[at] = min(low[at], 4 * z + lowest_bit(bits))
+                # Words come in the order of z: the last one that has bits is the highest.
                 high[at] = 4 * z + _TOP_OF_BITS[bits]
     return low, high
 
@@ -76,6 +86,7 @@ def required_heights(low, inner_low, tops, inner_tops, wanted):
                     inner_tops[i * step + x, j * step + y],
                 )
                 granted = max(granted, top - low[x, y])
+                # Inner above outer, or outer above inner, is a proof; outer above outer is none.
                 refused = max(refused, top - inner_low[x, y], inner_top - low[x, y])
         no[i, j], yes[i, j] = refused, granted
     return no, yes

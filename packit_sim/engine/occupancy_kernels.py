@@ -1,4 +1,12 @@
-"""Kernels that add an item's cells to a box and remove them again.
+"""Kernels that add an item's cells to a box and remove the last ones again.
+
+A box keeps the union of its items on two levels: bricks of 64 cells as words, and for bricks with
+surface cells a *page* of 64 x 2 words of fine cells. Adding is an OR of words. What it overwrote is
+returned, so that removing the last item restores the box exactly and cheaply: a stack (our own).
+
+Invariants: only `fill` and `unfill` write a box. In a page, only rows of cells that are outer and
+not inner for the union were written at some time; the others are undefined and must not be read.
+Pages are taken in order, so that those of the last item are the highest.
 
 Python passes arrays in plain tuples, and kernels convert them to named ones: a named tuple as an
 argument would cost 2 microseconds a call.
@@ -48,7 +56,7 @@ class PlacedArrays(NamedTuple):
     spans : int64 (n, 6)
         First brick along x, y and z of each item, and last.
     starts : int64 (n + 1, 3)
-        Where each item begins in `number`, in `outer` and in `fine`, and where the last one ends.
+        Index of each item's first element in `number`, in `outer` and in `fine`, and the end.
     number, outer, inner, first, fine
         See `voxels.Voxels`; `number` is flat. Only the rows of the items are in use.
     """
@@ -97,6 +105,7 @@ def fill(box, pages, item, start):
         before[n, 0], before[n, 1] = taken, box.bricks[1, at]
         box.bricks[0, at] |= item.outer[n]
         box.bricks[1, at] |= item.inner[n]
+        # Fine cells of cells that are inner are all inner: they need no page.
         surface = item.outer[n] & ~item.inner[n]
         if not surface:
             continue
@@ -108,6 +117,8 @@ def fill(box, pages, item, start):
         while surface:
             bit = lowest_bit(surface)
             surface &= surface - _1
+            # A cell that is taken has fine cells, which `unfill` needs; else the row is undefined,
+            # and is overwritten instead of merged.
             if taken >> np.uint64(bit) & _1:
                 shared[count, 0] = box.page[at] * 64 + bit
                 shared[count, 1], shared[count, 2] = to[bit, 0], to[bit, 1]
@@ -181,5 +192,5 @@ def unfill(box, pages, bricks, start, before, shared):
     for n in range(len(bricks)):
         at = start + (bricks[n, 2] * box.nx + bricks[n, 0]) * box.ny + bricks[n, 1]
         box.bricks[0, at], box.bricks[1, at] = before[n, 0], before[n, 1]
-        if box.page[at] >= pages:
+        if box.page[at] >= pages:  # taken by this item
             box.page[at] = NO_PAGE

@@ -1,4 +1,10 @@
-"""Kernels that compare the surfaces of two items at many offsets."""
+"""Kernels that compare the surfaces of two items at many offsets.
+
+Conditions 3 and 4 of a feasible location (docs/concepts/exactness.md), cheapest test first:
+shared outer fine cells (none: no common point), proofs in the cell with the most of them, proofs in
+the region of all of them, and the winding number of a vertex of each part, only for surfaces that
+are proved not to cross. What is `UNSURE` is left to FCL; everything else equals its answer.
+"""
 
 from __future__ import annotations
 
@@ -59,8 +65,9 @@ def relations(one, other, turn, to_first, shifts, bricks, other_bricks, offsets)
             if states[n] != CROSSING:
                 _bound_cells(cells, size, to_first, region)
                 states[n] = relation_in(tree, other_tree, turn, moved, region, space)
-            if states[n] < 0:
+            if states[n] < 0:  # too many triangles in the region: two trees are faster
                 states[n] = relation(tree, other_tree, turn, moved, region)
+        # Where FCL has to decide about a crossing, the caller then asks for parts inside as well.
         if states[n] != APART:
             continue
         points, _, triangles, part, boxes, starts = parts

@@ -1,4 +1,13 @@
-"""Kernels that decide whether two surfaces cross in a region, by the few triangles that meet it."""
+"""Kernels that decide whether two surfaces cross in a region, by the few triangles that meet it.
+
+Surfaces can only meet in fine cells that are outer for both items, which bound a region that is
+usually small. Then collecting each surface's triangles there and testing all pairs is faster than
+descending two trees together (`crossing_kernels.relation`), which would compare many pairs of
+boxes. The proofs are the same: `apart` and `cross`, with their margin.
+
+Invariant: a region grown by the margin contains all common points, so that triangles outside of it
+prove nothing and are left out. A `Workspace` is overwritten; one serves all offsets of a pair.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +20,7 @@ from packit_sim.engine.crossing_kernels import APART, CROSSING, MARGIN, UNSURE, 
 from packit_sim.geometry.arrays import Floats, Ints
 
 MOST = 256
-"""Most triangles of each surface; with more of them, two trees are faster than all pairs."""
+"""Limit of each surface's triangles; with more, two trees are faster than all pairs."""
 
 _STACK = 64
 """Nodes that can wait: more than the levels of a tree."""
@@ -69,12 +78,15 @@ def relation_in(one, other, turn, shift, region, space):
     numbers, other_numbers, corners, boxes, other_boxes = space
     wide = np.empty((2, 3))
     turned = np.empty((2, 3))
+    # The region in each item's frame. Grown in both: turning by signs and axes is exact, shifting
+    # is rounded.
     for d in range(3):
         wide[0, d], wide[1, d] = region[0, d] - MARGIN, region[1, d] + MARGIN
         p = turn[1, d] * (wide[0, d] - shift[d])
         q = turn[1, d] * (wide[1, d] - shift[d])
         turned[0, turn[0, d]], turned[1, turn[0, d]] = min(p, q) - MARGIN, max(p, q) + MARGIN
     count = _collect(one, wide, numbers)
+    # Without triangles of the first surface the second need not be looked at.
     other_count = _collect(other, turned, other_numbers) if count else 0
     if count < 0 or other_count < 0:
         return -1
@@ -84,6 +96,7 @@ def relation_in(one, other, turn, shift, region, space):
                 at = others[other_numbers[m], corner, turn[0, d]]
                 corners[m, corner, d] = turn[1, d] * at + shift[d]
         _bound(corners, m, wide, other_boxes, m)
+    # Boxes cut to the region: triangles that only meet outside of it are no pair.
     for n in range(count if other_count else 0):
         _bound(triangles, numbers[n], wide, boxes, n)
     unsure = False

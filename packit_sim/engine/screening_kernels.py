@@ -1,5 +1,12 @@
 """Kernels that compare the bricks of an item with those of a box, or of another item.
 
+Two levels of bits decide most locations without meshes: words of 64 cells are compared by AND, and
+only cells that are surface for both by their words of 64 fine cells. Inner against outer proves a
+conflict (`BLOCKED`), no shared outer fine cell proves that there is none (`FREE`); between them the
+location is `OPEN`, and surfaces decide. The result does not depend on the order in which bricks
+are compared, but its cost does: an item's bricks are shuffled (`Voxels`), and the brick that
+blocked the last location comes first. The method is our own. No kernel here writes to its box.
+
 A location's *state* is `FREE`, `OPEN` or `BLOCKED` (see `screening`). The arguments `box`,
 `placed`, `item` and `fixed` are the fields of `BoxArrays`, `PlacedArrays`, `ItemArrays` and
 `FixedArrays`; `size` counts the item's locations along x, y and z.
@@ -52,6 +59,7 @@ def screen(box, item, spans, size, known):
     box, item = BoxArrays(*box), ItemArrays(*item)
     states = np.full(size, np.uint8(FREE))
     near = np.zeros(size, np.bool_)
+    # Only locations where this item's bricks can meet those of a placed one; the others are free.
     extent = np.zeros(3, np.int64)
     for n in range(len(item.bricks)):
         for d in range(3):
@@ -147,6 +155,7 @@ def next_unblocked(box, item, size, number):
     layer = size[0] * size[1]
     blocker = 0
     while number < layer * size[2]:
+        # A row along y at a time: its bricks are consecutive words of the box, 64 of them one mask.
         k, rest = divmod(number, layer)
         i, first = divmod(rest, size[1])
         count = min(size[1] - first, 64)
@@ -264,7 +273,7 @@ def shared_fine_cells(fixed, item, offset, found, densest):
     Returns
     -------
     bool
-        Whether there is one.
+        True if there is one.
     """
     fixed, item = FixedArrays(*fixed), ItemArrays(*item)
     nx, ny, nz = fixed.number.shape
@@ -332,6 +341,7 @@ def merge(states, table, reach, location, sign):
     """
     low = np.empty(3, np.int64)
     high = np.empty(3, np.int64)
+    # The offsets that the table covers, cut to the locations; outside of it the pair can't meet.
     for d in range(3):
         first = -reach[d] if sign > 0 else reach[d] - table.shape[d] + 1
         low[d] = max(location[d] + first, 0)
@@ -377,6 +387,7 @@ def brick_state(bricks, page, box_fine, at, outer, inner, first, fine):
         bit = lowest_bit(shared)
         shared &= shared - _1
         kept = page[at]  # an index, because a view costs two reference counts for each brick
+        # Rows of fine cells exist for surface cells only: the rank of this bit among them.
         own = first + count_bits(outer & ~inner & (_1 << np.uint64(bit)) - _1)
         if box_fine[kept, bit, 0] & fine[own, 1] | box_fine[kept, bit, 1] & fine[own, 0]:
             state, shared = BLOCKED, np.uint64(0)

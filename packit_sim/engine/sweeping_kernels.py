@@ -1,5 +1,14 @@
 """Kernels of the swept test, on the trees of two surfaces (see `triangle_trees`).
 
+Two triangles, seen along the motion, overlap in a convex polygon on which the distance between them
+is linear. So it is least at a corner of the polygon: a corner of one triangle that the other
+covers, or a crossing of two edges. The least over all pairs is the exact length of a straight move
+(our own; a continuous collision test for translations, without time steps). Branch and bound on two
+trees leaves out boxes that do not overlap from above, and those higher than the least rise so far.
+
+Exactness: up to rounding, with `_ROUNDING` against edges that are parallel seen from above, whose
+crossing has no meaning; then their ends decide. Upright triangles are left to their edges.
+
 A *rise* is the height of a point of the other surface above the item's point below it.
 """
 
@@ -11,7 +20,7 @@ from packit_sim.core.compilation import kernel
 from packit_sim.geometry.deviation_kernels import divided
 
 _STACK = 256
-"""Pairs of nodes that can wait."""
+"""Pairs of nodes that can wait: at most one more for each level of both trees."""
 
 _ROUNDING = 1e-10
 """Box units, or the sine of an angle: below it, points and edges seen from above are on one line.
@@ -75,6 +84,7 @@ def least_rise(item, other, offset, enough):
             if least <= enough:
                 return least
         else:
+            # The smaller number is nearer to its root, so that its box is usually the larger one.
             top = divided(waiting, top, a, b, b >= other_leaves or (a < leaves and a <= b))
     return least
 
@@ -163,4 +173,5 @@ def _rise_at_end(a, b, point, sign):
 
 @kernel
 def _positive(rise):
+    """Return a rise if it is positive: what is level or below does not stop the item."""
     return rise if rise > 0 else np.inf

@@ -1,4 +1,14 @@
-"""Kernels for distances from a surface, by its tree of boxes (see `triangle_trees`)."""
+"""Kernels for distances from a surface, by its tree of boxes (see `triangle_trees`).
+
+The one-sided Hausdorff distance by branch and bound (Tang, Lee and Kim, 2009): the distance from a
+convex set is a convex function, so that no point of a piece of a triangle is farther from a
+triangle of the surface than the piece's farthest corner is. The best such triangle bounds a piece
+from above, its corners bound it from below; a piece whose bounds differ is cut in two.
+
+Exactness: `bound` returns two proved bounds (up to rounding), `farthest` and `distances` exact
+values. Distances are measured to a point of a triangle, so that rounding never makes them too
+small. `divided` is shared with the tests of two trees.
+"""
 
 from __future__ import annotations
 
@@ -57,9 +67,9 @@ def bound(triangles, surface, low, high, relative_slack, slack):
     high : float
         Upper bound so far.
     relative_slack : float
-        How much larger than the distance the upper bound may be, relative to it.
+        Largest relative excess of the upper bound over the distance.
     slack : float
-        How much larger it may be in addition.
+        Further excess, absolute.
 
     Returns
     -------
@@ -79,9 +89,11 @@ def bound(triangles, surface, low, high, relative_slack, slack):
             distance, best = _nearest(piece, surface, best, high, np.inf)
             if distance <= high:
                 continue
+            # Close enough to the lower bound; or the stack is full, where `high` stays a bound.
             if distance <= low * (1 + relative_slack) + slack or top + 2 > _STACK:
                 high = distance
                 continue
+            # `best` bounds the piece: cut where an edge leaves the neighbourhood of that triangle.
             start, end = _cut(piece, surface.triangles[best], high, depth, cut[0])
             low = max(low, _nearest(cut, surface, best, low, np.inf)[0])
             high = max(high, low)
@@ -108,6 +120,7 @@ def _cut(piece, triangle, high, depth, cut):
             start, least = i, distance
         if distance > most:
             end, most = i, distance
+    # Every fourth cut halves, and after many all do: else slivers could be cut off without end.
     if least <= high and depth % _HALVED and depth < _CUTS_TO_FIT:
         near, far = 0.0, 1.0
         for _ in range(_BISECTIONS):
@@ -152,6 +165,7 @@ def _nearest(points, surface, guess, enough, most):
     distances are more than `most`, the distance is `most` and the number has no meaning.
     """
     enough = enough * enough
+    # Pieces that follow each other are often nearest to the same triangle: a good first bound.
     best, least = guess, min(_farthest_corner(points, surface.triangles[guess]), most * most)
     leaves = len(surface.starts) - 1
     stack = np.empty(64, np.int64)
@@ -174,6 +188,7 @@ def _nearest(points, surface, guess, enough, most):
             _from_box(points, surface.boxes[near]),
             _from_box(points, surface.boxes[far]),
         )
+        # The nearer child is searched first: it lowers the bound that prunes the other one.
         if to_far < to_near:
             near, far, to_near, to_far = far, near, to_far, to_near
         stack[top], bounds[top] = far, to_far
@@ -223,6 +238,8 @@ def _from_triangle(point, triangle):
         vv += v * v
         up += u * p
         vp += v * p
+    # The foot on the plane counts only inside the triangle, by barycentric coordinates; a triangle
+    # without area has none, and its edges are enough.
     area = uu * vv - uv * uv
     along_u, along_v = vv * up - uv * vp, uu * vp - uv * up
     if along_u > 0 and along_v > 0 and along_u + along_v < area:

@@ -1,4 +1,10 @@
-"""The kernel that cuts ears off a polygon."""
+"""The kernel that cuts ears off a polygon.
+
+Ear clipping (Meisters, 1975): a simple polygon has a convex corner whose triangle contains no other
+corner; cut it off, and repeat. Time is quadratic for usual outlines and cubic at worst; faces have
+few corners. An outline may touch itself, so that points equal to a corner of the ear do not count
+as inside. There are always n - 2 triangles; if the outline crosses itself, they may overlap.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +41,7 @@ def cut_ears(points):
             failed = 0
         else:
             at = after
-            failed += 1
+            failed += 1  # a whole round without an ear: the outline crosses itself
     for n in range(1, count - 1):  # one triangle; more if the outline crosses itself
         triangles[len(points) - count + n - 1] = ring[0], ring[n], ring[n + 1]
     return triangles
@@ -44,7 +50,7 @@ def cut_ears(points):
 @kernel
 def _is_ear(points, ring, a, b, c):
     """Return whether the corner b is convex, and no other point of the ring is in its triangle."""
-    if _area(points[a], points[b], points[c]) <= 0:
+    if _area(points[a], points[b], points[c]) <= 0:  # straight corners too: no empty triangle
         return False
     for n in ring:
         p = points[n]

@@ -1,4 +1,14 @@
-"""Kernels that turn words of fine cells into the bricks of an item, and turn the bricks."""
+"""Kernels that turn words of fine cells into the bricks of an item, and rotate the bricks.
+
+Only bricks with an outer cell are kept, and fine cells only of cells that are outer and not inner:
+the rest is known to be all 0 or all 1. A cell's row in `fine` is the brick's first row plus the
+rank of its bit among the brick's surface cells, a count of bits. Bricks are shuffled: neighbouring
+bricks are alike, so that a scan that may stop early finds a blocking one sooner.
+
+A rotation moves words (permuting the bits within each, see `bits.turning_swaps`) instead of
+voxelizing again. It is exact, since cell boxes are centred: the result is that of a turned mesh.
+All kernels return new arrays; `Voxels` are never changed.
+"""
 
 from __future__ import annotations
 
@@ -78,10 +88,11 @@ def _shuffled(outer_cells, inner_cells):
         for y in range(ny):
             for z in range(nz):
                 if outer_cells[x, y, z]:
-                    random ^= random << np.uint64(13)  # Marsaglia's xorshift64
+                    # Marsaglia's xorshift64 (2003) with a fixed seed: the same order every time.
+                    random ^= random << np.uint64(13)
                     random ^= random >> np.uint64(7)
                     random ^= random << np.uint64(17)
-                    at = np.int64(random % np.uint64(n + 1))
+                    at = np.int64(random % np.uint64(n + 1))  # the inside-out Fisher-Yates shuffle
                     bricks[n] = bricks[at]
                     bricks[at, 0], bricks[at, 1], bricks[at, 2] = x, y, z
                     n += 1
@@ -154,6 +165,7 @@ def turn_bricks(old, cells, axes, signs, swaps):
     turn_words(words, swaps)
     _put(inner_cells, words, old_bricks, axes, signs)
     for d in range(3):
+        # A reversed axis leaves its unused cells of the last brick at 0: move all down by them.
         spare = -cells[d] & 3
         if signs[d] < 0 and spare:
             _shift(outer_cells, d, spare)

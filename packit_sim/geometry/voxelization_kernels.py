@@ -1,4 +1,16 @@
-"""Kernels that find the fine cells that a surface touches, and those outside it."""
+"""Kernels that find the fine cells that a surface touches, and those outside it.
+
+Touching is decided by the separating axes of a triangle and a cube (Akenine-Moeller, 2001), exact
+up to rounding, for cells that are grown so much that rounding can't lose one. It is not asked cell
+by cell: along the triangle's longest axis, all separating axes together leave one interval, which
+is computed and filled at once (our own).
+
+The outside is a flood fill from the border of the cell box through faces of untouched cells, 64
+cells at a time: within a word by shifts and masks, between words over a stack, each word again when
+a neighbour grows into it. What is neither touched nor reached is enclosed.
+
+Words are indexed [x, y, z], bits as in `bits`. Results are new arrays.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +37,7 @@ def touched_cells(triangles, cells, cell, grow):
     cell : float
         Side of a cell.
     grow : float
-        How much fine cells are grown on each side.
+        Length by which fine cells are grown on each side.
 
     Returns
     -------
@@ -51,6 +63,7 @@ def touched_cells(triangles, cells, cell, grow):
         for d in range(3):
             a, b, c = triangles[t, 0, d], triangles[t, 1, d], triangles[t, 2, d]
             low[d], high[d] = min(a, b, c), max(a, b, c)
+        # Columns along the longest axis: fewest of them, and the longest intervals.
         w = 0
         for d in range(1, 3):
             if high[d] - low[d] > high[w] - low[w]:
@@ -132,6 +145,7 @@ def reached_cells(touched):
         queued[x, y, z] = False
         free = ~touched[x, y, z]
         flood = reached[x, y, z]
+        # Within the word, until nothing grows; masks keep bits from wrapping into the next row.
         while True:
             grown = flood | (flood & ~_Z_HIGH) << _1 | (flood & ~_Z_LOW) >> _1
             grown |= (flood & ~_Y_HIGH) << _4 | (flood & ~_Y_LOW) >> _4
@@ -160,6 +174,7 @@ def reached_cells(touched):
             into &= ~(touched[u, v, w] | reached[u, v, w])
             if into:
                 reached[u, v, w] |= into
+                # Once in the stack is enough: so it never holds more words than there are.
                 if not queued[u, v, w]:
                     queued[u, v, w] = True
                     stack[top] = (u, v, w)
@@ -209,7 +224,7 @@ def _separating_axes(corners, half, rows, columns):
 @kernel
 def _narrowed(first, last, at, slope, low, high):
     """Return the part of an interval of x in which `at + slope * x` is from low to high."""
-    if slope == 0.0:
+    if slope == 0.0:  # the axis is across x: it separates all centers or none
         if at < low or at > high:
             return np.inf, -np.inf
         return first, last

@@ -1,4 +1,10 @@
-"""The kernel that converts a renderer's pixels to those of a picture."""
+"""The kernel that converts a renderer's pixels to those of a picture.
+
+Colours are means over squares of samples (supersampling); depth and segmentation are those of one
+sample, since a mean of two bodies' numbers or depths would be of neither. Outlines are drawn from
+the bodies' numbers, not from colours, so that equal colours side by side stay apart. One pass over
+the samples, in float32, without intermediate pictures.
+"""
 
 from __future__ import annotations
 
@@ -64,6 +70,8 @@ def resolve(rgba, buffer, bodies, items, back, samples, outline, planes):
                 depth[row, column] = np.inf
                 segmentation[row, column] = -1
             else:
+                # The inverse of the perspective depth of OpenGL's buffer, in float64: near the far
+                # plane the difference below loses most of its digits.
                 part = np.float64(buffer[row * samples, column * samples])
                 depth[row, column] = far * near / (far - (far - near) * part)
                 segmentation[row, column] = items[body] if body < len(items) else -1

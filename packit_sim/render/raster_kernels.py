@@ -1,4 +1,13 @@
-"""The kernel of the software renderer: triangles into a depth buffer."""
+"""The kernel of the software renderer: triangles into a depth buffer.
+
+A pixel is covered if its centre has no negative barycentric coordinate (edge functions, Pineda,
+1988). The inverse depth is linear on the screen, so it is interpolated and compared instead of the
+depth, and brightness divided by depth is interpolated with it (perspective-correct, Blinn, 1992).
+Triangles are not cut at the near plane: those that pass the camera are left out.
+
+Only the target is written. Of equal depths the first triangle stays, so that a picture depends on
+the order of bodies alone.
+"""
 
 from __future__ import annotations
 
@@ -41,6 +50,7 @@ def draw_triangles(target, points, lights, faces, sides, body, color):
         side = 0 if area < 0 else 1  # rows count downwards
         if area == 0 or min(wa, wb, wc) <= 0 or not sides[n, side]:
             continue
+        # Rows and columns whose centres are within the bounds of the triangle and of the picture.
         low = max(0, int(np.ceil(min(ya, yb, yc) - 0.5)))
         high = min(height - 1, int(np.floor(max(ya, yb, yc) - 0.5)))
         left = max(0, int(np.ceil(min(xa, xb, xc) - 0.5)))

@@ -1,4 +1,15 @@
-"""Kernels that count contacts of cells in parallel (see `contacts`)."""
+"""Kernels that count contacts of cells in parallel (see `contacts`).
+
+The number of filled neighbours of 64 cells is computed at once: six words shifted by one cell, one
+for each direction, are added bit by bit with full adders (carry-save addition, Warren, "Hacker's
+Delight", counting bits), so that three words hold the binary digits of 64 numbers. The contacts of
+an item are then counts of bits.
+
+The best location is found by branch and bound, which is exact: a brick has at most as many contacts
+as its filled neighbours in all (`sum_neighbours`), and as six a cell. Locations are counted in full
+only while their bound exceeds the most so far. Arrays of the box and the item are never changed;
+`bounds` and `counted` are the caller's memory of what is known.
+"""
 
 from __future__ import annotations
 
@@ -78,12 +89,14 @@ def _digits(words, x, y, z):
     above = words[z + 1, x, y] if z + 1 < nz else np.uint64(0)
     if not own | left | right | back | front | below | above:
         return np.uint64(0), np.uint64(0), np.uint64(0)
+    # Along x neighbours leave the word by themselves; along y and z masks keep rows apart.
     a = own << _X | left >> _ACROSS_X
     b = own >> _X | (right & LOW[0]) << _ACROSS_X
     c = (own & ~HIGH[1]) << _Y | (back & HIGH[1]) >> _ACROSS_Y
     d = (own & ~LOW[1]) >> _Y | (front & LOW[1]) << _ACROSS_Y
     e = (own & ~HIGH[2]) << _Z | (below & HIGH[2]) >> _ACROSS_Z
     f = (own & ~LOW[2]) >> _Z | (above & LOW[2]) << _ACROSS_Z
+    # Two full adders, and the sum of their results: at most 6, so three digits.
     one, other = a ^ b ^ c, d ^ e ^ f
     two, two_more = a & b | c & (a ^ b), d & e | f & (d ^ e)
     carried = one & other
@@ -141,6 +154,8 @@ def bound_contacts(sums, outer, offsets, runs, mask):
     dense = np.zeros(mask.size, np.int32)
     part = np.empty(mask.size, np.int16)
     there = sums.ravel()
+    # Brick by brick over long runs of nodes. Sums of 80 bricks fit in 16 bits, of which a vector
+    # instruction adds twice as many as of 32.
     for begin, end in runs:
         total, some = dense[begin:end], part[begin:end]
         for first in range(0, len(offsets), _AT_ONCE):
@@ -191,6 +206,7 @@ def most_contacts(filled, item, locations, first_bounds, bounds, counted):
     int
         The number of the location, whose bound is then its contacts; -1 if there is none.
     """
+    # The location of the highest bound first: its contacts exclude most others.
     found = -1
     for n in range(len(bounds)):
         if bounds[n] > (bounds[found] if found >= 0 else -1):

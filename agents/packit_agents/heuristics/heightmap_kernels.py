@@ -1,4 +1,9 @@
-"""Kernels over columns of cells (see `heightmaps`)."""
+"""Kernels over columns of cells (see `heightmaps`).
+
+Heightmap heuristics for packing on a grid (as Heightmap Minimization, Wang and Hauser, 2019): the
+top of each column of cells, by how much an item would raise their sum, and how much empty space it
+would leave below. All numbers are integers and exact for the cells; inputs are never changed.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +22,7 @@ def column_heights(words):
         for column in range(16):
             bits = words[x, y, z] >> np.uint64(STEP * column) & np.uint64(15)
             if bits:
+                # z is the last index: the last brick of a column that has bits is the highest.
                 top = 1 + (bits > 1) + (bits > 3) + (bits > 7)
                 heights[STEP * x + column // 4, STEP * y + column % 4] = STEP * z + top
     return heights
@@ -36,6 +42,8 @@ def height_growth(heights, columns, mask):
         height[:] = 0
         for n in range(len(columns)):
             x, y, _, top = columns[n]
+            # From the first node on at which a column's top is above the map, its growth is linear
+            # in k: so count columns and sum their heights there, and take running sums over k.
             under = heights[STEP * i + x, STEP * j + y] - top
             first = max(under // STEP + 1, 0)
             if first < nz:
@@ -88,6 +96,8 @@ def gaps_below(spaces, columns, nodes, runs):
         Int32 (nodes,) in C order, 0 outside the runs. The numbers have no meaning where the item
         is not inside the box, because there it continues in the next row.
     """
+    # Nodes of a run follow each other in `spaces` for every column, so the inner loop is a sum of
+    # slices: that is why spaces are sorted by the place in a brick.
     empty = np.zeros(nodes, np.int32)
     for begin, end in runs:
         total = empty[begin:end]

@@ -1,4 +1,15 @@
-"""Kernels that keep track of where the rotations of an item still fit (see `free_space`)."""
+"""Kernels that keep track of where the rotations of an item still fit (see `free_space`).
+
+Locations that cells do not block are bits: a word along y for each rotation, z and x. While items
+are added a location that is blocked stays blocked, so an update only looks at set bits near the new
+items, and only clears bits. A row of locations is tested at once against one brick (`conflicts`),
+with the brick that blocked a neighbour first; what remains goes through the filled bricks that the
+item would meet, found by an AND of words. The method is our own.
+
+Exactness: a cleared bit is a proof (`BLOCKED`), a set bit is none: surfaces may still conflict.
+Only `remove_blocked` writes rows, only clearing bits; boxes and items are never changed. A row has
+64 bits, so that boxes have at most `free_space.MOST_NODES` nodes along y.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +46,7 @@ class TurnedArrays(NamedTuple):
     cells : int64 (rotations, 3)
         Its cells along x, y and z.
     starts : int64 (rotations + 1,)
-        Where the bricks of each rotation begin.
+        Index of each rotation's first brick.
     bricks, outer, inner, first, fine
         See `voxels.Voxels`; `first` counts from the beginning of all fine cells.
     """
@@ -83,6 +94,7 @@ def turn_item(item, cells, axes, signs, swaps):
     fine = np.empty((len(cells) * len(item.fine), 2), np.uint64)
     kept, starts = np.empty(len(cells), np.int64), np.zeros(len(cells) + 1, np.int64)
     number = 0
+    # Rotations that do not change the cells of a symmetric item add no placement.
     for r in range(len(cells)):
         own = turn_bricks(item, cells[r], axes[r], signs[r], swaps[r])
         known = False
@@ -175,6 +187,7 @@ def remove_blocked(box, turned, rows, spans):
                         bricks, page, box_fine, at, outer[n], inner[n], first[n], fine
                     )
                     is_blocked = state == BLOCKED
+                    # Layers from that of the last blocker on, cyclically: the next one is near it.
                     z = min(max(item.bricks[last, 2], z0), z1 - 1)
                     left_layers = 0 if is_blocked else z1 - z0
                     while left_layers:
@@ -352,6 +365,7 @@ def corners(rows, sizes):
         for k in range(sizes[r, 2]):
             for i in range(sizes[r, 0]):
                 row = rows[r, k, i]
+                # Bits shifted in from beyond both ends are 0: walls.
                 left = row & (~(row << _1) | ~(row >> _1))
                 if k > 0:
                     left &= ~rows[r, k - 1, i]

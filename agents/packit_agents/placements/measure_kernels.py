@@ -1,4 +1,13 @@
-"""Kernels that measure the surroundings of placements (see `features`)."""
+"""Kernels that measure the surroundings of placements (see `placement_features`).
+
+Contacts in six directions are counts of bits: the item's surface cells AND the cells that have a
+filled neighbour in that direction (`neighbours`, computed once for a box). Shares of space come
+from sums over all bricks before a node, so that any box of bricks is eight look-ups: a summed-area
+table (Crow, 1984) in three dimensions.
+
+Features are float32 and computed in a fixed order: a trained network depends on their exact values.
+Nothing but the result is written.
+"""
 
 from __future__ import annotations
 
@@ -62,6 +71,7 @@ def neighbours(box, nz):
                 found[n, 3] = (own & ~LOW[1]) >> _FOUR | (front & LOW[1]) << _TWELVE
                 found[n, 4] = (own & ~HIGH[2]) << _ONE | (below & HIGH[2]) >> _THREE
                 found[n, 5] = (own & ~LOW[2]) >> _ONE | (above & LOW[2]) << _THREE
+                # Six tests in one: most bricks of an item touch nothing.
                 any_of = found[n, 0]
                 for d in range(1, 6):
                     any_of |= found[n, d]
@@ -145,6 +155,8 @@ def measure(box, sums, near, turned, placements):
     offsets = np.empty(0, np.int32)
     surface = np.empty(0, np.uint64)
     for n in range(len(placements)):
+        # Placements of a rotation come together: its bricks are prepared once, those without
+        # surface cells left out.
         r = placements[n, 0]
         if r != last:
             last = r

@@ -1,6 +1,8 @@
 """The kernel that computes the scores of a `PlacementNetwork`.
 
-Plain loops: no threads of a linear algebra library, and the same results on every machine.
+A perceptron with two hidden layers of rectified units, next to a linear part. Plain loops in a
+fixed order: no threads of a linear algebra library, whose sums depend on the machine and on the
+number of rows. So a placement has the same score alone and among others, and plays can be repeated.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ def _layer(rows, weights, bias):
         own[:] = bias
         for i in range(inputs):
             value = rows[n, i]
-            if value != 0:
+            if value != 0:  # rectified inputs are often 0
                 for o in range(outputs):
                     own[o] += value * weights[i, o]
         for o in range(outputs):

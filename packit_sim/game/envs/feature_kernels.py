@@ -1,4 +1,11 @@
-"""Kernels that count the filled cells of cubes (see `features.CubeMeans`)."""
+"""Kernels that count the filled cells of cubes (see `features.CubeMeans`).
+
+The cubes of PackNN's features (Goyal and Deng, 2020) do not line up with bricks of 4 cells, so a
+brick touches up to 4 cubes along an axis. For an item each filled cell is added to its cube. For a
+box only words that changed since the last count are looked at, and their bits are counted by masks:
+the intersection of a run of cells along x, y and z, each a word (`features._runs`). Counts are
+integers, so that adding and removing items leaves exactly what a new count would give.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +63,7 @@ def _add_change(added, removed, along_x, along_y, along_z, counts):
             break
         for j in range(4):
             bits = along_x[i, 1] & along_y[j, 1]
-            if not bits:
+            if not bits:  # runs are listed from the first on: no more along y
                 break
             for k in range(4):
                 inside = bits & along_z[k, 1]

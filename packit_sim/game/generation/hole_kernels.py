@@ -1,4 +1,14 @@
-"""Kernel that finds where a shape may fit into the holes of a box (see `holes`)."""
+"""Kernel that finds where a shape may fit into the holes of a box (see `holes`).
+
+The shape is a set of points. A placement is excluded as soon as one point is in an inner fine cell
+of the box (or, for a point deep inside the shape, in any outer one). That is a proof; placements
+that remain are candidates, which the engine decides. So points are a filter alone, and their number
+and order change the time, not which packs are valid. The method is our own.
+
+`inner_rows` transposes the box's bits: for each of the 64 places in a brick a word along a row of
+bricks, so that one shift compares one point at 32 locations. Words overlap by half, so that a
+window of 32 bricks from any brick on is in one word. The box is never changed.
+"""
 
 from __future__ import annotations
 
@@ -110,11 +120,13 @@ def find_holes(box, rows, points, shallow, coarse, turns, limits, each, found):
                     if count == enough:
                         break
                     row, most = k * box.nx + i, min(_HALF, limits[turn, 1] - first)
+                    # 32 locations at once by inner cells, then one by one by fine cells.
                     free, last = _free(rows, row, first, most, steps, cell, last)
                     while free and count < enough:
                         j = first + lowest_bit(free)
                         free &= free - _1
                         start = row * box.ny + j
+                        # The point that excluded the last location often excludes the next one.
                         if _taken(box, start + at[taker], cell[taker], fine[taker], shallow[taker]):
                             continue
                         n, known = _find_taken(
@@ -138,6 +150,7 @@ def _free(rows, row, first, most, steps, cell, last):
     Also returns the point after which none was left. `last` is the one of the row before, which is
     compared first.
     """
+    # Bits beyond `most` are of locations outside; what the words hold there is masked.
     free = (_1 << np.uint64(most)) - _1
     free &= ~_inner(rows, row + steps[last, 0], first + steps[last, 1], cell[last])
     n = 0

@@ -1,4 +1,4 @@
-"""The search for the fewest boxes."""
+"""The search for the fewest boxes: empty one box after the other."""
 
 from __future__ import annotations
 
@@ -22,23 +22,17 @@ from packit_sim.parts.nesting.search import NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
 
-_EXCHANGES = 0.5
-"""Probability of an attempt to put an item in the place of smaller ones, not anywhere."""
-
-_NEIGHBOURS = 12
-"""The items nearest to a place; the smaller ones among them make space for another item."""
-
-_SMALLER = 0.5
-"""Probability of an attempt with a smaller box, where there are several sizes."""
-
 
 class BinsSearch(NestSearch):
-    """A search for the fewest boxes: move items out of the emptiest box, and again.
+    """A search for the fewest boxes: move items out of the emptiest box, and repeat.
 
-    An item goes anywhere into the other boxes, or to the place of smaller ones, which then go where
-    they fit, also into the emptiest box. Where there are several sizes, the search also tries to
-    put the items of a box into a smaller one. Of packings of as many boxes, that of the least
-    volume is the best, and then that with the least volume of items in a box.
+    Algorithm (our own, from separations): one item of the emptiest box goes to a random place in
+    another box, or to the place of smaller items, which then go where they fit, even into the
+    emptiest box. All items of the other boxes are separated. Where there are several sizes, the
+    search also tries to put the items of a box into a smaller one.
+
+    Among packings with equally many boxes, the one with the least total volume of boxes is best,
+    then the one whose emptiest box holds the least volume: it is nearest to losing that box.
 
     Parameters
     ----------
@@ -55,7 +49,7 @@ class BinsSearch(NestSearch):
         self._numbers: Ints = np.empty(0, dtype=np.int64)
         self._boxes: Floats = np.empty((0, 4))
         self._is_smaller = False
-        self._fits = np.zeros((task.count, 0), bool)  # which items fit into which boxes
+        self._fits = np.zeros((task.count, 0), bool)  # items x boxes
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
         """Take over a better packing."""
@@ -73,7 +67,7 @@ class BinsSearch(NestSearch):
         self.is_done = is_fewest and not self._smaller
 
     def _constructed(self, problem: Problem) -> Solution:
-        """Fill boxes of the largest size, and others with what does not fit into these."""
+        """Fill boxes of the largest size, then other boxes with the items that do not fit."""
         fits = fitting(problem, self._task, boxes_of(self._task.sizes))
         largest = np.bincount(fits.argmax(axis=1), minlength=len(self._task.sizes))
         sizes = np.repeat(self._task.sizes, largest, axis=0).tolist()
@@ -82,7 +76,7 @@ class BinsSearch(NestSearch):
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
         self._is_smaller = bool(self._smaller) and (
-            self._emptied is None or self._choices.random() < _SMALLER
+            self._emptied is None or self._choices.random() < self._task.settings.smaller_box
         )
         if self._is_smaller:
             self._boxes = self._smaller[self._choices.integers(len(self._smaller))]
@@ -94,26 +88,27 @@ class BinsSearch(NestSearch):
         return Separation(self._task, poses, self._boxes, self._task.settings.patience)
 
     def _with_one_more(self, problem: Problem, poses: Poses) -> Poses:
-        """Return poses in all boxes but the one to empty, with one of its items in them."""
+        """Return poses in all boxes but the emptiest, with one of its items added to them."""
+        settings = self._task.settings
         is_own = self._numbers == self._emptied
         own, others = np.flatnonzero(is_own), np.flatnonzero(~is_own)
         volumes = self._task.volumes
         left = poses.changed(own, 0)
-        if self._choices.random() >= _EXCHANGES:
+        if self._choices.random() >= settings.swap_probability:
             items = [int(self._choices.choice(own))]
             return with_random_poses(problem, self._task, left, items, self._boxes, self._choices)
         item = int(self._choices.choice(own, p=volumes[own] / volumes[own].sum()))
         around = others[self._fits[item, self._numbers[others]]]
         place = poses.places[self._choices.choice(around)]
         ways = np.linalg.norm(poses.places[others] - place, axis=1)
-        near = others[ways.argsort(kind="stable")][:_NEIGHBOURS]
+        near = others[ways.argsort(kind="stable")][: settings.swap_neighbours]
         left = left.changed(self._smaller_ones(near, volumes[item]), 0)
         found = with_random_poses(problem, self._task, left, [item], self._boxes, self._choices)
         found.places[item] = place
         return found
 
     def _smaller_ones(self, items: Ints, volume: float) -> Ints:
-        """Choose items, the first ones first, that together have less than a volume."""
+        """Choose items in order while their total volume stays below a limit."""
         found = []
         for i in items.tolist():
             if self._task.volumes[i] < volume:
@@ -130,6 +125,8 @@ class BinsSearch(NestSearch):
         if not is_apart:
             poses = repaired(problem, self._task, poses, self._boxes)
         poses = filled(problem, self._task, poses, self._boxes, self._task.order, self._rng)
+        # Items of the emptiest box that found no place in the others stay where they were; those
+        # that made space for another item may join them there.
         stays = (self._numbers == self._emptied) & (poses.inside == 0)
         poses = Poses(
             np.where(stays, old.inside, poses.inside),
@@ -162,9 +159,9 @@ class BinsSearch(NestSearch):
     def _with_a_smaller_box(
         self, boxes: Floats, fills: Floats, fits: npt.NDArray[np.bool_]
     ) -> list[Floats]:
-        """Return the boxes with one of them replaced by a smaller one that might do.
+        """Return all ways to replace one box by a smaller one that its items might fit into.
 
-        fills: (b,), the volume of items in each box; fits: (n, s), which items fit into which size.
+        fills: (b,), the volume of items in each box; fits: (n, s), True where an item fits a size.
         """
         found = []
         for k, fill in enumerate(fills.tolist()):

@@ -1,4 +1,8 @@
-"""The computation of a nesting problem's arrays from its types of items."""
+"""The computation of a nesting problem's arrays from its types of items.
+
+The constants here fix what an accepted packing means or only save time without changing an answer;
+the resolution of stored distances is in `SearchSettings`.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ from packit_sim.geometry.parts import Parts
 from packit_sim.geometry.triangle_trees import boxes_of, tree_order
 from packit_sim.parts.nesting.distance_kernels import STEPS
 from packit_sim.parts.nesting.problem import Closed, Distances, Lookup, Problem, Solids, Surfaces
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.surface_kernels import STACK
 from packit_sim.parts.nesting.voxel_sets import (
     enclosed,
@@ -25,41 +30,11 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import matrices
 from packit_sim.placement import PartArrays
 
-VOXELS = 16, 8
-"""Voxels of the fields along the longest side of an item of median size.
-
-More where the surfaces compute their nodes than where fields only choose among samples.
-"""
-
-FIELD_VALUES = 200_000_000
-"""Most nodes of all fields together, of two bytes; when they are full, all are dropped."""
-
-MAX_FIELDS = 200_000
-"""Most fields at a time."""
-
-SETTLED_FIELDS = 3000
-"""Most fields of a problem for which the surfaces compute nodes; else only offsets."""
-
-SIMPLE = 200
-"""Most triangles of an item, on average, for which the surfaces compute nodes."""
-
-FEW = 50_000
-"""Fields times triangles of an item, on average, up to which the surfaces compute nodes as well."""
-
 SOLID_VOXELS = 200
-"""Voxels along the longest side of an item for what it encloses without being closed."""
-
-DISTANCE_CELLS = 40
-"""Cells of the grids of signed distances along an item's longest side, with the clearance."""
-
-MARGIN = 3.0
-"""Cells around an item, besides the clearance, in which distances to it are known."""
-
-POINTS = 128
-"""Points of an item's surface whose depth in others counts."""
+"""Voxels along the longest side of an item, for the space that an open surface encloses."""
 
 FARTHEST = 8
-"""Vertices farthest from the centre, which distinguish most rotations."""
+"""Vertices farthest from the centre: they distinguish most rotations before all are compared."""
 
 DRAWN_IN = 0.95, 0.6
 """Shares of the tolerance by which the surfaces of the first and other item of a pair are drawn in.
@@ -71,18 +46,19 @@ cross, or one item is inside the other.
 SLACK = min(DRAWN_IN) / 2
 """Share of the tolerance by which bounding boxes may overlap."""
 
-HOLLOW = 0.6
-"""Share of the convex hull below which the volume makes an item hollow.
+INWARD = 2e-4
+"""Share of its distance by which a part's vertex is moved towards the item's origin.
 
-Not if items are simple: then fewer samples are searched in the same time, and strips of the
-literature's polytopes became higher.
+Equal items at one place are then inside each other; on a surface no winding number is defined.
 """
 
-INWARD = 2e-4
-"""Share of its distance by which a point that stands for a part is nearer to the item's origin."""
 
-
-def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
+def build(
+    types: Sequence[ItemType],
+    unit: float,
+    clearance: float,
+    settings: SearchSettings = DEFAULT_SETTINGS,
+) -> Problem:
     """Compute the arrays of a problem.
 
     Parameters
@@ -93,6 +69,8 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         The longest fixed side of the container.
     clearance : float
         The distance to keep.
+    settings : SearchSettings
+        The resolution of stored distances, and where the surfaces compute them.
 
     Returns
     -------
@@ -114,9 +92,10 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     longest = np.array([each.extents.max() for each in types])
     fields = len(types) * (len(types) + 1) // 2 * len(relative_turns)
     triangles = float(np.mean([len(each.faces) for each in types]))
-    is_simple = triangles <= SIMPLE
-    refined = fields <= SETTLED_FIELDS and (is_simple or fields * triangles <= FEW)
-    voxel = _voxel(types, len(relative_turns), VOXELS[0 if refined else 1])
+    is_simple = triangles <= settings.simple_triangles
+    is_cheap = is_simple or fields * triangles <= settings.refined_work
+    refined = fields <= settings.max_refined_fields and is_cheap
+    voxel = _voxel(types, len(relative_turns), refined, settings)
     voxels = [
         turned_voxels(vertices[each.faces], relative_turns, voxel)
         for vertices, each in zip(centred, types, strict=True)
@@ -133,10 +112,10 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         relative=relative,
         boxes=boxes,
         sizes=np.sqrt(longest / longest.mean()),
-        hollow=np.array([not is_simple and _is_hollow(each) for each in types]),
+        hollow=np.array([not is_simple and _is_hollow(each, settings.hollow) for each in types]),
         numbers=np.full((len(types), len(types), len(relative_turns)), -1, np.int64),
-        fields=np.zeros((min(fields, MAX_FIELDS) + 1, 4), np.int64),
-        values=np.zeros(FIELD_VALUES, np.int16),
+        fields=np.zeros((min(fields, settings.max_fields) + 1, 4), np.int64),
+        values=np.zeros(settings.max_field_values, np.int16),
         used=np.zeros(3, np.int64),
         voxels=np.concatenate(flat),
         voxel_fields=voxel_fields.reshape(len(types), -1, 4).astype(np.int64),
@@ -152,7 +131,7 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
         surfaces=_surfaces(types, centred, tolerance),
         closed=_closed(centred, parts),
         solids=_solids(types, centred, parts),
-        distances=_distances(types, centred, clearance),
+        distances=_distances(types, centred, clearance, settings),
         counts=np.zeros(4, np.int64),
         shift=np.zeros(3),
         waiting=np.zeros((STACK, 2), np.int64),
@@ -160,9 +139,9 @@ def build(types: Sequence[ItemType], unit: float, clearance: float) -> Problem:
     )
 
 
-def _is_hollow(item_type: ItemType) -> bool:
-    """Return whether an item fills little of its convex hull, which may be flat (QJ)."""
-    return item_type.volume < HOLLOW * ConvexHull(item_type.vertices, qhull_options="QJ").volume
+def _is_hollow(item_type: ItemType, share: float) -> bool:
+    """Return whether an item fills less than a share of its convex hull, which may be flat (QJ)."""
+    return item_type.volume < share * ConvexHull(item_type.vertices, qhull_options="QJ").volume
 
 
 def _turns(types: Sequence[ItemType]) -> tuple[Floats, list[list[int]]]:
@@ -192,7 +171,7 @@ def _number(found: list[Floats], turn: Floats) -> int:
 def _distinct(
     vertices: Floats, boxes: Floats, turns: Floats, own: list[int], least: float
 ) -> list[int]:
-    """Return the rotations that differ by more than a symmetry of the vertices."""
+    """Return the rotations without those that a symmetry of the vertices makes equal to others."""
     tree = cKDTree(vertices)
     far = vertices[np.argsort(-(vertices**2).sum(axis=1), kind="stable")[:FARTHEST]]
     alike = np.abs(boxes[:, None] - boxes).max(axis=2) < least
@@ -209,15 +188,18 @@ def _distinct(
     return kept
 
 
-def _voxel(types: Sequence[ItemType], relative: int, count: int) -> float:
-    """Return the side of the voxels: small, but so that there is space for all fields."""
+def _voxel(
+    types: Sequence[ItemType], relative: int, refined: bool, settings: SearchSettings
+) -> float:
+    """Return the side of the voxels: enlarged until there is memory for all fields."""
+    count = settings.refined_voxels if refined else settings.rough_voxels
     longest = np.array([each.extents.max() for each in types])
     voxel = float(np.median(longest)) / count
     extents = np.array([each.extents for each in types])
     while True:
         cells = extents / voxel
         nodes = (cells[:, None] + cells[None] + 7).prod(axis=2).sum() / 2 * relative
-        if nodes <= FIELD_VALUES or voxel > longest.min() / 4:
+        if nodes <= settings.max_field_values or voxel > longest.min() / 4:
             return voxel
         voxel *= 1.1
 
@@ -285,17 +267,20 @@ def _solids(types: Sequence[ItemType], centred: list[Floats], parts: Sequence[Pa
     )
 
 
-def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: float) -> Distances:
+def _distances(
+    types: Sequence[ItemType], centred: list[Floats], clearance: float, settings: SearchSettings
+) -> Distances:
     values, points = [], []
     dims = np.zeros((len(types), 3), np.int64)
-    cells = np.array([(each.extents.max() + 2 * clearance) / DISTANCE_CELLS for each in types])
-    margin = clearance + MARGIN * float(cells.max())
+    longest = np.array([each.extents.max() for each in types])
+    cells = (longest + 2 * clearance) / settings.distance_cells
+    margin = clearance + settings.distance_margin * float(cells.max())
     for n, (each, vertices) in enumerate(zip(types, centred, strict=True)):
-        own_margin = clearance + MARGIN * cells[n]
+        own_margin = clearance + settings.distance_margin * cells[n]
         found = signed_distances(vertices[each.faces], cells[n], own_margin)
         dims[n] = found.shape
         values.append(np.round(found * (STEPS / cells[n])).clip(-32000, 32000).astype(np.int16))
-        points.append(spread_points(vertices, each.faces, POINTS))
+        points.append(spread_points(vertices, each.faces, settings.surface_points))
     flat = [each.ravel() for each in values]
     return Distances(
         np.concatenate(flat),
@@ -309,7 +294,7 @@ def _distances(types: Sequence[ItemType], centred: list[Floats], clearance: floa
 
 
 def _joined(*columns: Any) -> Iterator[Any]:
-    """Yield arrays joined, each followed by where its parts start."""
+    """Yield each column joined to one array, followed by the starts of its parts."""
     for parts in columns:
         yield np.concatenate(parts)
         yield _starts(parts)

@@ -1,4 +1,14 @@
-"""Kernels that place items one by one where they are not in conflict."""
+"""Kernels that place items one by one where they are not in conflict.
+
+Each item is sampled below the top of the items before it; the lowest samples without overlap are
+lowered as far as steps lead, down, then left and back, and so are some that are dropped from above.
+The lowest result that the surfaces confirm is kept. This is bottom-left-back fill with random
+starts instead of a grid (our own). A construction never fails while there is space on top.
+
+Invariants: items that are already inside do not move. The rough cost is only a filter; no item is
+put anywhere before `find_conflicts` has found none by the surfaces. Margins are changed on the way
+and are all 0 afterwards.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +20,13 @@ from packit_sim.parts.nesting.cost_kernels import fine_cost, rough_cost
 from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, sample, take_out
 
 TRIES = 8
-"""Samples of an item that the surfaces are asked about, the lowest first."""
+"""Lowest samples of an item that are lowered and shown to the surfaces; sizes of arrays."""
 
 DROPS = 8
-"""Random places above all other items from which it is lowered."""
+"""Random places above all other items from which it is also lowered."""
 
 MARGINS = 0.0, 0.2, 0.5
-"""Voxels of distance to keep while an item is lowered; the next if the surfaces don't hold."""
+"""Voxels of distance to keep while an item is lowered; the next one if surfaces then conflict."""
 
 
 @kernel
@@ -28,7 +38,7 @@ def construct(problem, state, order, box, samples, rng):
     problem : Problem
         The problem.
     state : State
-        Where all items are; those of the order must be taken out. Changed.
+        Poses of all items, those of the order taken out; changed.
     order : ndarray
         (k,) int64, the items to place; those for which there is no place stay taken out.
     box : ndarray
@@ -51,11 +61,13 @@ def construct(problem, state, order, box, samples, rng):
         for _ in range(samples):
             o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
             height = lookup.boxes[a, o, 5] - lookup.boxes[a, o, 2]
+            # Samples above the top are of no use: the item can always stand there.
             limits[0, 3] = min(box[0, 3], top + lookup.clearance + height)
             sample(lookup, a, o, p, limits[0], rng)
             if not clamp(lookup, a, o, p, limits):
                 continue
             height = p[2] + lookup.boxes[a, o, 5]
+            # The cheap test first: most samples are higher than the lowest few.
             if height >= heights[TRIES - 1] or rough_cost(lookup, state, i, o, p, 1e-9) > 0:
                 continue
             k = TRIES - 1
@@ -85,7 +97,7 @@ def construct(problem, state, order, box, samples, rng):
             if _is_lowered(problem, state, i, o, p, box, least):
                 least, best_turned = p[2] + lookup.boxes[a, o, 5], o
                 best[:] = p
-        state.margins[:] = 0
+        state.margins[:] = 0  # those of the trials mean nothing to the next item
         if least < NO_LIMIT:
             put(lookup, state, i, best_turned, best)
         else:
@@ -97,9 +109,10 @@ def construct(problem, state, order, box, samples, rng):
 
 @inner_kernel
 def _top(lookup, state, box):
-    """Return how high the items in a box (1, 4) reach."""
+    """Return the height of the highest item in a box (1, 4)."""
     top = 0.0
     for j in range(len(state.types)):
+        # Boxes are three widths apart: within one width of the middle is in this box.
         if abs(state.places[j, 0] - box[0, 0] - 0.5 * box[0, 1]) < box[0, 1] and state.inside[j]:
             top = max(top, state.places[j, 2] + lookup.boxes[state.types[j], state.turned[j], 5])
     return top
@@ -107,7 +120,7 @@ def _top(lookup, state, box):
 
 @inner_kernel
 def _put_on_top(problem, state, i, height, box):
-    """Put an item at a height, if that is inside the box; return how high it reaches."""
+    """Put an item at a height, if that is inside the box; return the height of its top."""
     lookup = problem.lookup
     a = state.types[i]
     p = np.empty(3)
@@ -131,7 +144,7 @@ def _is_lowered(problem, state, i, o, p, box, limit):
     for margin in MARGINS:
         state.margins[i, :] = margin
         p[:] = place
-        if fine_cost(problem, state, i, o, p, 1e-9) > 0:
+        if fine_cost(problem, state, i, o, p, 1e-9) > 0:  # nor would a larger margin be free
             break
         _lower(problem, state, i, o, p, box)
         if p[2] + problem.lookup.boxes[state.types[i], o, 5] >= limit:
@@ -152,10 +165,10 @@ def _lower(problem, state, i, o, p, box):
     trial = np.empty(3)
     while step > 0.05 * lookup.voxel:
         moved = False
-        for d in (2, 0, 1):
+        for d in (2, 0, 1):  # down before left before back
             trial[:] = p
             trial[d] -= step
-            clamp(lookup, a, o, trial, box)
+            clamp(lookup, a, o, trial, box)  # at the wall the step is shorter
             if trial[d] < p[d] and fine_cost(problem, state, i, o, trial, 1e-9) == 0:
                 p[:] = trial
                 moved = True

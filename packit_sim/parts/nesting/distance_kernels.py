@@ -1,4 +1,14 @@
-"""Kernels for how deep points of one surface are in another item, by its signed distances."""
+"""Kernels for how deep points of one surface are in another item, by its signed distances.
+
+Each type has a grid of signed distances around its solid and some points spread over its surface
+(`voxel_sets`). The least distance of the points of either item in the grid of the other estimates
+how deep two items overlap, and the gradient of the trilinear interpolation there is the way out.
+This is the usual point-against-distance-field test of collision detection; for an item of many
+triangles it costs a small part of what its surfaces do.
+
+It is an estimate: an edge may pass between points, and voxels are wrong by about half a cell. The
+points of both items are needed: a spike's tip may be in a plate that has no point in the spike.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +50,7 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
     xa, xb, xc, xs = turn[0, 0], turn[0, 1], turn[0, 2], sx
     ya, yb, yc, ys = turn[1, 0], turn[1, 1], turn[1, 2], sy
     za, zb, zc, zs = turn[2, 0], turn[2, 1], turn[2, 2], sz
-    for side in range(2):
+    for side in range(2):  # points of the other in the first, then of the first in the other
         around, inside = (first, other) if side == 0 else (other, first)
         values = distances.values
         start = distances.starts[around]
@@ -48,7 +58,7 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
         cell = distances.cells[around]
         scale = cell / STEPS
         per_cell = 1 / cell
-        if side == 1:
+        if side == 1:  # the inverse motion: the transposed rotation, and -R^T s
             xa, xb, xc, ya, yb, yc, za, zb, zc = xa, ya, za, xb, yb, zb, xc, yc, zc
             xs, ys, zs = (
                 -(xa * sx + xb * sy + xc * sz),
@@ -68,6 +78,7 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
                 continue
             i, j, k = int(x), int(y), int(z)
             at = start + (i * v + j) * w + k
+            # A distance changes by at most the way: within a cell by sqrt(3) cells, less than 2.
             if (values[at] - 2 * STEPS) * scale >= found:
                 continue
             fx, fy, fz = x - i, y - j, z - k
@@ -96,7 +107,7 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
                     (values[at + v * w + 1] - values[at + v * w]) * gy
                     + (values[at + v * w + w + 1] - values[at + v * w + w]) * fy
                 ) * fx
-                if side == 1:
+                if side == 1:  # from moves of the points to moves of the other's origin
                     dx, dy, dz = (
                         -(xa * dx + ya * dy + za * dz),
                         -(xb * dx + yb * dy + zb * dz),
@@ -107,7 +118,7 @@ def least_distance(distances, first, other, turn, sx, sy, sz):
 
 @kernel
 def farthest_points(points, count):
-    """Choose points one after the other, each the farthest from those before.
+    """Choose points one after the other, each the farthest from those before (Gonzalez, 1985).
 
     Parameters
     ----------
@@ -125,7 +136,7 @@ def farthest_points(points, count):
     gaps = (points**2).sum(axis=1)
     for n in range(count):
         last = chosen[n] = np.argmax(gaps)
-        if n == 0:
+        if n == 0:  # until now the gaps were distances to the origin, for the first choice
             gaps[:] = np.inf
         for m in range(len(points)):
             x = points[m, 0] - points[last, 0]

@@ -1,4 +1,16 @@
-"""Kernels for penetration fields: how deep two items overlap, for every offset between them."""
+"""Kernels for penetration fields: how deep two items overlap, for every offset between them.
+
+Two items with a relative rotation overlap at a set of offsets: the interior of their no-fit
+polyhedron, the Minkowski sum of one and the reflected other. A *field* approximates it by voxels: a
+lattice of offsets, each with its distance to the boundary of the set, negative inside. The set is
+computed by shifting the first item's voxels by those of the second, a run of voxels and 64 offsets
+at a time; distances by the separable Euclidean distance transform, one axis after the other
+(Saito and Toriwaki, 1994). Runs and words are our own.
+
+A node holds a distance less the clearance, in steps of 1 / `SCALE` voxel, times two; the lowest bit
+is 1 if the value is final (see `encoded`). Where it is 0, the surfaces may replace it, once. All
+values are estimates: voxels count whole if touched, which `BIAS` compensates on average only.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +22,7 @@ SCALE = 128.0
 """Steps of the stored distances per voxel."""
 
 BIAS = 0.9
-"""Voxels by which the distance of two sets of voxels is on average less than their items'."""
+"""Voxels by which two sets of voxels are on average closer to each other than their items."""
 
 REACH = 3
 """Voxels beyond the clearance up to which a field holds distances."""
@@ -43,11 +55,13 @@ def fill_field(one, other, clearance, out):
     around = padding(clearance)
     overlap = _overlaps(one, other, around, out.shape)
     u, v, w = overlap.shape
+    # Depths are needed in full, for a descent from deep inside; distances only up to the padding.
     inside = _squared_distances(overlap, np.uint8(0), u + v + w)
     outside = _squared_distances(overlap, np.uint8(1), around + 1)
     for x in range(u):
         for y in range(v):
             for z in range(w):
+                # Half a step: the boundary is between a node inside and the next one outside.
                 if overlap[x, y, z]:
                     found = -(np.sqrt(inside[x, y, z]) - 0.5)
                 else:
@@ -58,7 +72,11 @@ def fill_field(one, other, clearance, out):
 
 @inner_kernel
 def _overlaps(one, other, around, shape):
-    """Return the offsets (u, v, w) uint8 at which two sets of voxels overlap."""
+    """Return the offsets (u, v, w) uint8 at which two sets of voxels overlap.
+
+    Runs of the second item along z are handled by length: the first item's rows, dilated by the
+    length, stand for all voxels of such a run at once.
+    """
     ax, ay, az = one.shape
     bx, by, bz = other.shape
     words = (shape[2] + 63) // 64
@@ -87,6 +105,7 @@ def _overlaps(one, other, around, shape):
                 if one[x, y, z]:
                     rows[x, y, z >> 6] |= np.uint64(1) << np.uint64(z & 63)
                     used[x, y] = 1
+    # By length, so that one more dilation of the same rows serves the next length.
     for length in range(1, longest + 1):
         if length > 1:
             _dilate(rows, one, length)
@@ -106,6 +125,7 @@ def _overlaps(one, other, around, shape):
                         word = rows[x, y, k]
                         if word == 0:
                             continue
+                        # A shift by 64 is undefined, so the carry is only taken if small > 0.
                         out[tx, ty, k + big] |= word << small
                         if small and k + big + 1 < words:
                             out[tx, ty, k + big + 1] |= word >> (np.uint64(64) - small)
@@ -131,7 +151,7 @@ def _dilate(rows, one, length):
 
 @inner_kernel
 def _squared_distances(cells, value, limit):
-    """Return the squared distance (u, v, w) of each cell to the next one of a value, bounded."""
+    """Return the squared distance (u, v, w) of each cell to the nearest one of a value, bounded."""
     u, v, w = cells.shape
     most = float(limit * limit)
     first = np.empty(cells.shape, np.float32)
@@ -153,7 +173,7 @@ def _squared_distances(cells, value, limit):
             for z in range(w):
                 best = first[x, y, z]
                 step = 1
-                while step * step < best and step <= limit:
+                while step * step < best and step <= limit:  # farther rows can't be nearer
                     if y >= step:
                         best = min(best, first[x, y - step, z] + step * step)
                     if y + step < v:
@@ -179,6 +199,7 @@ def _squared_distances(cells, value, limit):
 def encoded(distance, is_final):
     """Return a distance in voxels as an int16; its lowest bit says that it is final."""
     steps = round(distance * SCALE)
+    # Clamped, so that twice the steps fit; no search needs distances of 125 voxels.
     return np.int16(2 * max(-16000, min(16000, steps)) + is_final)
 
 

@@ -1,4 +1,8 @@
-"""Items put into boxes: where they fit, at random poses, or taken out where they conflict."""
+"""Filling of boxes: construction, repair, rebuilding and random poses.
+
+Algorithm: greedy construction with lowering, one item after the other, each at the lowest of some
+sampled places (`construction_kernels`), an off-grid relative of bottom-left-back fill.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +18,11 @@ from packit_sim.parts.nesting.pose_kernels import take_out
 from packit_sim.parts.nesting.problem import Problem, State, boxes_of
 from packit_sim.parts.nesting.tasks import Poses, SearchTask
 
-_MOST_TAKEN = 4
-"""Most items that are taken out of a box to rebuild it."""
-
-_NEIGHBOURS = 0.5
-"""Share of the rebuilds that take out neighbours."""
-
-_SHUFFLE = 0.25
-"""Standard deviation by which an item's rank in the order of a rebuild changes, as a share of the
-number of items."""
-
 
 def loaded(
     problem: Problem, task: SearchTask, poses: Poses, boxes: Floats, is_checked: bool = False
 ) -> State:
-    """Return a state of all items at some poses, moved into their boxes (see `load`)."""
+    """Return a state with all items at given poses, moved into their boxes (see `load`)."""
     state = task.state()
     state.inside[:] = poses.inside
     load(problem, state, poses.turned, poses.places, boxes, is_checked)
@@ -41,7 +35,7 @@ def constructed(
     sizes: Sequence[Sequence[float]],
     rng: npt.NDArray[np.uint64],
 ) -> Poses:
-    """Place items that have no place to begin with, in the order of the task, box after box.
+    """Construct a packing in the order of the task, box after box, around given first poses.
 
     Parameters
     ----------
@@ -60,7 +54,7 @@ def constructed(
         The poses; items for which there is no place are not inside.
     """
     boxes = boxes_of(sizes)
-    poses = task.nowhere
+    poses = task.unplaced
     if task.start is not None:
         poses = repaired(problem, task, task.start, boxes)
     return filled(problem, task, poses, boxes, task.order, rng)
@@ -74,7 +68,7 @@ def filled(
     order: Ints,
     rng: npt.NDArray[np.uint64],
 ) -> Poses:
-    """Put items that are not inside where they fit, in one box after the other.
+    """Put in as many more items as fit, in one box after the other, without moving any.
 
     Parameters
     ----------
@@ -83,11 +77,11 @@ def filled(
     task : SearchTask
         The task.
     poses : Poses
-        Where the items are, without conflicts.
+        The items' poses, without conflicts.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     order : ndarray of int64
-        The items that may be put in, in this order.
+        The items to try, in this order; those inside are skipped.
     rng : ndarray of uint64, shape (1,)
         The state of the kernels' generator.
 
@@ -113,7 +107,10 @@ def rebuilt(
     choices: np.random.Generator,
     rng: npt.NDArray[np.uint64],
 ) -> Poses:
-    """Take out a few items, neighbours or any, and put in what fits, roughly in the task's order.
+    """Take out a few items, neighbours or random ones, and fill the box again.
+
+    Algorithm: ruin and recreate (Schrimpf et al., 2000). The ruin is radial (neighbours) or random;
+    the recreation tries all items roughly in the task's order, with a random change of ranks.
 
     Parameters
     ----------
@@ -122,7 +119,7 @@ def rebuilt(
     task : SearchTask
         The task.
     poses : Poses
-        Where the items are, without conflicts.
+        The items' poses, without conflicts.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     choices : numpy.random.Generator
@@ -135,19 +132,20 @@ def rebuilt(
     Poses
         The poses, without conflicts.
     """
+    settings = task.settings
     packed = choices.permutation(np.flatnonzero(poses.inside[: task.count]))
-    if choices.random() < _NEIGHBOURS:
+    if choices.random() < settings.rebuilt_neighbours:
         ways = poses.places[packed] - poses.places[packed[:1]]
         packed = packed[np.linalg.norm(ways, axis=1).argsort(kind="stable")]
-    goes = packed[: 1 + choices.integers(_MOST_TAKEN)]
+    goes = packed[: 1 + choices.integers(settings.max_rebuilt)]
     n = len(task.order)
-    ranks = np.arange(n) + choices.normal(0, _SHUFFLE * n, n)
+    ranks = np.arange(n) + choices.normal(0, settings.shuffle * n, n)
     order = task.order[ranks.argsort(kind="stable")]
     return filled(problem, task, poses.changed(goes, 0), boxes, order, rng)
 
 
 def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:
-    """Take out items until none is in conflict.
+    """Take out items until none is in conflict, each time the one with most overlap per value.
 
     Parameters
     ----------
@@ -156,7 +154,7 @@ def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) ->
     task : SearchTask
         The task.
     poses : Poses
-        Where the items are.
+        The items' poses.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
 
@@ -168,6 +166,7 @@ def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) ->
     state = loaded(problem, task, poses, boxes, is_checked=True)
     while state.overlaps.any():
         overlaps = state.overlaps[: task.count].sum(axis=1)
+        # An item without value goes first, by a division that does not warn.
         take_out(state, int((overlaps / np.maximum(task.values, 1e-300)).argmax()))
     return Poses.of(state)
 
@@ -179,14 +178,14 @@ def least_heights(problem: Problem, task: SearchTask) -> Floats:
 
 
 def fitting(problem: Problem, task: SearchTask, boxes: Floats) -> npt.NDArray[np.bool_]:
-    """Return which items fit into which boxes, (n, b), if these are empty."""
+    """Return a table (n, b): True where an item fits into a box that is empty."""
     sizes = [tuple(sides) for sides in boxes[:, 1:].tolist()]
     known = {size: np.isfinite(_least_heights(problem, size)) for size in set(sizes)}
     return np.column_stack([known[size] for size in sizes])[task.numbers[: task.count]]
 
 
 def _least_heights(problem: Problem, size: Sequence[float]) -> Floats:
-    """Return the least height of each type in a box, infinite if it does not fit."""
+    """Return the least height of each type in an empty box, infinite if it does not fit."""
     lookup = problem.lookup
     sides = lookup.boxes[..., 3:] - lookup.boxes[..., :3]
     fits = (sides <= np.array(size) + lookup.slack).all(axis=2)
@@ -212,9 +211,9 @@ def with_random_poses(
     task : SearchTask
         The task.
     poses : Poses
-        Where all items are.
+        The items' poses.
     items : list of int
-        The items.
+        The items to put in.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     choices : numpy.random.Generator
@@ -223,7 +222,7 @@ def with_random_poses(
     Returns
     -------
     Poses
-        The poses; those items are inside.
+        The poses, with overlaps.
     """
     inside, turned, places = poses.inside.copy(), poses.turned.copy(), poses.places.copy()
     fits = fitting(problem, task, boxes)

@@ -1,4 +1,4 @@
-"""The search for the most value in one box."""
+"""The search for the most value in one box: exchange items, and rebuild parts of the box."""
 
 from __future__ import annotations
 
@@ -18,41 +18,21 @@ from packit_sim.parts.nesting.search import NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
-_MOST_IN = 3
-"""Most items that are put in at a time."""
-
-_MOST_OUT = 2
-"""Most items that are taken out for others at a time."""
-
-_LEAST_GAIN, _GAIN = 1e-9, 0.05
-"""Least and largest share of the value that an exchange is to gain."""
-
-_CHOICES = 100
-"""Exchanges among which one that gains as much is looked for."""
-
-_WORSE = 0.02
-"""Share of the value by which a box may be worse than the best to continue from it."""
-
-_REFILLED = 0.05
-"""Share of the value by which it may be worse for a look at what else fits in."""
-
-_LEAST_REBUILT = 0.05
-"""Least time for rebuilds, as a share of the time for exchanges."""
-
 _NO_EFFORT = 1e-9
 """Share of the search below which nothing was tried."""
 
-_FAILURES = 30
-"""Exchanges without a gain after which more items are searched for."""
-
 
 class KnapsackSearch(NestSearch):
-    """A search for the most value in one box: exchange items, move all apart, and again.
+    """A search for the most value in one box: exchange items, move all apart, and repeat.
 
-    Between exchanges the box is also rebuilt: some items are taken out, and what fits is put in
-    without moving others. This gains more than exchanges if few large items fit in, and next to
-    nothing if many small ones do, so the time for it, at most that for exchanges, follows from
-    what both gained so far.
+    Algorithm: separation of exchanged items. Some items are replaced by others of slightly more
+    value; if they can't be separated, the worst ones are removed (`repaired`) and what fits is put
+    in. The search continues from a box that is worse than the best by up to a random share, which
+    is record-to-record travel (Dueck, 1993) with a random deviation. Between exchanges the box is
+    rebuilt: ruin and recreate (Schrimpf et al., 2000), which moves no other item.
+
+    Rebuilds gain more than exchanges if few large items fit in, and next to nothing if many small
+    ones do. So their time, at most that of exchanges, follows from the gains of both so far.
 
     Parameters
     ----------
@@ -67,7 +47,7 @@ class KnapsackSearch(NestSearch):
         self._boxes = boxes_of([task.size])
         self._fits = np.ones(task.count, bool)
         self._failures = 0
-        self._good = self._current = self._rebuilt = task.nowhere
+        self._good = self._current = self._rebuilt = task.unplaced
         self._progress = 0.0  # when a box was last rebuilt
         self._gains, self._efforts = np.zeros(2), np.zeros(2)  # of exchanges, and of rebuilds
 
@@ -89,7 +69,7 @@ class KnapsackSearch(NestSearch):
         self._count_effort(0, budget)
         most = self._rebuilt_share * self._efforts[0]
         while self._efforts[1] < most and not self._is_over(budget):
-            for _ in range(budget.take()):
+            for _ in range(budget.take(self._task.settings.passes_at_once)):
                 self._rebuild_once(problem)
                 if self._is_over(budget):  # one may take a second
                     break
@@ -106,20 +86,20 @@ class KnapsackSearch(NestSearch):
         """The time that rebuilds should take, as a share of the time for exchanges."""
         exchanges, rebuilds = self._gains / np.maximum(self._efforts, _NO_EFFORT)
         share = (rebuilds / exchanges) ** 2 if exchanges > 0 else float(rebuilds > 0)
-        return min(1.0, max(_LEAST_REBUILT, share))
+        return min(1.0, max(self._task.settings.least_rebuilding, share))
 
     def _rebuild_once(self, problem: Problem) -> None:
         """Rebuild the best box, or one that was rebuilt from it and is not much worse."""
         assert self.best is not None
-        most = -self.best.score[0]
-        if self._value(self._rebuilt) < (1 - _WORSE) * most:
+        most, max_loss = -self.best.score[0], self._task.settings.max_loss
+        if self._value(self._rebuilt) < (1 - max_loss) * most:
             self._rebuilt = self.best.poses
         poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
         value = self._value(poses)
         if value > most:
             self._gains[1] += value - most
             self._offer(problem, self._solution(poses))
-        if value >= (1 - _WORSE * self._choices.random()) * most:
+        if value >= (1 - max_loss * self._choices.random()) * most:
             self._rebuilt = poses
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
@@ -127,11 +107,12 @@ class KnapsackSearch(NestSearch):
         return Separation(self._task, poses, self._boxes, self._task.settings.exchange_patience)
 
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
+        settings = self._task.settings
         poses = attempt.least
         if not is_apart:
             poses = repaired(problem, self._task, poses, self._boxes)
         most = self._value(self._good)
-        if self._value(poses) >= (1 - _REFILLED) * most:
+        if self._value(poses) >= (1 - settings.max_refill_loss) * most:
             poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
         value = self._value(poses)
         self._failures += 1
@@ -139,13 +120,13 @@ class KnapsackSearch(NestSearch):
             self._gains[0] += max(0.0, value + best.score[0])
             self._good, self._failures = poses, 0
             self._offer(problem, self._solution(poses))
-        is_good = value >= (1 - _WORSE * self._choices.random()) * most
+        is_good = value >= (1 - settings.max_loss * self._choices.random()) * most
         self._current = poses if is_good else self._good
-        if self._failures > _FAILURES and not self._has_all:
+        if self._failures > settings.max_failures and not self._has_all:
             self._add_items(problem)
 
     def _add_items(self, problem: Problem) -> None:
-        """Go on with more items, and put in those that fit."""
+        """Search for more items from now on, and put in those that fit."""
         super()._add_items(problem)
         self._failures = 0
         self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
@@ -165,7 +146,8 @@ class KnapsackSearch(NestSearch):
         return Solution((-self._value(poses),), poses, self._boxes)
 
     def _exchanged(self, problem: Problem) -> Poses:
-        """Take out a few items, at random, and put others in at random poses, for a small gain."""
+        """Replace a few random items by others at random poses, for a small gain in value."""
+        settings = self._task.settings
         old = self._current
         out = self._items[self._fits[self._items] & (old.inside[self._items] == 0)]
         packed = np.flatnonzero(self._packed(old))
@@ -173,13 +155,16 @@ class KnapsackSearch(NestSearch):
         most, now = self._value(self._good), self._value(old)
         least = np.inf
         comes, goes = out[:1], packed[:1]
-        for _ in range(_CHOICES):
-            some = self._choices.permutation(out)[: 1 + self._choices.integers(_MOST_IN)]
-            others = self._choices.permutation(packed)[: self._choices.integers(_MOST_OUT + 1)]
+        least_gain, enough = settings.exchange_gain
+        for _ in range(settings.exchange_choices):
+            some = self._choices.permutation(out)
+            some = some[: 1 + self._choices.integers(settings.max_inserted)]
+            others = self._choices.permutation(packed)
+            others = others[: self._choices.integers(settings.max_removed + 1)]
             gain = now + values[some].sum() - values[others].sum() - most
-            if _LEAST_GAIN * most < gain < least:
+            if least_gain * most < gain < least:
                 comes, goes, least = some, others, gain
-            if least < _GAIN * most:
+            if least < enough * most:
                 break
         inside = old.inside.copy()
         inside[goes] = 0

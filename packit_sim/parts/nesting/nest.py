@@ -25,12 +25,12 @@ from packit_sim.parts.nesting.problem import Problem, boxes_of
 from packit_sim.parts.nesting.rounds import Limits, Problems, rounds
 from packit_sim.parts.nesting.search import NestSearch
 from packit_sim.parts.nesting.search_frames import in_search_frame, search_frame, searched_rotations
+from packit_sim.parts.nesting.settings import SearchSettings
 from packit_sim.parts.nesting.strips import StripSearch
 from packit_sim.parts.nesting.tasks import (
     CLOCKS,
     ClockName,
     Poses,
-    SearchSettings,
     SearchTask,
     Solution,
 )
@@ -59,31 +59,31 @@ class NestingError(PackItError, RuntimeError):
 
 @dataclass(frozen=True)
 class NestSettings:
-    """How `nest` runs.
+    """Settings of `nest`: workers, limits and first packing.
 
     Attributes
     ----------
     workers : int
         The number of searches at a time; 0: one per core.
     backend : str
-        Where they run: "threads" of this process, or processes of a "ray" cluster.
+        Workers: "threads" of this process, or processes of a "ray" cluster.
     address : str, optional
         The address of the Ray cluster's head.
     iterations : int, optional
-        Passes over the items of each search, instead of the time: the same seed and number of
-        workers then give the same packing.
+        Pass limit of each search, instead of the time limit: the same seed and number of workers
+        then give the same packing.
     search : SearchSettings
         The settings of the search.
     start : Packing, optional
-        A packing of the same items to begin with, such as a former result, also for another
-        container or clearance. Items that it lacks, that are turned otherwise than they may be, or
+        A packing of the same items to begin with, such as an earlier result, even for another
+        container or clearance. Items that it lacks, that have a rotation outside their set, or
         that are in conflict, are placed again.
     stop : threading.Event, optional
-        Ends the search early when another thread sets it, as Ctrl-C does; the first packing still
-        comes.
+        Ends the search early when another thread sets it, as Ctrl-C does; the first packing is
+        still returned.
     clock : str
-        What the time is: "wall" time, or "processor" time of each search, which does not depend on
-        what else the machine does.
+        The clock of the time limit: "wall" time, or "processor" time of each search, which other
+        work on the machine does not change.
     """
 
     workers: int = 0
@@ -128,7 +128,7 @@ def nest(
     callback : callable, optional
         Called with each better packing and the seconds since the call.
     settings : NestSettings
-        How it runs.
+        Workers, limits and first packing.
 
     Returns
     -------
@@ -163,7 +163,13 @@ def nest(
     gap = clearance and clearance + validity.tolerance(max(units), math.inf)
     searched = tuple(map(in_search_frame, types))
     shares_fields = settings.iterations is None
-    problems = Problems((*searched, *empty.container.obstacles), min(units), gap, shares_fields)
+    problems = Problems(
+        (*searched, *empty.container.obstacles),
+        min(units),
+        gap,
+        shares_fields,
+        settings.search,
+    )
     task = _task(empty, containers, settings.search)
     if settings.start is not None:
         task.start = _poses(settings.start, problems.get(), task, empty)
@@ -185,7 +191,9 @@ def nest(
         stop = settings.stop or threading.Event()
         limits = Limits(time - before, settings.iterations, stop, settings.clock)
         try:
-            for best, seconds in rounds(problems, searches, limits, workers, checked):
+            for best, seconds in rounds(
+                problems, searches, limits, workers, checked, settings.search
+            ):
                 if callback is not None:
                     callback(best, before + seconds)
         except KeyboardInterrupt:
@@ -212,7 +220,7 @@ def _containers(given: Any) -> tuple[BoxContainer, ...]:
 def _task(
     empty: Packing, containers: Sequence[BoxContainer], settings: SearchSettings
 ) -> SearchTask:
-    """Return what is searched for to fill an empty packing."""
+    """Return the task of filling an empty packing."""
     types, obstacles = empty.types, empty.container.obstacles
     numbers = np.arange(len(types)).repeat([each.demand for each in types])
     volumes = np.array([each.volume for each in types])
@@ -228,13 +236,13 @@ def _task(
 
 
 def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -> Poses:
-    """Return the poses of a former packing; items that can't have them are not inside."""
+    """Return the poses of an earlier packing; items that can't have them are not inside."""
     if len(task.sizes) > 1:
         raise ArgumentError("a packing to begin with is not possible with boxes of several sizes")
     names = [each.digest for each in empty.types]
     if [each.digest for each in start.types] != names:
         raise ArgumentError("the packing to begin with is of other items, or in another order")
-    poses = task.nowhere
+    poses = task.unplaced
     boxes = boxes_of([task.size] * (1 + max((p.box for p in start.placements), default=0)))
     for placement in start.placements:
         a = placement.type

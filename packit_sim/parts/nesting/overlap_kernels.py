@@ -1,4 +1,20 @@
-"""Kernels for how deep two items overlap: stored fields first, surfaces where these leave doubt."""
+"""Kernels for how deep two items overlap: stored fields first, surfaces where these leave doubt.
+
+A field (`field_kernels`) is read by trilinear interpolation for rough costs, and in tetrahedra of
+four nodes for fine ones: half as many nodes to compute, and the gradient is constant within each.
+The tetrahedra are those of Kuhn's triangulation of a cube (1960), found by sorting the rests.
+
+Near contact a node may be computed by the surfaces instead of by voxels, when it is first needed:
+the distance of surfaces that don't cross, or by bisection the way along the field's gradient after
+which they no longer do. Such a node is *final* and never changes until the field is dropped.
+
+`in_conflict` is exact for the drawn-in surfaces (`Surfaces`): they cross, are closer than the
+clearance, or one item is inside the other by a winding number or by enclosed voxels.
+
+Invariants: fields are only written here; a thread that shares them may compute a node twice, but
+never reads half of one. When memory for fields is full, all are dropped and computed again when
+needed. Work arrays of the problem belong to one thread.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +26,10 @@ from packit_sim.parts.nesting.surface_kernels import surfaces_cross, surfaces_di
 from packit_sim.placement import holds
 
 _REACH = 3.0
-"""Voxels up to which nodes hold distances that surfaces have."""
+"""Voxels beyond the clearance up to which a node holds the surfaces' distance."""
 
 _MOST_DEPTH = 3.5
-"""Voxels of depth up to which nodes are computed by the surfaces."""
+"""Voxels of depth up to which the surfaces compute a node; deeper, the field's value stays."""
 
 _PRECISION = 0.1
 """Voxels by which a computed depth may be too large."""
@@ -21,14 +37,14 @@ _PRECISION = 0.1
 
 @inlined
 def node_of(lookup, number, sx, sy, sz):
-    """Return an offset's place in a field, -1 outside, and the rest (3) from there in voxels."""
+    """Return the index of the node below an offset, -1 outside, and the rest (3) in voxels."""
     u, v, w = lookup.fields[number, 1], lookup.fields[number, 2], lookup.fields[number, 3]
     per_voxel = 1 / lookup.voxel
     x = sx * per_voxel + (u - 1) * 0.5
     y = sy * per_voxel + (v - 1) * 0.5
     z = sz * per_voxel + (w - 1) * 0.5
     i, j, k = int(x), int(y), int(z)
-    at = -1
+    at = -1  # int() rounds to 0, so x itself is compared: -0.5 is outside
     if 0 <= x < u - 1 and 0 <= y < v - 1 and 0 <= z < w - 1:
         at = lookup.fields[number, 0] + (i * v + j) * w + k
     return at, x - i, y - j, z - k
@@ -36,7 +52,7 @@ def node_of(lookup, number, sx, sy, sz):
 
 @inlined
 def interpolated(lookup, number, at, fx, fy, fz):
-    """Return the distance between the eight nodes from a place on, in voxels."""
+    """Return the distance in voxels, interpolated between the eight nodes around an offset."""
     values = lookup.values
     row = lookup.fields[number, 3]
     plane = row * lookup.fields[number, 2]
@@ -53,7 +69,7 @@ def interpolated(lookup, number, at, fx, fy, fz):
 
 @inlined
 def simplex(lookup, number, at, fx, fy, fz):
-    """Return the nodes (4) around an offset: each one step from the last, by the largest rest."""
+    """Return the nodes (4) around an offset: steps along the axes, the largest rest first."""
     row = lookup.fields[number, 3]
     plane = row * lookup.fields[number, 2]
     if fx >= fy:
@@ -100,6 +116,7 @@ def add_field(lookup, first, other, rel):
     w = one.shape[2] + two.shape[2] + around
     number, start = lookup.used[0], lookup.used[1]
     size = u * v * w
+    # Full: drop all fields; those that are in use are soon computed again.
     if start + size > len(lookup.values) or number == len(lookup.fields):
         lookup.numbers[:] = -1
         number, start = 0, 0
@@ -137,7 +154,7 @@ def _voxels(lookup, a, rel):
 
 @inner_kernel
 def refine_node(problem, first, other, rel, at):
-    """Compute a node by the surfaces."""
+    """Compute a node by the surfaces; it is final then."""
     lookup = problem.lookup
     number = lookup.numbers[first, other, rel]
     start, u, v, w = lookup.fields[number]
@@ -162,6 +179,7 @@ def _node(problem, first, other, rel, field, x, y, z):
     rough = (field[x, y, z] >> 1) / SCALE
     problem.counts[3] += 1
     if not _cross(problem, first, other, rel):
+        # Surfaces that don't cross: apart, or one item inside the other, which has no depth here.
         if rough + clearance < 0.5 and _nested(problem, first, other, rel):
             return min(rough, -0.5)
         most = (_REACH + clearance) * voxel
@@ -170,9 +188,11 @@ def _node(problem, first, other, rel, field, x, y, z):
     gy = float((field[x, min(v - 1, y + 1), z] >> 1) - (field[x, max(0, y - 1), z] >> 1))
     gz = float((field[x, y, min(w - 1, z + 1)] >> 1) - (field[x, y, max(0, z - 1)] >> 1))
     length = np.sqrt(gx * gx + gy * gy + gz * gz)
-    if length == 0:
+    if length == 0:  # in the middle of a symmetric overlap no way out is shorter than the others
         return min(rough, -0.5 - clearance)
     ox, oy, oz = shift[0], shift[1], shift[2]
+    # Bisect the way out, from a first guess by the field; `high` is never too small, so that a
+    # depth is overestimated by up to the precision and no overlap is lost.
     low, high = 0.0, _MOST_DEPTH
     middle = min(high, max(1.0, 1.5 - rough))
     scale = voxel / length
@@ -185,7 +205,7 @@ def _node(problem, first, other, rel, field, x, y, z):
         else:
             high = middle
         middle = (low + high) * 0.5
-    if high == _MOST_DEPTH:
+    if high == _MOST_DEPTH:  # this way leads nowhere: keep what voxels say
         return min(rough, -0.5 - clearance)
     return -high - clearance
 
@@ -195,6 +215,8 @@ def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
     """Return whether items at an offset cross, are too close, or one is in the other, if it may."""
     problem.shift[0], problem.shift[1], problem.shift[2] = sx, sy, sz
     limit = problem.lookup.clearance
+    # In this order: a crossing is the most frequent conflict, and a distance or an inside are only
+    # defined for surfaces that don't cross.
     return (
         _cross(problem, first, other, rel)
         or (limit > 0 and _distance(problem, first, other, rel, limit) < limit)
@@ -272,6 +294,7 @@ def _holds(problem, around, inside, turn, inside_turn, shift):
         shift,
     ):
         return True
+    # A surface that is not closed may enclose space all the same, by voxels.
     start = s.starts[around]
     if s.starts[around + 1] == start:
         return False

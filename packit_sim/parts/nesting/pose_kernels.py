@@ -1,4 +1,12 @@
-"""Kernels that change where items are."""
+"""Kernels that change the poses of items, with their bounds, and the search's random numbers.
+
+Only `put` and `take_out` write poses of a state, always together with the bounds. Bounds are drawn
+in by the slack and grown by the clearance, so that touching items are apart at the first test. An
+item that is taken out has bounds that nothing meets: no kernel needs to ask whether it is inside.
+
+The generator is SplitMix64 (Steele, Lea and Flood, 2014): a state of one word, passed by the
+caller, so that a search resumes anywhere with the same numbers.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +26,7 @@ def random(state):
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
-    return float(z >> np.uint64(11)) / 9007199254740992.0
+    return float(z >> np.uint64(11)) / 9007199254740992.0  # 53 bits: all that a float64 holds
 
 
 @inner_kernel
@@ -36,7 +44,7 @@ def put(lookup, state, i, o, p):
 
 @kernel
 def take_out(state, i):
-    """Move an item to where it is in nobody's way."""
+    """Take an item out: give it bounds that meet no others, and no overlaps."""
     state.inside[i] = 0
     state.bounds[i, :3] = NO_LIMIT
     state.bounds[i, 3:] = -NO_LIMIT
@@ -46,7 +54,7 @@ def take_out(state, i):
 
 @inlined
 def apart(state, i, j):
-    """Return whether the bounding boxes of two items have nothing in common."""
+    """Return whether the bounds of two items have nothing in common."""
     bounds = state.bounds
     return (
         bounds[j, 5] <= bounds[i, 2]
@@ -60,7 +68,8 @@ def apart(state, i, j):
 
 @kernel
 def box_of(boxes, x):
-    """Return the number of the box that a place at x is in, or is next to."""
+    """Return the number of the box that a place at x is in or near."""
+    # Gaps between boxes are two widths (`boxes_of`): half a width before its start is near box k.
     k = len(boxes) - 1
     while k > 0 and x < boxes[k, 0] - 0.5 * boxes[k, 1]:
         k -= 1
@@ -78,7 +87,7 @@ def clamp(lookup, a, o, p, boxes):
         if most < least:
             if most < least - lookup.slack:
                 return False
-            most = least
+            most = least  # an item that fits exactly is too large by rounding
         p[d] = min(max(p[d], least), most)
     return True
 

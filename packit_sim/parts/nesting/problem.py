@@ -1,4 +1,8 @@
-"""The arrays of a nesting problem: what its kernels read, and the state that they change."""
+"""The arrays of a nesting problem, which its kernels read, and the state that they change.
+
+All arrays but fields, counts and work arrays are constant: threads share them. A state belongs to
+one search.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +68,7 @@ class Closed(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """What surfaces enclose.
+    """The space that surfaces enclose although they are not closed.
 
     Attributes
     ----------
@@ -121,7 +125,7 @@ class Distances(NamedTuple):
 
 
 class Lookup(NamedTuple):
-    """What a cost depends on while fields decide; small, since each call of a kernel copies it.
+    """Arrays for costs by fields; few of them, since each call of a kernel copies the tuple.
 
     Attributes
     ----------
@@ -130,7 +134,7 @@ class Lookup(NamedTuple):
     clearance, slack : float
         Lengths.
     identity : int
-        The number of no relative rotation.
+        The number of the relative rotation that is the identity.
     turns : ndarray
         (m, 3, 3) float64, the rotations.
     relative : ndarray
@@ -141,7 +145,7 @@ class Lookup(NamedTuple):
     sizes : ndarray
         (t,) float64, factors of costs.
     hollow : ndarray
-        (t,) bool, whether a type fills so little of its convex hull that others may be inside.
+        (t,) bool, True for types that fill little of their convex hull: others may be inside.
     numbers : ndarray
         (t, t, r) int64, numbers of fields by types and relative rotation; -1: none yet.
     fields : ndarray
@@ -149,7 +153,7 @@ class Lookup(NamedTuple):
     values : ndarray
         int16, the nodes of all fields (see `field_kernels.encoded`).
     used : ndarray
-        (3,) int64, used fields and values, and how often they were full.
+        (3,) int64, the numbers of fields and of values in use, and how often they were full.
     voxels : ndarray
         uint8, of all types in all relative rotations.
     voxel_fields : ndarray
@@ -181,8 +185,8 @@ class Problem(NamedTuple):
     lookup : Lookup
         The fields.
     refined : bool
-        Whether the surfaces compute the nodes of fields; else points decide (see `Distances`). The
-        search uses this where all items are arranged.
+        True if the surfaces compute the nodes of fields near contact; else points decide (see
+        `Distances`). A search may switch this off for a while.
     relative_turns : ndarray
         (r, 3, 3) float64, the relative rotations.
     allowed : ndarray
@@ -190,9 +194,9 @@ class Problem(NamedTuple):
     allowed_counts : ndarray
         (t,) int64.
     reach : ndarray
-        (t,) float64, how far from an item near samples are.
+        (t,) float64, largest distance along an axis of near samples from an item.
     surfaces, closed, solids, distances
-        What decides where fields leave doubt.
+        The exact data, which decides where fields leave doubt.
     counts : ndarray
         (4,) int64, numbers of fine costs, tests of surfaces, passes, and computed nodes.
     shift, waiting, triangle : ndarray
@@ -216,7 +220,11 @@ class Problem(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where all items are.
+    """Poses of all items, with bounds, overlaps and weights that kernels keep up to date.
+
+    Only `pose_kernels.put` and `take_out` change poses, together with the bounds. Whoever moves an
+    item computes its row and column of `overlaps` again; `state_checks` compares both with a state
+    that is rebuilt from the poses.
 
     Attributes
     ----------
@@ -225,16 +233,16 @@ class State(NamedTuple):
     types : ndarray
         (n,) int64.
     inside : ndarray
-        (n,) uint8, whether an item is in a box.
+        (n,) uint8, 1 for items in a box.
     turned : ndarray
         (n,) int64, numbers of rotations.
     places : ndarray
         (n, 3) float64, of the origins.
     bounds : ndarray
-        (n, 6) float64, lowest and highest corners, drawn in by half the tolerance, and grown by the
+        (n, 6) float64, lowest and highest corners, drawn in by the slack and grown by the
         clearance.
     weights, overlaps : ndarray
-        (n, n) float64, of pairs.
+        (n, n) float64, symmetric; weights are at least 1, and overlaps depths in voxels.
     depths : ndarray
         (n,) float64, a work array for the depths of one item and each other one.
     margins : ndarray
@@ -271,20 +279,20 @@ def with_own_fields(problem: Problem) -> Problem:
 
 
 def _emptied(arrays: NamedTuple, *names: str) -> dict[str, Any]:
-    """Return zeros like some arrays, whose memory is first used when they are written."""
+    """Return zeros like some arrays; memory is only taken when they are written."""
     found = {name: getattr(arrays, name) for name in names}
     return {name: np.zeros(each.shape, each.dtype) for name, each in found.items()}
 
 
 def boxes_of(sizes: Sequence[Sequence[float]], widest: float = 0.0) -> Floats:
-    """Arrange boxes next to each other, so far apart that items in different ones don't meet.
+    """Arrange boxes along x, spaced so that boxes never interact.
 
     Parameters
     ----------
     sizes : sequence of three floats
         The sides of each box.
     widest : float
-        The longest side along x that a box may get later, if it is longer than these.
+        The longest side along x that a box may have later, if longer than all of these.
 
     Returns
     -------

@@ -1,4 +1,14 @@
-"""Kernels that push overlapping items apart, all at once."""
+"""Kernels that push overlapping items apart, all at once.
+
+In sweeps over all pairs, both items of an overlapping pair move away from each other along the
+gradient of their distance, each by half of the depth (an obstacle leaves all of it to the other).
+This is the relaxation of position-based dynamics (Jakobsen, 2001; Mueller et al., 2007), applied to
+overlaps. It solves what one item at a time can't: a row of items that must all shift a little. The
+caller keeps the result only if the total overlap falls.
+
+Invariant: overlaps of moved items are computed again at the end, not in between: a sweep measures
+the depth of each pair itself.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +19,10 @@ from packit_sim.parts.nesting.cost_kernels import distance_of, update_overlaps
 from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, apart, clamp, put
 
 SWEEPS = 30
-"""Most sweeps over all pairs that are pushed apart."""
+"""Limit of sweeps over all pairs."""
 
 PUSH = 0.55
-"""Share of the depth of a pair by which each of the two is pushed."""
+"""Share of the depth by which each of a pair is pushed: a little over half ends in a gap."""
 
 PATIENCE = 4
 """Sweeps without a gain of 5% after which pushing ends."""
@@ -27,7 +37,7 @@ def push_apart(problem, state, boxes):
     problem : Problem
         The problem.
     state : State
-        Where all items are, with their overlaps; changed.
+        Poses of all items, with overlaps; changed.
     boxes : ndarray
         (b, 4) float64, the boxes (see `boxes_of`).
     """
@@ -41,6 +51,7 @@ def push_apart(problem, state, boxes):
         for i in range(n):
             o = state.turned[i]
             for j in range(i):
+                # After the first sweep only pairs can overlap anew of which an item moved since.
                 is_due = (
                     state.overlaps[i, j] > 0 if sweep == 0 else max(last[i], last[j]) >= sweep - 1
                 )
@@ -49,7 +60,7 @@ def push_apart(problem, state, boxes):
                 distance, gx, gy, gz = distance_of(problem, state, i, o, state.places[i], j)
                 depth = state.margins[i, j] - distance
                 square = gx * gx + gy * gy + gz * gz
-                if depth <= 0 or square == 0:
+                if depth <= 0 or square == 0:  # no direction: this pair is left to the moves
                     continue
                 total += depth * lookup.sizes[state.types[i]] * lookup.sizes[state.types[j]]
                 share = PUSH if i < state.movable else 2 * PUSH

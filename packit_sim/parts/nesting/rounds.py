@@ -1,4 +1,8 @@
-"""Searches on several cores, which exchange their best solutions after each round."""
+"""Searches on several cores, which exchange their best solutions after each round.
+
+Each worker runs a search of its own, from its own seed. After a round, searches adopt the best
+solution whose packing passed the check; a search whose best did not pass begins again.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +13,20 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 
+from packit_sim.core.debugging import is_checking
 from packit_sim.core.parallel import Threads, Workers
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.overlap_kernels import add_fields
 from packit_sim.parts.nesting.problem import Problem, with_own_arrays, with_own_fields
 from packit_sim.parts.nesting.search import NestSearch
+from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 
-SECONDS = 1.0, 20.0
-"""Shortest and longest time of a round."""
-
-GROWTH = 0.25
-"""Time of a round as a share of that before: the first ones show something soon."""
-
-PASSES = 100
-"""Passes of a round, where passes are counted instead of the time."""
-
 
 class Problems:
-    """A problem that each process computes once, and of which each thread has its own fields.
+    """A problem's arguments: each process computes it once, each thread has its own work arrays.
 
     Parameters
     ----------
@@ -40,8 +37,10 @@ class Problems:
     clearance : float
         The distance to keep.
     shares_fields : bool
-        Whether threads share the fields that surfaces compute, if there is space for all of them:
-        each node is then computed once, but what one thread finds depends on the others.
+        True to let threads share the fields that surfaces compute, if there is space for all of
+        them: each node is computed once, but the result of one thread depends on the others.
+    settings : SearchSettings
+        The resolution of the fields, among others.
     """
 
     def __init__(
@@ -50,11 +49,12 @@ class Problems:
         unit: float,
         clearance: float,
         shares_fields: bool = False,
+        settings: SearchSettings = DEFAULT_SETTINGS,
     ) -> None:
-        self.shares_fields = shares_fields
-        self._arguments = types, unit, clearance
+        self.shares_fields = shares_fields and not is_checking()  # others would change its nodes
+        self._arguments = types, unit, clearance, settings
         parts = [(each.digest, each.rotations) for each in types]
-        key = parts, unit, clearance, shares_fields
+        key = parts, unit, clearance, self.shares_fields, settings
         self._digest = hashlib.sha256(repr(key).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -64,7 +64,7 @@ class Problems:
         return hash(self._digest)
 
     def get(self) -> Problem:
-        """Return the problem, for this thread."""
+        """Return the problem with this thread's own work arrays, and fields unless shared."""
         if getattr(_own, "problems", None) != self:
             shared, has_fields = _built(self)
             _own.problem = with_own_arrays(shared if has_fields else with_own_fields(shared))
@@ -82,7 +82,7 @@ _own = threading.local()
 
 @lru_cache(maxsize=1)
 def _built(problems: Problems) -> tuple[Problem, bool]:
-    """Compute a problem; return also whether it has all fields."""
+    """Compute a problem; the second value is True if it has all fields."""
     problem = problems.build()
     shares = problems.shares_fields and problem.refined
     return problem, shares and bool(add_fields(problem.lookup))
@@ -90,16 +90,16 @@ def _built(problems: Problems) -> tuple[Problem, bool]:
 
 @dataclass(frozen=True)
 class Limits:
-    """When a search ends.
+    """Limits of a search; the first that is reached ends it.
 
     Attributes
     ----------
     seconds : float
-        After so many seconds,
+        Time limit in seconds.
     passes : int, optional
-        or after so many passes of each worker,
+        Pass limit of each worker; replaces the time limit.
     stop : threading.Event
-        or when this is set, at once if the workers are threads.
+        Ends the search when it is set, at once if the workers are threads.
     clock : str
         The clock of the seconds (see `CLOCKS`).
     """
@@ -111,7 +111,7 @@ class Limits:
 
 
 class _Stopwatch:
-    """Seconds since the start: of the wall, or of this thread and of the slowest worker."""
+    """Seconds since the start, of the wall or of this thread and the slowest worker."""
 
     def __init__(self, clock: ClockName) -> None:
         self._now = CLOCKS[clock]
@@ -119,7 +119,7 @@ class _Stopwatch:
         self._start = self._now()
 
     def add(self, seconds: Iterable[float]) -> None:
-        """Count the processor time that workers took side by side."""
+        """Add the processor time that workers took in parallel."""
         if self._counts_workers:
             self._start -= max(seconds)
 
@@ -134,6 +134,7 @@ def rounds(
     limits: Limits,
     workers: Workers | Threads,
     check: Callable[[Solution], Packing | None],
+    settings: SearchSettings,
 ) -> Iterator[tuple[Packing, float]]:
     """Search in rounds, the first of which only constructs a packing.
 
@@ -144,11 +145,13 @@ def rounds(
     searches : sequence of NestSearch
         The searches, one for each worker.
     limits : Limits
-        When to end.
+        The limits.
     workers : Workers or Threads
-        Where they run.
+        The threads or processes that they run in.
     check : callable
         Returns the packing of a solution, or None if it is not valid.
+    settings : SearchSettings
+        The lengths of rounds.
 
     Yields
     ------
@@ -164,9 +167,10 @@ def rounds(
     stop = limits.stop if isinstance(workers, Threads) else None
     for number in count():
         now = watch.seconds
-        length = min(max(GROWTH * now, SECONDS[0]), SECONDS[1])
+        shortest, longest = settings.round_seconds
+        length = min(max(settings.round_growth * now, shortest), longest)
         seconds = min(length, limits.seconds - now) if number else 0.0
-        share = None if passes is None else min(PASSES, passes) if number else 0
+        share = None if passes is None else min(settings.round_passes, passes) if number else 0
         if passes is None or limits.passes is None:
             before = now / limits.seconds
             shares = before, before + seconds / limits.seconds
@@ -223,6 +227,9 @@ def _advance(
 
 
 def forget_fields(problem: Problem) -> None:
-    """Drop all fields: what a pass finds depends on those that were refined before it."""
+    """Drop all fields: a pass depends on the nodes that were refined before it.
+
+    With a fixed number of passes, a warm thread must find the same packing as a new one.
+    """
     problem.lookup.numbers.fill(-1)
     problem.lookup.used.fill(0)

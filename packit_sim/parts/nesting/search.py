@@ -1,4 +1,4 @@
-"""What the searches for strips, knapsacks and bins have in common."""
+"""The base class of the searches for strips, knapsacks and bins."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ from packit_sim.parts.nesting.problem import Problem
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask, Solution
 
-FEWEST = 6
-"""Fewest items that are searched for alone."""
-
-FIRST_LEVELS = 0.2
-"""Share of the search after which all items are searched for, at the latest."""
-
 
 class NestSearch(ABC):
-    """A search by attempts, which can resume in another process: it holds all that it needs.
+    """A search by attempts, which can resume in another process since it holds its whole state.
 
-    The most important items are arranged first. Whenever that finds nothing better, the number of
-    items doubles: few items are arranged quickly, and large ones find no space later.
+    Algorithm: construct a packing, then repeat: make it infeasible by asking for something better
+    (`_begun`), separate the items (`Separation`), and keep or repair the result (`_end`). This is
+    the outer loop of Egeblad et al. (2009) and of sparrow's exploration phase (Gardeyn et al.,
+    2025). Our own is the order of the items: the most important ones are arranged first, and their
+    number doubles whenever that finds nothing better. Few items are arranged quickly, and large
+    ones would find no space later.
 
     Parameters
     ----------
@@ -31,15 +29,15 @@ class NestSearch(ABC):
     seed : int
         The seed.
     order : ndarray of int64, optional
-        The items, the most important first; without it, or if the task has poses to begin with,
-        all are searched for at once.
+        The items, the most important first. All are searched for at once without it, or if the
+        task has poses to begin with.
 
     Attributes
     ----------
     best : Solution or None
         The best solution so far; there is one after the first call of `advance`.
     is_done : bool
-        Whether nothing better is possible.
+        True if nothing better is possible.
     """
 
     def __init__(self, task: SearchTask, seed: int, order: Ints | None = None) -> None:
@@ -51,7 +49,8 @@ class NestSearch(ABC):
         self._is_begun = False
         self._attempt: Separation | None = None
         self._levels = [np.arange(task.count) if order is None else order]
-        while order is not None and task.start is None and len(self._levels[0]) >= 2 * FEWEST:
+        fewest = 2 * task.settings.first_items
+        while order is not None and task.start is None and len(self._levels[0]) >= fewest:
             self._levels.insert(0, order[: len(self._levels[0]) // 2])
         self._level = 0
 
@@ -79,7 +78,7 @@ class NestSearch(ABC):
                 self._attempt = None
                 self._end(problem, self.best, attempt, is_apart)
             share = (self._level + 1) / max(1, len(self._levels) - 1)
-            if not self._has_all and budget.progress > FIRST_LEVELS * share:
+            if not self._has_all and budget.progress > self._task.settings.first_levels * share:
                 self._attempt = None
                 self._add_items(problem)
 
@@ -104,7 +103,7 @@ class NestSearch(ABC):
             self.adopt(problem, solution)
 
     def restart(self) -> None:
-        """Forget what was found, which is not valid: begin again with a construction."""
+        """Begin again with a construction: the best solution turned out not to be valid."""
         self.best = None
         self.is_done = False
         self._is_begun = False
@@ -117,33 +116,33 @@ class NestSearch(ABC):
 
     @property
     def _has_all(self) -> bool:
-        """Whether these are all items."""
+        """True if these are all items."""
         return self._level == len(self._levels) - 1
 
     @property
     def _is_precise(self) -> bool:
-        """Whether surfaces compute the fields from the start of an attempt: few, exact moves."""
+        """True if surfaces compute fields from an attempt's start: fewer moves, but exact ones."""
         return self._has_all
 
     @property
     def _later(self) -> list[Ints]:
-        """The items of each level up to now that the one before does not have."""
+        """The items that each level up to the present one adds."""
         pairs = zip(self._levels[: self._level], self._levels[1:], strict=False)
         return [new[len(old) :] for old, new in pairs]
 
     def _own(self, poses: Poses) -> Poses:
         """Return poses without the items that are not searched for now."""
-        inside = self._task.nowhere.inside
+        inside = self._task.unplaced.inside
         inside[self._items] = poses.inside[self._items]
         return Poses(inside, poses.turned, poses.places)
 
     def _add_items(self, problem: Problem) -> None:
-        """Go on with more items."""
+        """Search for more items from now on."""
         self._level += 1
 
     def _rebuild(self, problem: Problem, budget: SearchBudget) -> None:
-        """Look for better solutions in another way, between attempts."""
-        return  # only some searches have one
+        """Search in another way between attempts, if the search has one."""
+        return
 
     @abstractmethod
     def _constructed(self, problem: Problem) -> Solution:
@@ -151,8 +150,8 @@ class NestSearch(ABC):
 
     @abstractmethod
     def _begun(self, problem: Problem, best: Solution) -> Separation:
-        """Begin an attempt at something better."""
+        """Return the next attempt: poses that overlap, in less space or with more value."""
 
     @abstractmethod
     def _end(self, problem: Problem, best: Solution, attempt: Separation, is_apart: bool) -> None:
-        """Keep what an attempt found, if it is better, or learn from the failure."""
+        """Keep the result of an attempt if it is better, or adapt to the failure."""

@@ -1,4 +1,4 @@
-"""The frames from which rotations are searched: those of the meshes, except for free rotations."""
+"""Frames of the search: the mesh's own, or its smallest bounding box's for free rotations."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def search_frame(item_type: ItemType) -> Floats:
 
 
 def in_search_frame(item_type: ItemType) -> ItemType:
-    """Return the type as it is searched: in the frame of the search, for free rotations.
+    """Return an item type in the frame of the search.
 
     Parameters
     ----------

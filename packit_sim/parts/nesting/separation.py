@@ -1,4 +1,9 @@
-"""Attempts to move overlapping items apart."""
+"""Attempts to move overlapping items apart: the separation step of every search.
+
+A search makes its packing infeasible (a lower strip, other items, a box less) and asks a separation
+to remove the overlaps. The kernels do the moves (`separation_kernels`); a separation decides how
+long to try, when the surfaces take over from stored distances, and when the result is accepted.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +13,35 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.debugging import is_checking
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.filling import loaded
 from packit_sim.parts.nesting.problem import Problem, State
 from packit_sim.parts.nesting.separation_kernels import separate
+from packit_sim.parts.nesting.state_checks import StateCheck
 from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
-
-GAIN = 0.98
-"""Share of the least overlap below which a pass counts as a gain."""
-
-
-NEARLY = 1.0
-"""Total overlap, in voxels, below which the surfaces compute the fields of simple items."""
 
 
 class Separation:
     """An attempt to move overlapping items apart, which can be interrupted.
+
+    Algorithm: separation by guided local search. Overlap, weighted by pair, is minimised by moving
+    one item at a time, and the weights of pairs that stay in overlap grow (Egeblad, Nielsen and
+    Brazil, 2009; as a separation procedure in sparrow, Gardeyn, Vanden Berghe and Wauters, 2025).
 
     Parameters
     ----------
     task : SearchTask
         The task.
     poses : Poses
-        Where the items are at first.
+        The poses to begin with.
     boxes : ndarray of float64, shape (b, 4)
         The boxes.
     patience : int
         Passes without a gain after which it gives up.
     later : sequence of ndarray of int64
-        Items that are left out at first, and join one set after the other when the rest is apart.
+        Sets of items that are left out at first; each joins when the items before it are apart.
 
     Attributes
     ----------
@@ -66,7 +70,7 @@ class Separation:
         self._state: State | None = None
 
     def swap(self, i: int, j: int) -> None:
-        """Let two items change places before the attempt begins."""
+        """Exchange the positions of two items before the attempt begins."""
         places = self.least.places.copy()
         places[[i, j]] = places[[j, i]]
         self.least = Poses(self.least.inside, self.least.turned, places)
@@ -78,7 +82,7 @@ class Separation:
         budget: SearchBudget,
         is_precise: bool,
     ) -> bool | None:
-        """Go on until the items are apart, or it gives up, or the budget is spent.
+        """Continue until the items are apart, the attempt gives up, or the budget is spent.
 
         Parameters
         ----------
@@ -89,13 +93,15 @@ class Separation:
         budget : SearchBudget
             The budget.
         is_precise : bool
-            Whether the surfaces compute the fields of simple items also while much overlaps.
+            True to let the surfaces compute the nodes of fields even while much overlaps.
 
         Returns
         -------
         bool or None
-            Whether `least` has no conflict; None if that is still open.
+            True if `least` has no conflict, False after giving up, None if the budget is spent.
         """
+        settings = self._task.settings
+        check = StateCheck(problem, self._state) if is_checking() else None
         exact = problem
         self._is_precise = self._is_precise or is_precise or not exact.refined
         if not self._is_precise:
@@ -105,6 +111,8 @@ class Separation:
         found = self._task.state()
         while self._idle < self._patience:
             if self._overlap == 0:
+                # Stored distances see no overlap, but only the surfaces can accept the poses: a
+                # conflict that they find gets a margin, so that the pair overlaps from now on.
                 least = self.least
                 if not load(problem, self._state, least.turned, least.places, self.boxes, True):
                     if not self._later:
@@ -115,22 +123,21 @@ class Separation:
                 self._overlap = math.inf
             if budget.is_spent:
                 return None
-            passes = budget.take()
+            passes = budget.take(settings.passes_at_once)
+            weights = *settings.weight_growth, settings.weight_decay
             overlap = separate(
-                problem,
-                self._state,
-                found,
-                self.boxes,
-                self._task.settings.samples,
-                passes,
-                rng,
+                problem, self._state, found, self.boxes, settings.samples, passes, weights, rng
             )
-            is_gain = overlap < GAIN * self._overlap < math.inf
+            if check is not None:
+                check(problem, self._state, self.boxes)
+            # The first overlap after a change of the measure (infinite before) is no gain.
+            is_gain = overlap < settings.gain * self._overlap < math.inf
             self._idle = 0 if is_gain else self._idle + passes
             if overlap < self._overlap:
                 self._overlap = overlap
                 self.least = Poses.of(found)
-            if self._overlap < NEARLY and not self._is_precise:
+            if self._overlap < settings.precise_overlap and not self._is_precise:
+                # Overlaps by exact nodes are not comparable with those before: load again.
                 problem, self._is_precise = exact, True
                 self._state = loaded(problem, self._task, self.least, self.boxes)
                 self._overlap = math.inf

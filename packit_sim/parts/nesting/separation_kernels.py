@@ -1,4 +1,22 @@
-"""Kernels that move overlapping items until no two overlap: guided local search."""
+"""Kernels that move overlapping items until no two overlap: separation by guided local search.
+
+The objective is the sum over pairs of weight * depth * sizes (`cost_kernels`). A pass takes the
+overlapping items in random order and moves each to the best pose that a search for that item alone
+finds; then weights of overlapping pairs grow. So a local minimum becomes more expensive until the
+search leaves it.
+
+Sources: guided local search (Voudouris and Tsang, 1999), for packing by overlap minimisation by
+Egeblad, Nielsen and Odgaard (2007) and Egeblad, Nielsen and Brazil (2009). Moves and weights are
+those of sparrow's separation procedure (Gardeyn, Vanden Berghe and Wauters, 2025): samples near
+the item and in the whole container, the best of them refined by coordinate descent; weights that
+are multiplied, more for deeper pairs, and decay. Our own are the descent along the gradient of the
+fine cost, which needs points or surfaces, and the push of all items after a pass.
+
+Invariants: `state.overlaps` is symmetric and fits the poses whenever a kernel returns, which
+`update_overlaps` after each move ensures. A move needs a lower fine cost; the push needs a lower
+total overlap, or is undone. The same state of the generator gives the same moves, so that each call
+of `random` is part of the result.
+"""
 
 from __future__ import annotations
 
@@ -16,30 +34,24 @@ from packit_sim.parts.nesting.pose_kernels import NO_LIMIT, clamp, put, random, 
 from packit_sim.parts.nesting.pushing_kernels import push_apart
 
 KEPT = 4
-"""Samples of a move that are improved by the fields as they are, besides the present pose."""
+"""Samples of a move that are improved by the rough cost, in addition to the present pose."""
 
 REFINED = 2
-"""The best of these, which are improved by the surfaces."""
+"""The best of these, which are improved by the fine cost: it takes most of the time."""
 
 STEPS = 30
-"""Most steps along the gradient of the fine cost."""
+"""Limit of steps along the gradient of the fine cost."""
 
 OVERSHOOT = 1.1
-"""Factor of the steps to where the gradient says that the cost is 0."""
+"""Factor of a step to where the gradient predicts cost 0: contact then ends in a gap."""
 
 PATIENCE = 6
 """Steps without a gain of 2% after which these end."""
 
-GROWTH = 0.05, 0.2
-"""By which share the weight of a pair that overlaps grows: at least, and more for the deepest."""
-
-DECAY = 0.95
-"""Factor of the weight of a pair that does not overlap."""
-
 
 @inner_kernel
 def _next_trials(p, steps, trials, rng):
-    """Write the places around one that a step of descent tries to `trials` (4, 3).
+    """Write the trials of a descent step to `trials` (4, 3): along an axis, or along two at once.
 
     Returns
     -------
@@ -50,6 +62,7 @@ def _next_trials(p, steps, trials, rng):
     int
         The second axis, or the same one.
     """
+    # One step in four is diagonal: in a corner between two items, each axis alone is blocked.
     d = int(random(rng) * 4)
     e = d
     if d == 3:
@@ -76,6 +89,7 @@ def _rough_descent(lookup, state, i, o, p, found, boxes, rng):
         for n in range(count):
             if not clamp(lookup, a, o, trials[n], boxes):
                 continue
+            # The cost so far is the limit: a trial that reaches it ends early, and loses.
             other = rough_cost(lookup, state, i, o, trials[n], found)
             if other < found:
                 found = other
@@ -102,9 +116,11 @@ def _fine_descent(problem, state, i, o, p, found, boxes):
             square = slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2
             if square < 1e-30:
                 break
+            # Newton's step for a cost that is linear along its gradient, as depths nearly are.
             for d in range(3):
                 trial[d] = p[d] - OVERSHOOT * found / square * slope[d]
-            if not clamp(problem.lookup, a, o, trial, boxes):  # a step into a box that is too small
+            # Boxes stand side by side: a step may lead into the next one, which may be too small.
+            if not clamp(problem.lookup, a, o, trial, boxes):
                 square = 0.0
                 break
             for d in range(3):
@@ -136,7 +152,10 @@ def _scale_steps(steps, d, e, better):
 
 @inner_kernel
 def _keep(costs, places, turned, found, o, p, spread):
-    """Insert a sample into the sorted list of the best, unless a better one is close."""
+    """Insert a sample into the sorted list of the best, unless a better one is close.
+
+    Without that the list would hold one place many times, and its descents would end alike.
+    """
     for k in range(KEPT):
         if (
             costs[k] < NO_LIMIT
@@ -170,8 +189,9 @@ def _keep(costs, places, turned, found, o, p, spread):
 def _move(problem, state, i, boxes, samples, rng):
     """Move an item to the pose of least weighted overlap that is found.
 
-    Poses near the present one and all over the container are sampled; the best few are improved,
-    first by the fields as they are, then by the fine cost.
+    Algorithm: the search for a placement of sparrow. A third of the samples is near the present
+    pose, the others are all over the container; the best few are improved, first by the rough cost,
+    then by the fine cost.
     """
     lookup = problem.lookup
     a = state.types[i]
@@ -187,7 +207,7 @@ def _move(problem, state, i, boxes, samples, rng):
         o = turned
         if not near or n % 6 == 0:
             o = problem.allowed[a, int(random(rng) * problem.allowed_counts[a])]
-        if near:
+        if near:  # the sum of two uniform numbers has a triangular density, highest at 0
             for d in range(3):
                 p[d] = current[d] + (random(rng) + random(rng) - 1) * problem.reach[a]
         else:
@@ -197,6 +217,7 @@ def _move(problem, state, i, boxes, samples, rng):
         found = rough_cost(lookup, state, i, o, p, costs[KEPT - 1])
         if found < costs[KEPT - 1]:
             _keep(costs, kept, kept_turned, found, o, p, 2 * lookup.voxel)
+    # The present pose competes too: its own descent is often the smallest move that helps.
     kept[KEPT], kept_turned[KEPT] = current, turned
     costs[KEPT] = rough_cost(lookup, state, i, turned, current, NO_LIMIT)
     for k in range(KEPT + 1):
@@ -225,7 +246,7 @@ def _move(problem, state, i, boxes, samples, rng):
 
 
 @kernel
-def separate(problem, state, best, boxes, samples, passes, rng):
+def separate(problem, state, best, boxes, samples, passes, weights, rng):
     """Move overlapping items in passes; the weights of pairs that overlap grow.
 
     Parameters
@@ -233,7 +254,7 @@ def separate(problem, state, best, boxes, samples, passes, rng):
     problem : Problem
         The problem.
     state : State
-        Where all items are; changed. Its overlaps must be up to date.
+        Poses of all items, with overlaps that fit them; changed.
     best : State
         Gets the poses of least overlap.
     boxes : ndarray
@@ -242,13 +263,17 @@ def separate(problem, state, best, boxes, samples, passes, rng):
         Samples of a move.
     passes : int
         The most passes.
+    weights : tuple of float
+        By which share the weight of an overlapping pair grows, for all pairs and in addition for
+        the deepest; and the factor of the weight of a pair that does not overlap.
     rng : ndarray
         (1,) uint64, the state of the generator.
 
     Returns
     -------
     float
-        The least total overlap.
+        The least total overlap, unweighted: weights change with each pass, so that weighted sums
+        of two passes could not be compared.
     """
     count = state.movable
     least = total_overlap(problem, state)
@@ -260,7 +285,7 @@ def separate(problem, state, best, boxes, samples, passes, rng):
         if least == 0:
             break
         problem.counts[2] += 1
-        for n in range(count - 1, 0, -1):
+        for n in range(count - 1, 0, -1):  # Fisher and Yates' shuffle
             m = int(random(rng) * (n + 1))
             order[n], order[m] = order[m], order[n]
         for k in range(count):
@@ -273,18 +298,18 @@ def separate(problem, state, best, boxes, samples, passes, rng):
             turned[:], places[:], overlaps[:] = state.turned, state.places, state.overlaps
             push_apart(problem, state, boxes)
             pushed = total_overlap(problem, state)
-            if pushed >= total:
+            if pushed >= total:  # put back; overlaps are copied, since computing them costs more
                 for i in range(count):
                     if state.inside[i]:
                         put(problem.lookup, state, i, turned[i], places[i])
                 state.overlaps[:] = overlaps
-            if state.overlaps.max() < DEEP:
+            if state.overlaps.max() < DEEP:  # nearly apart: the surfaces may already agree
                 allow_contacts(problem, state)
             total = total_overlap(problem, state)
         if total < least:
             least = total
             _copy_poses(state, best)
-        _reweight(state)
+        _reweight(state, weights)
     return least
 
 
@@ -296,14 +321,15 @@ def _copy_poses(state, other):
 
 
 @inner_kernel
-def _reweight(state):
+def _reweight(state, weights):
     """Let the weights of pairs that overlap grow, the deeper the more, and the others decay."""
+    least, deepest, decay = weights
     most = state.overlaps.max()
     for i in range(len(state.types)):
         for j in range(i):
             found = state.overlaps[i, j]
-            weight = max(1.0, state.weights[i, j] * DECAY)
+            weight = max(1.0, state.weights[i, j] * decay)
             if found > 0:
-                weight = state.weights[i, j] * (1 + GROWTH[0] + GROWTH[1] * found / most)
+                weight = state.weights[i, j] * (1 + least + deepest * found / most)
             state.weights[i, j] = weight
             state.weights[j, i] = weight

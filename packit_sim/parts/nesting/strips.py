@@ -1,4 +1,4 @@
-"""The search for the lowest strip."""
+"""The search for the lowest strip: shrink it and move the items apart."""
 
 from __future__ import annotations
 
@@ -13,21 +13,14 @@ from packit_sim.parts.nesting.search import NestSearch
 from packit_sim.parts.nesting.separation import Separation
 from packit_sim.parts.nesting.tasks import Poses, SearchTask, Solution
 
-_GROWTH, _DECAY = 1.1, 0.7
-"""Factors of the shrinkage after a success and after a failure."""
-
-_FROM_CURRENT = 0.3
-"""Probability of starting again from the lowest strip after a failure, not from the failed one."""
-
-_ENOUGH = 0.01
-"""Shrinkage below which more items are added."""
-
-_MORE_SPACE = 0.02
-"""Share by which the strip grows if added items find no place; twice as much the next time."""
-
 
 class StripSearch(NestSearch):
-    """A search for the lowest strip: shrink it, move the items apart, and again.
+    """A search for the lowest strip: shrink it, move the items apart, and repeat.
+
+    Algorithm: strip packing as a sequence of separations at decreasing heights (Egeblad et al.,
+    2009). As in sparrow (Gardeyn et al., 2025), the attempt after a failure continues from the
+    failed poses, disrupted by exchanging two large items. Our own are the step sizes, which adapt
+    to successes and failures, and the strip's growth when more items join.
 
     Parameters
     ----------
@@ -44,7 +37,7 @@ class StripSearch(NestSearch):
         self._shrink = task.settings.shrink
         self._failed: Poses | None = None
         self._has_space = True
-        self._more_space = _MORE_SPACE
+        self._more_space = task.settings.more_space
         self._heights = np.zeros(task.count)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
@@ -68,16 +61,18 @@ class StripSearch(NestSearch):
         return solution
 
     def _begun(self, problem: Problem, best: Solution) -> Separation:
+        settings = self._task.settings
         if self._has_space:
             least = self._least_height()
             self._target = max(self._height * (1 - self._shrink), least)
         start = self._failed or self._current
-        if self._failed and self._has_space and self._choices.random() < _FROM_CURRENT:
-            start = self._current
+        if self._failed and self._has_space:
+            restarts = self._choices.random() < settings.restart_probability
+            start = self._current if restarts else start
         assert start is not None
         boxes = self._boxes(self._target)
         later = self._later if self._failed and self._has_space else ()
-        attempt = Separation(self._task, start, boxes, self._task.settings.patience, later)
+        attempt = Separation(self._task, start, boxes, settings.patience, later)
         largest = self._items[: max(2, len(self._items) // 2)]
         if self._failed and self._has_space and len(largest) > 1:
             i, j = self._choices.choice(largest, 2, replace=False)
@@ -88,7 +83,7 @@ class StripSearch(NestSearch):
         settings = self._task.settings
         if is_apart:
             if self._failed is None:
-                self._shrink = min(self._shrink * _GROWTH, settings.shrink)
+                self._shrink = min(self._shrink * settings.shrink_growth, settings.shrink)
             self._failed = None
             self._has_space = True
             self._current = attempt.least
@@ -98,16 +93,17 @@ class StripSearch(NestSearch):
         else:
             self._failed = attempt.least
             if self._has_space:
-                self._shrink = max(self._shrink * _DECAY, settings.least_shrink)
+                self._shrink = max(self._shrink * settings.shrink_decay, settings.least_shrink)
             else:
                 self._target *= 1 + self._more_space
                 self._more_space *= 2
         is_least = self._height <= self._least_height() + problem.lookup.slack
-        if not self._has_all and self._has_space and (is_least or self._shrink < _ENOUGH):
+        is_full = is_least or self._shrink < settings.full_shrink
+        if not self._has_all and self._has_space and is_full:
             self._add_items(problem)
 
     def _add_items(self, problem: Problem) -> None:
-        """Put more items in where they fit, or at random poses; the strip grows by their share."""
+        """Add items where they fit, or at random poses; the strip grows by their volume's share."""
         if self._has_space:
             self._offer_all(problem)
         old = self._items
@@ -118,7 +114,7 @@ class StripSearch(NestSearch):
         volumes = self._task.volumes
         more = float(volumes[self._items].sum() / volumes[old].sum())
         self._target = max(height * more, self._least_height())
-        self._more_space = _MORE_SPACE
+        self._more_space = self._task.settings.more_space
         self._shrink = self._task.settings.shrink / 2
         self._failed = None
         self._has_space = False
@@ -128,7 +124,7 @@ class StripSearch(NestSearch):
         self._current = with_random_poses(problem, self._task, poses, left, boxes, self._choices)
 
     def _offer_all(self, problem: Problem) -> None:
-        """Place the other items around those that are arranged: a better packing in between."""
+        """Offer a packing already now: the other items placed around those that are arranged."""
         assert self._current is not None
         boxes = self._boxes(self._task.size[2])
         poses = filled(problem, self._task, self._current, boxes, self._task.order, self._rng)
@@ -147,13 +143,13 @@ class StripSearch(NestSearch):
         return boxes_of([(x, y, height)])
 
     def _height_of(self, problem: Problem, poses: Poses) -> float:
-        """Return how high the items inside reach; 0 without items."""
+        """Return the height of the highest item; 0 without items."""
         tops = poses.places[:, 2] + problem.lookup.boxes[self._task.numbers, poses.turned, 5]
         own = slice(self._task.count)
         return float(tops[own][poses.inside[own] > 0].max(initial=0.0))
 
     def _least_height(self) -> float:
-        """Return a height that no strip is below: the items' volume, or one of them alone."""
+        """Return a lower bound of the height: by the items' volume, and by each item alone."""
         x, y, _ = self._task.size
         volume = float(self._task.volumes[self._items].sum())
         return max(volume / (x * y), float(self._heights[self._items].max()))

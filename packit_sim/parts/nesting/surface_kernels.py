@@ -1,4 +1,21 @@
-"""Kernels that decide whether two surfaces cross, by their trees of triangles."""
+"""Kernels for two surfaces: whether they cross, and how far apart they are, by trees of triangles.
+
+Two complete binary trees of boxes (`triangle_trees`) are descended together: of a pair of nodes
+whose boxes meet, the larger is replaced by its children, down to pairs of leaves, as in Gottschalk,
+Lin and Manocha's OBBTree (1996). The second tree is not rotated: its boxes are bounded along the
+axes of the first, which is quick and conservative, so that a pair is only left out if it is apart.
+
+*Crossing* means that an edge of one triangle passes through the other: it does if its ends are on
+both sides of the plane (heights of unequal sign), and its point on the plane is on the inner side
+of all edges. This is Moeller's first step (1997), followed by a test of each edge. Coplanar
+triangles do not cross: surfaces that only touch are no conflict, and the unequal drawing in of
+a pair keeps equal items from coinciding (`build.DRAWN_IN`). Rounding is not bounded here: the
+surfaces are drawn in by less than the tolerance, and the check of a packing has the last word.
+
+*Distance* is the least over pairs of edges (Ericson, 2005, closest points of two segments) and over
+corners above the inside of a triangle, which is complete for triangles that don't cross. Each edge
+and corner is measured for one of its triangles only (`owned`): a quarter of the pairs of edges.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +24,7 @@ import numpy as np
 from packit_sim.core.compilation import inner_kernel
 
 STACK = 512
-"""Pairs of nodes that can wait."""
+"""Pairs of nodes that can wait: depth first, two trees add at most one for each level."""
 
 
 @inner_kernel
@@ -34,7 +51,7 @@ def surfaces_cross(
     Returns
     -------
     bool
-        Whether there are such triangles.
+        True if there are such triangles.
     """
     one_leaves = len(one_starts) - 1
     other_leaves = len(other_starts) - 1
@@ -43,7 +60,7 @@ def surfaces_cross(
     top = 1
     while top:
         top -= 1
-        a, b = waiting[top, 0], waiting[top, 1]
+        a, b = waiting[top, 0], waiting[top, 1]  # the last pair first: depth before breadth
         if _boxes_apart(one_boxes, a, other_boxes, b, turn, shift):
             continue
         if a >= one_leaves and b >= other_leaves:
@@ -111,14 +128,15 @@ def _bounds_meet(one, n, other):
 @inner_kernel
 def triangles_cross(one, other):
     """Return whether an edge of one of two triangles (3, 3) passes through the other."""
-    if _is_beside(one, other) or _is_beside(other, one):
+    if _is_on_one_side(one, other) or _is_on_one_side(other, one):
         return False
     return _edges_pass(one, other) or _edges_pass(other, one)
 
 
 @inner_kernel
-def _is_beside(one, other):
+def _is_on_one_side(one, other):
     """Return whether all corners of a triangle are on one side of another triangle's plane."""
+    # Strictly: a corner in the plane may be an end of an edge that passes through.
     nx, ny, nz = _normal(other)
     s0 = _height(one, 0, other, nx, ny, nz)
     s1 = _height(one, 1, other, nx, ny, nz)
@@ -161,6 +179,7 @@ def _height(corners, n, triangle, nx, ny, nz):
 @inner_kernel
 def _passes(corners, m, n, s, e, triangle, nx, ny, nz):
     """Return whether an edge between corners of heights s and e passes through a triangle."""
+    # A height of 0 counts as below: an edge that ends in the plane passes from one side only.
     if (s > 0) == (e > 0) or s == e:
         return False
     t = s / (s - e)
@@ -219,6 +238,7 @@ def surfaces_distance(
     while top:
         top -= 1
         a, b = waiting[top, 0], waiting[top, 1]
+        # Branch and bound: boxes as far apart as the best pair so far can't hold a nearer one.
         if _boxes_gap(one_boxes, a, other_boxes, b, turn, shift) >= best:
             continue
         if a >= one_leaves and b >= other_leaves:
@@ -243,7 +263,7 @@ def surfaces_distance(
 
 @inner_kernel
 def _boxes_gap(one, a, other, b, turn, shift):
-    """Return at most the squared distance between the one's box a and the other's b, rotated."""
+    """Return a lower bound of the squared distance of box a and the other's rotated box b."""
     total = 0.0
     for d in range(3):
         middle = shift[d]
@@ -296,7 +316,7 @@ def _face_gap(corners, n, triangle):
     wx, wy, wz = corners[n, 0] - ax, corners[n, 1] - ay, corners[n, 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = nx * nx + ny * ny + nz * nz
-    if square == 0:
+    if square == 0:  # a triangle without area: its edges decide
         return 1e300
     s = (wy * vz - wz * vy) * nx + (wz * vx - wx * vz) * ny + (wx * vy - wy * vx) * nz
     t = (uy * wz - uz * wy) * nx + (uz * wx - ux * wz) * ny + (ux * wy - uy * wx) * nz
@@ -324,7 +344,7 @@ def edges_gap(one, m, other, n):
     e = vx * wx + vy * wy + vz * wz
     det = a * c - b * b
     s = 0.0
-    if det > 1e-14 * a * c:
+    if det > 1e-14 * a * c:  # else parallel, where any s is as good if t is clamped to it
         s = min(1.0, max(0.0, (b * e - c * d) / det))
     t = (b * s + e) / c if c > 0 else 0.0
     if t < 0:

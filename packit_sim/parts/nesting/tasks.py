@@ -1,4 +1,4 @@
-"""What is searched for, for how long, and what is found."""
+"""The packing problem as arrays, its budget and its solutions."""
 
 from __future__ import annotations
 
@@ -13,63 +13,33 @@ import numpy as np
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.nesting.problem import State, state_of
-
-PASSES = 5
-"""Passes of a separation between two looks at the clock."""
+from packit_sim.parts.nesting.settings import SearchSettings
 
 ClockName = Literal["wall", "processor"]
-"""What seconds of a search are: wall time, or processor time of each worker."""
+"""The clock of a time limit: wall time, or the processor time of each worker."""
 
 CLOCKS: dict[ClockName, Callable[[], float]] = {
     "wall": time.perf_counter,
     "processor": time.thread_time,
 }
-"""How each clock is read in one thread."""
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """The settings of a search; the defaults come from measurements (`benchmarks/nesting`).
-
-    Attributes
-    ----------
-    samples : int
-        Samples of a move.
-    patience : int
-        Passes without a gain after which a separation gives up.
-    exchange_patience : int
-        The same, after an exchange of items of a knapsack.
-    construction_samples : int
-        Samples for each item of a construction.
-    shrink : float
-        Largest share by which a strip shrinks at a time.
-    least_shrink : float
-        Smallest share.
-    """
-
-    samples: int = 90
-    patience: int = 60
-    exchange_patience: int = 15
-    construction_samples: int = 150
-    shrink: float = 0.04
-    least_shrink: float = 0.0002
+"""Functions that read each clock in the calling thread."""
 
 
 class SearchBudget:
-    """Time or passes that a search may take.
+    """A limit of time or of passes for one round of a search.
 
     Parameters
     ----------
     seconds : float
-        Seconds from now on.
+        Time limit in seconds, from now on.
     passes : int, optional
-        Passes, instead of the time.
+        Pass limit, instead of the time limit.
     shares : tuple of float
-        The shares of the whole search before and after these.
+        Shares of the whole search that are over when the round begins and when it ends.
     stop : threading.Event, optional
-        Leaves nothing when it is set.
+        Ends the round as soon as it is set.
     clock : str
-        The clock of the seconds (see `CLOCKS`), of the thread that makes and asks this.
+        The clock of the seconds (see `CLOCKS`), read in the thread that uses this budget.
     """
 
     def __init__(
@@ -90,7 +60,7 @@ class SearchBudget:
 
     @property
     def is_spent(self) -> bool:
-        """Whether nothing is left."""
+        """True if nothing is left."""
         if self._stop is not None and self._stop.is_set():
             return True
         if self._passes is None:
@@ -99,7 +69,7 @@ class SearchBudget:
 
     @property
     def progress(self) -> float:
-        """Which share of the whole search is spent."""
+        """The share of the whole search that is over."""
         if self._passes is None:
             left = (self._end - self._now()) / max(self._seconds, 1e-9)
         else:
@@ -107,27 +77,27 @@ class SearchBudget:
         first, last = self._shares
         return last - (last - first) * min(1.0, left)
 
-    def take(self) -> int:
-        """Return how many passes may come next, at most `PASSES`."""
+    def take(self, most: int) -> int:
+        """Take up to `most` passes out of the budget; return their number."""
         if self._passes is None:
-            return PASSES
-        passes = min(PASSES, self._passes)
+            return most
+        passes = min(most, self._passes)
         self._passes -= passes
         return passes
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Where items are.
+    """Poses of items.
 
     Attributes
     ----------
     inside : ndarray of uint8, shape (n,)
-        Whether an item is in a box.
+        1 for items that are in a box.
     turned : ndarray of int64, shape (n,)
         The numbers of their rotations.
     places : ndarray of float64, shape (n, 3)
-        The places of their origins.
+        The positions of their origins.
     """
 
     inside: Ints
@@ -140,7 +110,7 @@ class Poses:
         return cls(state.inside.copy(), state.turned.copy(), state.places.copy())
 
     def changed(self, items: Ints, inside: int) -> Poses:
-        """Return the same poses with some items inside, or not."""
+        """Return the same poses with some items put inside (1) or taken out (0)."""
         now = self.inside.copy()
         now[items] = inside
         return Poses(now, self.turned, self.places)
@@ -153,9 +123,9 @@ class Solution:
     Attributes
     ----------
     score : tuple of float
-        What is to be as small as possible, the most important number first.
+        Costs to minimise, in lexicographic order.
     poses : Poses
-        Where the items are.
+        The items' poses.
     boxes : ndarray of float64, shape (b, 4)
         The boxes (see `boxes_of`).
     """
@@ -167,23 +137,23 @@ class Solution:
 
 @dataclass(eq=False)
 class SearchTask:
-    """What is searched for.
+    """A packing problem: items, container sizes and fixed obstacles.
 
     Attributes
     ----------
     numbers : ndarray of int64, shape (n + m,)
-        The type of each item, and then of each obstacle, which stays where it is.
+        The types of the n items, then those of the m obstacles, which never move.
     volumes, values : ndarray of float64, shape (n,)
-        Their volumes and values.
+        The items' volumes and values.
     sizes : tuple of tuple of float
-        The sides of the container; the height of a strip is infinite. For bins those of each size,
-        the largest first.
+        The sides of the container; the height of a strip is infinite. For bins, the sides of each
+        available size, the largest first.
     settings : SearchSettings
         The settings.
     obstacles : ndarray of float64, shape (m, 3)
-        The places of the obstacles.
+        The positions of the obstacles.
     start : Poses, optional
-        Poses to begin with; items that are in conflict there are placed again.
+        Poses to begin with; items in conflict there are placed again.
     """
 
     numbers: Ints
@@ -205,8 +175,8 @@ class SearchTask:
         return len(self.volumes)
 
     @property
-    def nowhere(self) -> Poses:
-        """Poses of items that are not inside, and of the obstacles."""
+    def unplaced(self) -> Poses:
+        """Poses with the obstacles in their positions and no item inside."""
         n, m = self.count, len(self.obstacles)
         places = np.concatenate((np.zeros((n, 3)), self.obstacles))
         inside: Ints = np.repeat(np.array([0, 1], np.uint8), [n, m])
@@ -218,5 +188,5 @@ class SearchTask:
 
     @cached_property
     def order(self) -> Ints:
-        """The items, the most valuable by volume first, and of equal ones the largest."""
+        """The items by value per volume, the highest first, and by volume where that is equal."""
         return np.lexsort((-self.volumes, -self.values / self.volumes))

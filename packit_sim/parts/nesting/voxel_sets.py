@@ -1,4 +1,4 @@
-"""Voxels around the origin that a surface touches or encloses."""
+"""Voxel sets of solids: touched and enclosed voxels, signed distances and spread points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def voxelized(triangles: Floats, voxel: float) -> Any:
     triangles : ndarray of float64, shape (n, 3, 3)
         The corners of its surface.
     voxel : float
-        The side of the voxels, which are symmetric to the origin.
+        The side of the voxels, which lie symmetrically around the origin.
 
     Returns
     -------
@@ -73,9 +73,9 @@ def signed_distances(triangles: Floats, cell: float, margin: float) -> Floats:
     triangles : ndarray of float64, shape (n, 3, 3)
         The corners of its surface.
     cell : float
-        The distance of the nodes, which are symmetric to the origin.
+        The distance of neighbouring nodes, which lie symmetrically around the origin.
     margin : float
-        How far the grid reaches beyond the solid's bounding box.
+        Width of the grid beyond the solid's bounding box.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def signed_distances(triangles: Floats, cell: float, margin: float) -> Floats:
 
 
 def spread_points(vertices: Floats, faces: Ints, count: int) -> Floats:
-    """Return points of a surface, each as far from those before as can be.
+    """Return points of a surface by farthest-point sampling, from vertices and random points.
 
     Parameters
     ----------
@@ -144,9 +144,9 @@ def enclosed(triangles: Floats, voxel: float) -> tuple[Any, Floats]:
 
 
 def _cells(triangles: Floats, voxel: float) -> tuple[Any, Any]:
-    """Return the voxels (x, y, z) that are touched, and those that are enclosed, as booleans.
+    """Return the touched and the enclosed voxels (x, y, z) as booleans.
 
-    They are symmetric to the origin.
+    Both are symmetric to the origin.
     """
     touched, inner, low, count = _words(triangles, voxel)
     first = np.round((-count * voxel / 2 - low) / voxel).astype(np.int64)

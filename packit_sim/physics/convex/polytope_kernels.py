@@ -1,4 +1,10 @@
-"""Kernels for sets of points behind planes: clipped triangles, and voxels inside."""
+"""Kernels for sets of points behind planes: clipped triangles, and voxels inside.
+
+A convex region is the set of points behind all of its planes. Clipping a surface to it gives the
+points whose hull is the region's piece (Sutherland and Hodgman's reentrant clipping, 1974); the
+farthest voxel in a piece tells how far the piece protrudes from a solid (`solids.Solid`). A slack
+keeps points that rounding puts in front of their own plane. Arguments are not changed.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +24,7 @@ def clip(triangles, planes, slack):
     planes : ndarray
         (k, 4) float64, unit normals and offsets.
     slack : float
-        How far a point may be beyond a plane and count as behind it.
+        Distance beyond a plane up to which a point counts as behind it.
 
     Returns
     -------
@@ -41,7 +47,7 @@ def clip(triangles, planes, slack):
                 for d in range(3):
                     beyond[c] += planes[p, d] * polygon[c, d]
                 farthest = max(farthest, beyond[c])
-            if farthest <= 0:
+            if farthest <= 0:  # as a whole behind this plane
                 continue
             kept = 0
             for c in range(corners):
@@ -54,6 +60,7 @@ def clip(triangles, planes, slack):
                     for d in range(3):
                         left[kept, d] = polygon[c, d] + share * (polygon[e, d] - polygon[c, d])
                     kept += 1
+            # Each plane adds at most one corner to a convex polygon: `most` are enough.
             polygon, left, corners = left, polygon, kept
             if corners == 0:
                 break
@@ -90,7 +97,7 @@ def farthest_inside(distance, low, high, planes):
     for x in range(low[0], high[0]):
         for y in range(low[1], high[1]):
             for z in range(low[2], high[2]):
-                if distance[x, y, z] <= farthest:
+                if distance[x, y, z] <= farthest:  # the cheap test before the planes
                     continue
                 inside = True
                 for p in range(len(planes)):

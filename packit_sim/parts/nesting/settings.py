@@ -1,0 +1,154 @@
+"""The settings of the nester's search: how long each step tries, and how boldly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """All settings of a search; the defaults come from measurements (`benchmarks/nesting`).
+
+    Other constants stay next to the code that they belong to: in kernels, the sizes of arrays, the
+    numerics of a descent and the accuracy of stored distances; in `build`, the tolerances that make
+    an accepted packing valid.
+
+    Attributes
+    ----------
+    refined_voxels, rough_voxels : int
+        Voxels of the fields along the longest side of an item of median size: more where the
+        surfaces compute nodes than where fields only choose among samples.
+    max_field_values, max_fields : int
+        Memory for fields: nodes of two bytes, and fields. When either is full, all are dropped.
+    max_refined_fields : int
+        Fields of a problem up to which the surfaces compute nodes; with more, a node is hardly
+        ever used twice.
+    simple_triangles : int
+        Mean number of an item's triangles up to which the surfaces compute nodes.
+    refined_work : int
+        Fields times mean triangles up to which the surfaces compute nodes of detailed items too.
+    distance_cells : int
+        Cells of an item's grid of signed distances along its longest side, with the clearance.
+    distance_margin : float
+        Cells around an item, in addition to the clearance, in which distances to it are known.
+    surface_points : int
+        Points of an item's surface whose depth in others counts.
+    hollow : float
+        Share of the convex hull below which the volume makes a detailed item hollow. Simple items
+        never are: their search would take fewer samples, and the literature's strips got higher.
+    construction_samples : int
+        Samples for each item of a construction.
+    samples : int
+        Samples of a move in a separation.
+    passes_at_once : int
+        Passes of a separation between two looks at the clock.
+    patience, exchange_patience : int
+        Passes without a gain after which a separation gives up; the second one after an exchange
+        of items of a knapsack.
+    gain : float
+        Share of the least overlap below which the overlap after a pass is a gain.
+    precise_overlap : float
+        Total overlap, in voxels, below which the surfaces compute nodes from then on.
+    weight_growth : tuple of float
+        Share by which the weight of an overlapping pair grows in a pass: for all pairs, and in
+        addition for the deepest pair.
+    weight_decay : float
+        Factor of the weight of a pair that does not overlap.
+    first_items : int
+        Fewest items that are searched for alone.
+    first_levels : float
+        Share of the search after which all items are searched for, at the latest.
+    shrink, least_shrink : float
+        Largest and smallest share by which a strip shrinks at a time.
+    shrink_growth, shrink_decay : float
+        Factors of that share after a success and after a failure.
+    restart_probability : float
+        Probability that the attempt after a failure starts from the lowest strip, not from the
+        failed one.
+    full_shrink : float
+        Shrinkage below which more items are added to a strip.
+    more_space : float
+        Share by which a strip grows if added items find no place; twice as much the next time.
+    max_inserted, max_removed : int
+        Most items of an exchange that come into a knapsack, and that go.
+    exchange_gain : tuple of float
+        Smallest and largest gain that an exchange aims for, as shares of the value.
+    exchange_choices : int
+        Random exchanges among which the one with the smallest such gain is chosen.
+    max_failures : int
+        Exchanges without a gain after which more items are searched for.
+    max_loss, max_refill_loss : float
+        Shares of the best value by which a knapsack may be worse for the search to continue from
+        it, and for an attempt to fill it up.
+    least_rebuilding : float
+        Least time for rebuilds, as a share of the time for exchanges.
+    max_rebuilt : int
+        Most items that a rebuild takes out of a knapsack.
+    rebuilt_neighbours : float
+        Probability that these are neighbours.
+    shuffle : float
+        Standard deviation of an item's rank in the order of a rebuild, as a share of the number of
+        items.
+    swap_probability : float
+        Probability that an item goes to the place of smaller ones in another box, not anywhere.
+    swap_neighbours : int
+        Items nearest to that place; the smaller ones among them make space.
+    smaller_box : float
+        Probability of an attempt with a smaller box, where there are several sizes.
+    round_seconds : tuple of float
+        Shortest and longest round, after which searches exchange their best solutions.
+    round_growth : float
+        Length of a round as a share of the time before it: the first ones show something soon.
+    round_passes : int
+        Passes of a round, where passes are counted instead of the time.
+    """
+
+    refined_voxels: int = 16
+    rough_voxels: int = 8
+    max_field_values: int = 200_000_000
+    max_fields: int = 200_000
+    max_refined_fields: int = 3000
+    simple_triangles: int = 200
+    refined_work: int = 50_000
+    distance_cells: int = 40
+    distance_margin: float = 3.0
+    surface_points: int = 128
+    hollow: float = 0.6
+    construction_samples: int = 150
+    samples: int = 90
+    passes_at_once: int = 5
+    patience: int = 60
+    exchange_patience: int = 15
+    gain: float = 0.98
+    precise_overlap: float = 1.0
+    weight_growth: tuple[float, float] = (0.05, 0.2)
+    weight_decay: float = 0.95
+    first_items: int = 6
+    first_levels: float = 0.2
+    shrink: float = 0.04
+    least_shrink: float = 0.0002
+    shrink_growth: float = 1.1
+    shrink_decay: float = 0.7
+    restart_probability: float = 0.3
+    full_shrink: float = 0.01
+    more_space: float = 0.02
+    max_inserted: int = 3
+    max_removed: int = 2
+    exchange_gain: tuple[float, float] = (1e-9, 0.05)
+    exchange_choices: int = 100
+    max_failures: int = 30
+    max_loss: float = 0.02
+    max_refill_loss: float = 0.05
+    least_rebuilding: float = 0.05
+    max_rebuilt: int = 4
+    rebuilt_neighbours: float = 0.5
+    shuffle: float = 0.25
+    swap_probability: float = 0.5
+    swap_neighbours: int = 12
+    smaller_box: float = 0.5
+    round_seconds: tuple[float, float] = (1.0, 20.0)
+    round_growth: float = 0.25
+    round_passes: int = 100
+
+
+DEFAULT_SETTINGS = SearchSettings()
