@@ -78,7 +78,7 @@ class PackedParts:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How files were understood, and what is doubtful."""
+        """Notes on how files were read, and on what is doubtful."""
         return self.task.notes
 
     @cached_property
@@ -93,12 +93,12 @@ class PackedParts:
 
     @property
     def count(self) -> int:
-        """How many parts are packed."""
+        """The number of packed parts."""
         return len(self.placements)
 
     @cached_property
     def counts(self) -> Counter[int]:
-        """How many are packed of each part, by its number in the task."""
+        """The number of copies packed of each part, by its number in the task."""
         return Counter(one.type for _, one in self.placements)
 
     @cached_property

@@ -288,7 +288,7 @@ class PackingSearch:
 
     @cached_property
     def _obstacles(self) -> tuple[ItemType, ...]:
-        """What the parts keep clear of, in the coordinates of the inner container."""
+        """The obstacles of the task, in the coordinates of the inner container."""
         own = (each.item_type for each in self._task.obstacles)
         return tuple(replace(each, vertices=each.vertices - self._task.margin) for each in own)
 

@@ -37,7 +37,7 @@ GOALS: tuple[Goal, ...] = get_args(Goal)
 
 @dataclass(frozen=True)
 class PackSettings:
-    """How parts are read and packed.
+    """Settings for reading and packing parts.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ class PackTask:
 
     @cached_property
     def types(self) -> tuple[ItemType, ...]:
-        """The types of items, one for each part, with what one of it is worth as its value.
+        """The types of items, one for each part, with its worth as the value.
 
         Those of fixed parts follow.
         """
@@ -205,7 +205,7 @@ class PackTask:
 
     @property
     def obstacles(self) -> tuple[PreparedPart, ...]:
-        """What the parts keep clear of: volumes that stay free, and fixed parts."""
+        """Volumes that stay free, and fixed parts: all that the parts keep clear of."""
         return (*self.keep_out, *self.fixed)
 
     @cached_property
@@ -236,7 +236,7 @@ class PackTask:
 
     @property
     def is_constrained(self) -> bool:
-        """Whether there are constraints."""
+        """True if there are constraints."""
         return not self.constraints.is_empty or len(self.settings.constraints) > 0
 
     @cached_property
@@ -247,7 +247,7 @@ class PackTask:
 
     @cached_property
     def tolerance(self) -> float:
-        """How far the nester lets items reach into each other, at most."""
+        """The largest depth by which the nester lets items reach into each other."""
         longest = max(max(box.size) for box in self.boxes)
         return max(
             (
@@ -298,7 +298,7 @@ class PackTask:
 
     @cached_property
     def worth(self) -> tuple[float, ...]:
-        """What one of each part is worth by the objective, among parts of the same priority."""
+        """The worth of one of each part by the objective, among parts of the same priority."""
         if self.objective == "count":
             return (1.0,) * len(self.parts)
         if self.objective == "value":
@@ -321,7 +321,7 @@ class PackTask:
         return tuple(found)
 
     def worth_by_priority(self, counts: Mapping[int, int]) -> tuple[float, ...]:
-        """Sum what parts are worth, for each priority from the highest on."""
+        """Sum the worth of parts, for each priority from the highest on."""
         levels = sorted({each.part.priority for each in self.parts}, reverse=True)
         return tuple(
             sum(self.worth[n] * k for n, k in counts.items() if self.parts[n].part.priority == one)

@@ -91,7 +91,7 @@ class Constraints:
 
     @property
     def is_empty(self) -> bool:
-        """Whether every valid packing meets them."""
+        """True if every valid packing meets them."""
         has_moves = self.removable or self.insertable or self.stable is not None
         return not (has_moves or self.no_stack or self.max_loads)
 

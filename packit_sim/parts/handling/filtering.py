@@ -1,4 +1,4 @@
-"""Leaving parts out of a packing until it meets its constraints."""
+"""Filtering of packings: parts are left out until the others meet the constraints."""
 
 from __future__ import annotations
 

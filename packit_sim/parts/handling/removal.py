@@ -65,7 +65,7 @@ class StuckPart:
 
 @dataclass(frozen=True)
 class Removal:
-    """How the parts of a packing can be taken out, one after another.
+    """The removal of the parts of a packing, one after another.
 
     Attributes
     ----------

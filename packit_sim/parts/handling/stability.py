@@ -28,7 +28,7 @@ LEAST_MASS = 1e-6
 
 @dataclass(frozen=True)
 class StageMotion:
-    """How far a part of a packing moves.
+    """The largest motion of a part of a packing.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ _WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 
 
 class Container(Protocol):
-    """What the validity of a packing depends on."""
+    """A container, as the validity check of a packing sees it."""
 
     @property
     def longest(self) -> float:

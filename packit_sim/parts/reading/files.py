@@ -64,7 +64,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class ReadSettings:
-    """How files are understood.
+    """Settings for reading files.
 
     Parameters
     ----------

@@ -191,7 +191,7 @@ class _Original:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether it has a volume."""
+        """True if it has a volume."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return bool(self.mesh.is_volume)
 
@@ -272,7 +272,7 @@ def _is_inside(own: _Placed, around: _Placed) -> bool:
 
 
 def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
-    """Yield whether two parts overlap: surfaces cross, or closed parts share a volume."""
+    """Yield a sentence if two parts overlap: surfaces cross, or closed parts share a volume."""
     if one.original.drawn_in.crosses(other.original.drawn_in, *other.seen_from(one)):
         yield f"{other.name} crosses {one.name}"
         return

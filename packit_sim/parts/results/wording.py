@@ -22,7 +22,7 @@ _WALLS = {
     (0, 0, 1): "up",
     (0, 0, -1): "down",
 }
-"""Where a side of a part may face."""
+"""The directions that a side of a part may face."""
 
 _SAME = math.radians(0.5)
 """Angle below which two directions are the same in words."""
