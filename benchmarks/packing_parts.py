@@ -6,7 +6,7 @@
 A selection has 20 to 60 shapes, whose volumes add up to 1.2 times the box's; each fits into the
 box. All packers get the same items and seek the most volume: bounding boxes (packvium), heightmaps
 and spectral packing, without a time limit, as in `benchmarks.peers`. Each packing is checked by its
-meshes; ours also by `PackedParts.verify`. Writes each result to
+meshes; ours also by `packit_sim.parts.check`. Writes each result to
 `benchmarks/results/packing_parts.json` at once: what has a result is not packed again; --table
 writes the table of `docs/benchmarks/parts.md`.
 """
@@ -32,7 +32,8 @@ from packit_sim import Box, Item, PackSettings, Part, ShapeLibrary, pack
 from packit_sim.core.confidence import Estimate, format_estimate
 from packit_sim.game.datasets.packs import Pack, Task
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.parts.reading.part_sizes import fits
+from packit_sim.parts import check
+from packit_sim.parts.reading.sizes import fits
 
 LIBRARY = "everyday"
 
@@ -162,7 +163,7 @@ def measure(task: Task, seconds: float, workers: int) -> dict[str, Any]:
             "items": len(numbers),
             "seconds": time.perf_counter() - started,
             "first": first[0],
-            "problems": len(found.verify()),
+            "problems": len(check(found).problems),
         }
     }
     for peer in PEERS:

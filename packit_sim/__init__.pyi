@@ -40,9 +40,9 @@ from .parts.pack import pack as pack
 from .parts.packings.containers import BoxContainer as BoxContainer
 from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.packing import Packing as Packing
-from .parts.reading.box_types import BoxType as BoxType
+from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.part import Part as Part
-from .parts.results.packed import PackedParts as PackedParts
+from .parts.filling.packed import PackedParts as PackedParts
 from .physics.convex.settings import DecompositionSettings as DecompositionSettings
 from .physics.quality import pack_quality as pack_quality
 from .physics.settings import PhysicsSettings as PhysicsSettings

@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 from packit_sim import PackSettings, Part, ShapeLibrary, pack
-from packit_sim.parts import Requirements, drop_violations, lowered, removable
-from packit_sim.parts.results.box_pictures import draw
-from packit_sim.parts.results.packing_film import film_packing
+from packit_sim.parts import Constraints, check, filter_packing, lowered, removable, table
+from packit_sim.parts.results.film import film_packing
+from packit_sim.parts.results.pictures import draw
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
@@ -53,10 +53,11 @@ def main(folder: Path) -> None:
         for name, (diagonal, count) in THINGS.items()
     ]
     packed = pack(parts, BOX, time=SECONDS, settings=PackSettings(removable=True))
-    print(packed.table())
-    assert packed.verify() == []
-    resting = lowered(packed.boxes[0].packing)
-    resting = drop_violations(resting, Requirements(removable=True)).packing
+    found = check(packed)
+    print(table(packed, found))
+    assert found.problems == ()
+    resting = lowered(packed.packings[0])
+    resting = filter_packing(resting, Constraints(removable=True)).packing
     print(f"{len(resting.placements)} parts after they came to rest")
     assert resting.problems() == [] and removable(resting).stuck == ()
     draw(resting, folder / "packed-parts.png")

@@ -19,18 +19,19 @@ from packit_sim.game.datasets.pack_files import read_packs
 from packit_sim.geometry.poses import Pose
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading import part_files
-from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.part_files import find_parts
 from packit_sim.parts.reading.units import lengths
 from packit_sim.parts.results import exports
-from packit_sim.parts.results.packed import PackedParts
-from packit_sim.parts.results.packing_record import read_earlier
+from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.record import read_earlier
 from packit_sim.parts.workbench.workbench import Workbench
 
 QUICK = PackSettings(workers=1, iterations=100)
@@ -79,7 +80,7 @@ def test_numbers_without_a_meaning_are_refused(cube: Path, fields: Record, probl
 )
 def test_any_name_can_be_packed_and_written(cube: Path, name: str, tmp_path: Path) -> None:
     packed = pack([manifest(cube, name=name)], "20x20x20mm", settings=QUICK)
-    packed.export(tmp_path / "out" / "packed")
+    export(packed, tmp_path / "out" / "packed")
     assert verify_packing(tmp_path / "out" / "packed" / "packing.json").holds
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["packed"]
     page = (tmp_path / "out" / "packed" / "packing.html").read_text()
@@ -90,7 +91,7 @@ def test_a_file_whose_name_is_not_utf_8_is_packed(cube: Path, tmp_path: Path) ->
     strange = os.fsencode(tmp_path) + b"/\xff.stl"
     shutil.copy(os.fsencode(cube), strange)
     packed = pack([os.fsdecode(strange)], "20x20x20mm", settings=QUICK)
-    packed.export(tmp_path / "packed")
+    export(packed, tmp_path / "packed")
     assert verify_packing(tmp_path / "packed" / "packing.json").holds
 
 
@@ -172,7 +173,7 @@ NO_RECORD = (
 
 @pytest.mark.parametrize("what", FORGED)
 def test_a_forged_record_is_not_resumed(what: str, packed: PackedParts, tmp_path: Path) -> None:
-    packed.export(tmp_path)
+    export(packed, tmp_path)
     file = tmp_path / "packing.json"
     assert read_earlier(tmp_path, packed.task) is not None
     record = json.loads(file.read_text())
@@ -188,7 +189,7 @@ def test_a_forged_record_is_not_resumed(what: str, packed: PackedParts, tmp_path
 def test_the_problems_of_a_packing_have_an_end(
     packed: PackedParts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    packed.export(tmp_path)
+    export(packed, tmp_path)
     file = tmp_path / "packing.json"
     record = json.loads(file.read_text())
     record["items"] = record["items"][:1] * 40  # 780 pairs

@@ -16,12 +16,12 @@ from PIL import Image
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.rotations import MATRICES
+from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.removal import Route
-from packit_sim.parts.handling.requirements import Requirements
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.results import instructions
-from packit_sim.parts.results.instructions import NEW, write_instructions
-from packit_sim.parts.results.turning import place_in_words, turn_in_words, way_in_words
+from packit_sim.parts.results.instructions import NEW, packing_instructions
+from packit_sim.parts.results.wording import place_in_words, turn_in_words, way_in_words
 from tests.packed_parts import BAR, CAGE, cuboid, packed, turned, u_profile
 
 
@@ -84,7 +84,7 @@ def _page(tmp_path_factory: pytest.TempPathFactory) -> str:
     cube = cuboid((0, 60, 0), (20, 80, 20))
     packing = packed(u_profile(), BAR, cube, names=("U", "bar", "<img src=x>"))
     file = tmp_path_factory.mktemp("pages") / "instructions.html"
-    return write_instructions(file, [("Box A", packing)]).read_text(encoding="utf-8")
+    return packing_instructions(file, [("Box A", packing)]).read_text(encoding="utf-8")
 
 
 def test_a_page_has_a_step_for_each_part_in_an_order_that_works(page) -> None:
@@ -132,17 +132,17 @@ def test_parts_without_a_way_in_and_several_boxes_are_said(tmp_path: Path) -> No
         objective="bins",
         placements=(*packing.placements, Placement(0, np.eye(4), 1)),
     )
-    page = write_instructions(tmp_path / "a.html", [("Crate", both)]).read_text(encoding="utf-8")
+    page = packing_instructions(tmp_path / "a.html", [("Crate", both)]).read_text(encoding="utf-8")
     assert "<h1>Crate, 1 of 2</h1>" in page and "<h1>Crate, 2 of 2</h1>" in page
     assert page.count("No straight way in was found") == 2
 
 
 def test_fixed_parts_are_in_the_box_from_the_start(tmp_path: Path) -> None:
     packing = packed(cuboid((0, 0, 0), (20, 20, 20)), CAGE, names=("cube", "cage"))
-    file = write_instructions(
+    file = packing_instructions(
         tmp_path / "a.html",
         [("Box", packing)],
-        requirements=Requirements(fixed=frozenset({1})),
+        constraints=Constraints(fixed=frozenset({1})),
     )
     page = file.read_text(encoding="utf-8")
     assert "step 1 of 1" in page and "</span>cage" not in page
@@ -151,5 +151,5 @@ def test_fixed_parts_are_in_the_box_from_the_start(tmp_path: Path) -> None:
 def test_a_packing_without_parts_is_one_clear_error(tmp_path: Path) -> None:
     empty = replace(packed(CAGE), placements=())
     with pytest.raises(ArgumentError, match="without parts"):
-        write_instructions(tmp_path / "a.html", [("Box", empty)])
+        packing_instructions(tmp_path / "a.html", [("Box", empty)])
     assert not (tmp_path / "a.html").exists()

@@ -18,17 +18,24 @@ from trimesh import creation
 
 from packit_sim import BoxType, PackedParts, PackSettings, Part, nest, pack
 from packit_sim.core.errors import ArgumentError, BusyError
-from packit_sim.parts.filling import packing_search
+from packit_sim.parts import check, export, summary, table, view, write_instructions
+from packit_sim.parts.filling import search
+from packit_sim.parts.handling import sweeps
+from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.order import packing_order
+from packit_sim.parts.handling.removal import removable
 from packit_sim.parts.handling.supports import stacking
+from packit_sim.parts.handling.sweeps import PartSweeps
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading import prepared as prepared_module
-from packit_sim.parts.reading.part_files import ReadSettings
+from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.prepared import prepare
-from packit_sim.parts.results import box_pictures, exports
-from packit_sim.parts.results.original_check import check_originals
-from packit_sim.parts.results.packing_record import own_folder, read_earlier
+from packit_sim.parts.results import check as check_module
+from packit_sim.parts.results import exports, pictures
+from packit_sim.parts.results.record import own_folder, read_earlier
 from tests.read_3mf import bodies
 
 QUICK = PackSettings(workers=1, iterations=300)
@@ -79,7 +86,7 @@ def _folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_lengths_have_the_unit_of_the_box(folder) -> None:
     packed = packed_bins(folder)
     assert packed.task.unit == "cm"
-    assert packed.boxes[0].type.size == pytest.approx((60, 40, 4))
+    assert packed.packings[0].container.size == pytest.approx((60, 40, 4))
     assert counts(packed) == {"angle": 2, "ring": 2, "bar": 3}
     volumes = {part.part.name: part.volume for part in packed.task.parts}
     assert volumes["bar"] == pytest.approx(1 * 0.25 * 0.25 * 2.54**3)
@@ -145,10 +152,10 @@ def test_the_record_is_verified_with_the_meshes_next_to_it(folder) -> None:
 
 def test_the_original_files_keep_the_promised_distances(folder) -> None:
     packed = packed_bins(folder)
-    assert packed.verify() == []
-    assert packed.check.distance is not None and packed.check.distance >= 0.5
+    assert check(packed).problems == ()
+    assert check(packed).distance is not None and check(packed).distance >= 0.5
     for box, one in packed.placements:
-        vertices = box.packing.vertices(one)
+        vertices = box.vertices(one)
         assert vertices.min() >= 1 and (vertices.max(axis=0) <= np.array((59, 39, 3))).all()
 
 
@@ -157,28 +164,28 @@ def test_masses_and_the_centre_of_gravity_are_in_the_table(folder) -> None:
     volumes = {part.part.name: part.volume for part in packed.task.parts}
     mass = 2 * 7.8 * volumes["angle"] + 2 * volumes["ring"] + 3 * 2.5 * volumes["bar"]
     assert packed.mass == pytest.approx(mass)
-    assert "by mass" in packed.table() and "7 of 7 parts" in packed.table()
+    assert "by mass" in table(packed) and "7 of 7 parts" in table(packed)
 
 
 def moved(packed: PackedParts, shift: tuple[float, float, float]) -> PackedParts:
     """The last part of the first box moved."""
-    (box, *rest) = packed.boxes
-    *others, last = box.packing.placements
+    (box, *rest) = packed.packings
+    *others, last = box.placements
     pose = np.array(last.pose)
     pose[:3, 3] += shift
-    packing = replace(box.packing, placements=(*others, Placement(last.type, pose)))
-    return replace(packed, boxes=(replace(box, packing=packing), *rest))
+    box = replace(box, placements=(*others, Placement(last.type, pose)))
+    return replace(packed, packings=(box, *rest))
 
 
 def test_the_check_finds_parts_that_overlap_or_are_outside(folder) -> None:
     packed = packed_bins(folder)
     box, last = packed.placements[-1]
-    first = box.packing.placements[0]
-    middles = [box.packing.vertices(one).mean(axis=0) for one in (first, last)]
+    first = box.placements[0]
+    middles = [box.vertices(one).mean(axis=0) for one in (first, last)]
     onto = moved(packed, tuple(middles[0] - middles[1]))
-    assert any("crosses" in each for each in onto.verify())
-    assert any("less than 0.5" in each for each in onto.verify())
-    assert any("walls" in each for each in moved(packed, (0, 0, -0.5)).verify())
+    assert any("crosses" in each for each in check(onto).problems)
+    assert any("less than 0.5" in each for each in check(onto).problems)
+    assert any("walls" in each for each in check(moved(packed, (0, 0, -0.5))).problems)
 
 
 def test_a_closed_part_inside_another_is_found() -> None:
@@ -190,14 +197,14 @@ def test_a_closed_part_inside_another_is_found() -> None:
         task.types, task.boxes[0].container, [Placement(n, p) for n, p in enumerate(poses)]
     )
     packed = pack([cube(30, "large"), cube(5, "small")], (40, 40, 40), settings=QUICK)
-    inside = replace(packed, boxes=(replace(packed.boxes[0], packing=packing),))
-    assert any("is inside" in each for each in check_originals(inside).problems)
+    inside = replace(packed, packings=(packing,))
+    assert any("is inside" in each for each in check(inside).problems)
 
 
 def test_cubes_that_tile_the_box_are_all_packed() -> None:
     packed = pack([cube(count=8)], (20, 20, 20), settings=QUICK)
-    assert packed.count == 8 and packed.density == pytest.approx(1) and packed.verify() == []
-    assert packed.check.distance == pytest.approx(0, abs=0.02)
+    assert packed.count == 8 and packed.density == pytest.approx(1) and check(packed).problems == ()
+    assert check(packed).distance == pytest.approx(0, abs=0.02)
 
 
 def test_bolts_are_packed_inside_a_tube_that_fills_the_box() -> None:
@@ -205,14 +212,14 @@ def test_bolts_are_packed_inside_a_tube_that_fills_the_box() -> None:
     bolt = trimesh.boolean.union([creation.cylinder(2.5, 30, sections=12), head], engine="manifold")
     tube = creation.annulus(12, 15, 60, sections=24)
     packed = pack([Part("tube", tube), Part("bolt", bolt, count=4)], (31, 31, 61), settings=QUICK)
-    assert packed.count == 5 and packed.verify() == []
+    assert packed.count == 5 and check(packed).problems == ()
 
 
 def test_the_pieces_of_a_cube_are_put_together_again() -> None:
     sides = [(30, 60, 60), (30, 20, 60), (30, 40, 20), (30, 40, 10), (10, 40, 30), (20, 40, 30)]
     parts = [slab(x, y, z, f"{x}-{y}-{z}") for x, y, z in sides]
     packed = pack(parts, (60, 60, 60), settings=QUICK)
-    assert packed.density == pytest.approx(1) and packed.verify() == []
+    assert packed.density == pytest.approx(1) and check(packed).problems == ()
 
 
 def test_bowls_are_nested() -> None:
@@ -225,7 +232,7 @@ def test_bowls_are_nested() -> None:
         "height",
         settings=settings,
     )
-    assert packed.height < 18 + 2 * 3.75 and packed.verify() == []  # at best 3.70 for a step
+    assert packed.height < 18 + 2 * 3.75 and check(packed).problems == ()  # at best 3.70 for a step
 
 
 def test_a_search_of_so_many_passes_does_not_depend_on_the_time() -> None:
@@ -235,6 +242,51 @@ def test_a_search_of_so_many_passes_does_not_depend_on_the_time() -> None:
         pack(parts, (14, 14, 30), "height", time=time, settings=settings) for time in (1e-9, 60)
     )
     assert short.height == long.height and short.count == 6
+
+
+def test_a_box_without_a_unit_has_that_of_the_others() -> None:
+    packed = pack([cube()], ["A:300x200x150", "B:30x20x15cm"], settings=QUICK)
+    assert packed.task.unit == "cm"
+    assert [box.size for box in packed.task.boxes] == [(300, 200, 150), (30, 20, 15)]
+    assert packed.notes == ("boxes without a unit read as cm: A:300x200x150",)
+    assert "note: boxes without a unit read as cm" in table(packed)
+    settings = replace(QUICK, unit="mm")
+    packed = pack([cube()], ["A:30x20x15", "B:3x2x1cm"], settings=settings)
+    assert [box.size for box in packed.task.boxes] == [(300, 200, 150), (30, 20, 10)]
+    packed = pack([cube()], ["A:30x20x15cm", "B:1x1x1in"], settings=QUICK)
+    assert packed.task.boxes[1].size == pytest.approx((2.54,) * 3) and packed.notes == ()
+    with pytest.raises(ArgumentError, match="box 'C:9x9x9' has no unit, and others have cm and in"):
+        pack([cube()], ["A:30x20x15cm", "B:1x1x1in", "C:9x9x9"], settings=QUICK)
+
+
+def test_a_box_that_is_not_possible_is_named_before_parts_are_read(tmp_path) -> None:
+    settings = replace(QUICK, wall_clearance=5.0)
+    with pytest.raises(ArgumentError, match="box 'box': 5 mm at each wall leave no space"):
+        pack([tmp_path / "none.stl"], "10x10x10", settings=settings)
+    with pytest.raises(ArgumentError, match="'best' is not known"):
+        pack([tmp_path / "none.stl"], "10x10x10", "best")  # type: ignore[arg-type]
+
+
+def test_a_summary_checks_no_file(monkeypatch) -> None:
+    packed = pack([cube(count=2)], (20, 20, 20), settings=QUICK)
+    monkeypatch.setattr(check_module, "LooseMesh", None)
+    assert not {"check", "smallest distance"} & set(summary(packed))
+    monkeypatch.undo()
+    texts = summary(packed, check(packed))
+    assert texts["check"].startswith("no problems") and "smallest distance" in texts
+
+
+def test_the_straight_moves_of_a_packing_are_computed_once(tmp_path, monkeypatch) -> None:
+    built = []
+    monkeypatch.setattr(
+        sweeps, "PartSweeps", lambda packing: built.append(packing) or PartSweeps(packing)
+    )
+    packed = pack([cube(count=2)], (20, 20, 20), settings=replace(QUICK, iterations=5))
+    packing = packed.contents[0]
+    for question in (removable, stacking, packing_order):
+        question(packing)
+    assert broken_constraints(packing, Constraints(removable=True)) == []
+    assert built == [packing]
 
 
 def test_parts_larger_than_every_box_are_left_out_with_the_reason() -> None:
@@ -280,15 +332,15 @@ def test_the_lowest_packing_is_below_the_top() -> None:
 def test_the_fewest_boxes_are_used() -> None:
     quick = replace(QUICK, iterations=60)
     packed = pack([cube(count=12)], (20, 20, 20), "boxes", settings=quick)
-    assert packed.count == 12 and len(packed.boxes) == 2 and packed.verify() == []
+    assert packed.count == 12 and len(packed.packings) == 2 and check(packed).problems == ()
     two = pack([cube(count=20)], (21, 21, 21), "boxes", settings=replace(quick, boxes=2))
-    assert two.count == 16 and len(two.boxes) == 2
+    assert two.count == 16 and len(two.packings) == 2
 
 
 def test_boxes_of_several_sizes_are_filled_and_verified(tmp_path) -> None:
     boxes = [BoxType((20, 20, 20), "A"), "B:10x10x20mm"]
     packed = pack([cube(count=11)], boxes, out=tmp_path, settings=QUICK)
-    assert [(box.type.name, len(box.packing.placements)) for box in packed.boxes] == [
+    assert [(box.container.name, len(box.placements)) for box in packed.packings] == [
         ("A", 8),
         ("B", 2),
     ]
@@ -306,12 +358,12 @@ def test_few_boxes_are_as_small_as_they_can_be() -> None:
     settings = replace(QUICK, iterations=400)
     boxes = ["A:20x20x20mm", "B:20x10x10mm"]
     packed = pack([cube(9, count=10)], boxes, "boxes", settings=settings)
-    assert packed.count == 10 and packed.verify() == []
-    assert sorted(box.type.name for box in packed.boxes) == ["A", "B"]
+    assert packed.count == 10 and check(packed).problems == ()
+    assert sorted(box.container.name for box in packed.packings) == ["A", "B"]
 
 
 def test_the_picture_shows_what_stays_free(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(exports, "draw", box_pictures.draw)
+    monkeypatch.setattr(exports, "draw", pictures.draw)
     free = Part("pillar", creation.box(bounds=[(8, 8, 0), (12, 12, 20)]))
     greys = []
     for volumes in ((), (free,)):
@@ -328,14 +380,14 @@ class _Few:
     def __init__(self, most: int) -> None:
         self.most = most
 
-    def taken_out(self, packing: Packing) -> Mapping[int, str]:
+    def left_out(self, packing: Packing) -> Mapping[int, str]:
         return dict.fromkeys(range(self.most, len(packing.placements)), "too many")
 
     def __repr__(self) -> str:
         return f"few {self.most}"
 
 
-def test_parts_that_break_a_constraint_are_taken_out_and_reported() -> None:
+def test_parts_that_break_a_constraint_are_left_out_and_reported() -> None:
     packed = pack([cube(count=8)], (20, 20, 20), settings=replace(QUICK, constraints=[_Few(3)]))
     assert packed.count == 3
     assert [(each.count, each.reason) for each in packed.left_out] == [(5, "too many")]
@@ -344,7 +396,7 @@ def test_parts_that_break_a_constraint_are_taken_out_and_reported() -> None:
 def test_nothing_rests_on_parts_that_carry_nothing_and_loads_are_limited() -> None:
     parts = [cube(name="glass", no_stack=True, mass=5), cube(name="cube", count=2, mass=20)]
     packed = pack(parts, (10, 10, 30), settings=QUICK)
-    assert packed.task.requirements is not None
+    assert not packed.task.constraints.is_empty
     tops = {packed.part(one).part.name: one.pose[2, 3] for _, one in packed.placements}
     assert max(tops, key=lambda name: tops[name]) == "glass" or set(tops) == {"cube"}
     weak = [cube(name="weak", count=3, mass=20, max_load=20)]
@@ -364,7 +416,7 @@ def test_parts_are_in_an_order_in_which_they_can_be_put_in() -> None:
 def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkeypatch) -> None:
     first = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
     seen = []
-    monkeypatch.setattr("packit_sim.parts.filling.packing_search.nest", None)  # never called
+    monkeypatch.setattr("packit_sim.parts.filling.search.nest", None)  # never called
     again = pack(
         [cube(count=8)],
         (20, 20, 20),
@@ -383,7 +435,7 @@ def test_an_earlier_packing_that_is_not_valid_is_not_used(tmp_path) -> None:
     record["items"][0]["pose"] = record["items"][1]["pose"]
     (tmp_path / "packing.json").write_text(json.dumps(record))
     again = pack([cube(count=8)], (20, 20, 20), out=tmp_path, settings=QUICK)
-    assert again.searches == 1 and again.verify() == []
+    assert again.searches == 1 and check(again).problems == ()
     for broken in ({"items": 3}, {"box names": 3}, {"searches": None}):
         (tmp_path / "packing.json").write_text(json.dumps({**record, **broken}))
         assert read_earlier(tmp_path, again.task) is None
@@ -405,7 +457,7 @@ def test_two_processes_do_not_pack_into_one_folder(tmp_path) -> None:
 def test_a_box_is_shown_on_a_page() -> None:
     pytest.importorskip("viser")
     packed = pack([cube(count=3)], (20, 20, 20), settings=QUICK)
-    with packed.view() as viewer:
+    with view(packed) as viewer:
         assert len(viewer.items) == packed.count == 3
 
 
@@ -425,7 +477,7 @@ def test_another_thread_ends_the_search_for_all_boxes() -> None:
     packed = pack(
         [cube(count=20)], (20, 20, 20), time=3600, callback=lambda *_: stop.set(), settings=settings
     )
-    assert len(packed.boxes) == 1 and 1 <= packed.count <= 8
+    assert len(packed.packings) == 1 and 1 <= packed.count <= 8
 
 
 def test_ctrl_c_also_ends_the_search_for_further_boxes() -> None:
@@ -436,7 +488,7 @@ def test_ctrl_c_also_ends_the_search_for_further_boxes() -> None:
         callback=lambda *_: signal.raise_signal(signal.SIGINT),
         settings=replace(QUICK, boxes=3),
     )
-    assert len(packed.boxes) == 1 and 1 <= packed.count <= 8
+    assert len(packed.packings) == 1 and 1 <= packed.count <= 8
     assert signal.getsignal(signal.SIGINT) is before
 
 
@@ -450,7 +502,7 @@ def test_a_detailed_mesh_is_simplified_and_its_deviation_kept_free(monkeypatch) 
     assert prepared.volume == pytest.approx(ball.volume, rel=1e-6)
     settings = replace(QUICK, accuracy=0.5, clearance=0.3, wall_clearance=0.1, iterations=10)
     packed = pack([part], (22, 22, 44), settings=settings)
-    assert packed.count == 2 and packed.verify() == []
+    assert packed.count == 2 and check(packed).problems == ()
     assert packed.task.gap >= 0.3 + 2 * prepared.deviation
     assert "reduced" in packed.notes[0]
 
@@ -460,7 +512,7 @@ def test_tiny_parts_next_to_large_ones_are_packed_as_boxes() -> None:
     packed = pack(parts, (40, 40, 40), settings=replace(QUICK, clearance=0.2, iterations=20))
     sides = {each.part.name: each.item_type.extents.max() for each in packed.task.parts}
     assert sides == pytest.approx({"large": 30, "tiny": 30 / 25, "small": 2})
-    assert packed.count == 5 and packed.verify() == []
+    assert packed.count == 5 and check(packed).problems == ()
     assert packed.volume == pytest.approx(30**3 + 2**3 + 3 * 0.1**3)
     assert packed.notes == ("tiny: tiny among these parts: packed as a box of 1.2 x 0.1 x 0.1 mm",)
 
@@ -491,7 +543,7 @@ def test_parts_of_a_scene_are_packed_by_themselves(tmp_path) -> None:
         "plate/pin-0": 3,
         "plate/lid": 1,
     }
-    assert packed.count == 4 and packed.verify() == []
+    assert packed.count == 4 and check(packed).problems == ()
     whole = replace(QUICK, reading=ReadSettings(split=False))
     packed = pack([tmp_path / "plate.3mf"], (20, 20, 12), settings=whole)
     assert packed.count == 1 and "packed as one part" in packed.notes[0]
@@ -503,8 +555,8 @@ def test_one_broken_file_is_named_and_the_others_are_packed(tmp_path) -> None:
     (tmp_path / "broken.stl").write_text("solid nothing")
     packed = pack([tmp_path], (10, 10, 10), settings=QUICK)
     assert packed.count == 3
-    assert [Path(each.source).name for each in packed.problems] == ["broken.stl"]
-    assert "broken.stl" in packed.table()
+    assert [Path(each.source).name for each in packed.unread] == ["broken.stl"]
+    assert "broken.stl" in table(packed)
     assert "4 files" not in packed.notes[0] and "3 files" in packed.notes[0]
 
 
@@ -517,7 +569,7 @@ def test_a_manifest_names_what_is_missing(tmp_path) -> None:
     (tmp_path / "parts.json").write_text(json.dumps({"parts": rows}))
     packed = pack([tmp_path / "parts.json"], (10, 10, 10), settings=QUICK)
     assert counts(packed) == {"first": 2} and packed.mass == 20
-    assert Path(packed.problems[0].source).name == "b.stl"
+    assert Path(packed.unread[0].source).name == "b.stl"
 
 
 def test_counts_are_written_behind_a_path(tmp_path) -> None:
@@ -584,8 +636,8 @@ def test_stable_parts_are_written_where_they_rest() -> None:
     parts = [slab(18, 9, 3, count=2), Part("ball", creation.icosphere(2, 4.0), mass=20.0)]
     settings = replace(QUICK, stable=3.0, insertable=True)
     packed = pack(parts, (20, 10, 15), settings=settings)
-    assert packed.verify() == []
-    packing = packed.boxes[0].packing
+    assert check(packed).problems == ()
+    packing = packed.packings[0]
     assert packing.placements
     assert max(stacking(packing).drops) < 0.02
     assert any("1 g/cm3" in note for note in packed.notes)
@@ -618,20 +670,20 @@ def test_a_volume_stays_free_in_every_box(objective, tmp_path) -> None:
     )
     parts = [cube(8, "cube", count=6), slab(18, 6, 30, count=1)]
     packed = pack(parts, "60x40x40mm", objective, settings=settings, out=tmp_path / "out")
-    assert packed.count == 7 and packed.verify() == []
+    assert packed.count == 7 and check(packed).problems == ()
     low, high = np.array([20, 10, -5]) - 1 + 1e-3, np.array([40, 30, 85]) + 1 - 1e-3
     for box, one in packed.placements:
-        vertices = box.packing.vertices(one)
+        vertices = box.vertices(one)
         assert (vertices.max(axis=0) <= low).any() or (vertices.min(axis=0) >= high).any()
     assert verify_packing(tmp_path / "out" / "packing.json").holds
     (obstacle,) = json.loads((tmp_path / "out" / "packing.json").read_text())["obstacles"]
     assert obstacle["name"] == "pillar" and obstacle["pose"][0][0] == 10
     moved = replace(packed, task=replace(packed.task, keep_out=()))
-    assert moved.verify() == []
+    assert check(moved).problems == ()
     at = packed.placements[0][1].pose[:3, 3]
     inside = Part("block", creation.box((300, 300, 300)).apply_translation(at))
     around = replace(packed.task, keep_out=(prepare(inside, "mm"),))
-    assert any("block (kept free)" in each for each in replace(packed, task=around).verify())
+    assert any("block (kept free)" in each for each in check(replace(packed, task=around)).problems)
 
 
 def test_a_volume_that_fills_the_box_leaves_nothing(tmp_path) -> None:
@@ -640,7 +692,7 @@ def test_a_volume_that_fills_the_box_leaves_nothing(tmp_path) -> None:
     packed = pack([cube(5)], (10, 10, 10), settings=settings)
     assert packed.count == 0 and packed.left_out[0].reason == "no space was found"
     with pytest.raises(ArgumentError, match=r"nothing is packed.*no space was found"):
-        packed.export(tmp_path / "out")
+        export(packed, tmp_path / "out")
 
 
 def test_a_keep_out_that_can_not_be_read_is_an_error(tmp_path) -> None:
@@ -662,8 +714,8 @@ def test_parts_are_packed_around_a_fixed_part_and_rest_on_it(tmp_path) -> None:
     settings = replace(QUICK, fixed=[shelf(tmp_path)], stable=1.0, removable=True)
     out = tmp_path / "out"
     packed = pack([cube(6, count=4)], (20, 10, 15), settings=settings, out=out)
-    assert packed.verify() == [] and verify_packing(out / "packing.json").holds
-    low = sorted(box.packing.vertices(one)[:, 2].min() for box, one in packed.placements)
+    assert check(packed).problems == () and verify_packing(out / "packing.json").holds
+    low = sorted(box.vertices(one)[:, 2].min() for box, one in packed.placements)
     assert np.array(low) == pytest.approx([8.5] * packed.count, abs=0.01)  # under it: stuck
     assert packed.count >= 2 and "in the way" in packed.left_out[0].reason
     scene = trimesh.load_scene(out / "packing.3mf")
@@ -673,7 +725,7 @@ def test_parts_are_packed_around_a_fixed_part_and_rest_on_it(tmp_path) -> None:
     assert (low[2], high[2]) == pytest.approx((6.5, 14.5), abs=0.01)
     (obstacle,) = json.loads((out / "packing.json").read_text())["obstacles"]
     assert (obstacle["name"], obstacle["is part"]) == ("shelf", True)
-    pages = packed.instructions(out / "instructions.html").read_text()
+    pages = write_instructions(packed, out / "instructions.html").read_text()
     assert f"step {packed.count} of {packed.count}" in pages and "shelf" not in pages
     assert pack([cube(6, count=4)], (20, 10, 15), settings=settings, out=out).searches == 2
 
@@ -704,7 +756,7 @@ def test_a_search_resumes_from_the_packing_in_the_folder(tmp_path, monkeypatch) 
         starts.append(arguments[-1].start)
         return nest(*arguments)
 
-    monkeypatch.setattr(packing_search, "nest", spied)
+    monkeypatch.setattr(search, "nest", spied)
     run = partial(
         pack,
         [cube(8, "cube", count=20), slab(25, 6, 10)],

@@ -39,6 +39,14 @@ def test_a_folder_is_packed_and_described(parts, tmp_path) -> None:
     assert "0 problems" in packit("verify", tmp_path / "out" / "packing.json")
 
 
+def test_a_box_without_a_unit_has_that_of_the_others(parts, tmp_path) -> None:
+    boxes = ("--box", "A:300x200x150", "--box", "B:30x20x15cm")
+    output = packit("pack", f"{parts}/cube.stl", *boxes, *QUICK, "--out", tmp_path)
+    assert "note: boxes without a unit read as cm: A:300x200x150" in output
+    record = json.loads((tmp_path / "packing.json").read_text())
+    assert (record["unit"], record["box"]) == ("cm", [300, 200, 150])
+
+
 @pytest.mark.parametrize(
     ("text", "seconds"), [("60", 60), ("60s", 60), ("1.5min", 90), ("1h", 3600), ("2m", 120)]
 )

@@ -10,10 +10,11 @@ from trimesh import creation
 
 from packit_sim import PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError, RenderError
-from packit_sim.parts.handling.requirements import Requirements, packing_order
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.order import packing_order
 from packit_sim.parts.packings.posed_parts import contents
-from packit_sim.parts.results import packing_film
-from packit_sim.parts.results.packing_film import film_packing
+from packit_sim.parts.results import film as film_module
+from packit_sim.parts.results.film import film, film_packing
 from packit_sim.render.layouts import Layout
 from tests.packed_parts import cuboid, packed
 
@@ -33,14 +34,14 @@ def layouts(path: Path, monkeypatch: pytest.MonkeyPatch, *arguments: Any) -> lis
         found.extend(layout for _, layout in frames)
         return [np.zeros((8, 8, 3), np.uint8)]
 
-    monkeypatch.setattr(packing_film.films, "shot", shot)
+    monkeypatch.setattr(film_module.films, "shot", shot)
     film_packing(path, *arguments)
     return found
 
 
 def test_parts_come_in_by_straight_moves_and_end_in_their_places(tmp_path, monkeypatch) -> None:
     packing = packed(FLOOR, BELOW, ROOF, INSIDE)
-    fixed = Requirements(fixed=frozenset({2}))
+    fixed = Constraints(fixed=frozenset({2}))
     frames = layouts(tmp_path / "a.gif", monkeypatch, packing, fixed)
     order = packing_order(packing, fixed)
     first = frames[0].poses
@@ -62,16 +63,16 @@ def test_parts_come_in_by_straight_moves_and_end_in_their_places(tmp_path, monke
 
 
 def test_a_film_is_written(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(packing_film, "SIZE", (120, 90))
-    monkeypatch.setattr(packing_film, "FPS", 10)
+    monkeypatch.setattr(film_module, "SIZE", (120, 90))
+    monkeypatch.setattr(film_module, "FPS", 10)
     parts = [Part("cube", creation.box((6, 6, 6)))]
     found = pack(parts, (20, 10, 15), settings=QUICK)
-    file = found.film(tmp_path / "packing.gif")
-    with Image.open(file) as film:
-        assert film.size == packing_film.SIZE and film.n_frames > 5
-        film.seek(film.n_frames - 1)
-        assert len(np.unique(np.asarray(film.convert("RGB").reduce(8)))) > 5
+    file = film(found, tmp_path / "packing.gif")
+    with Image.open(file) as written:
+        assert written.size == film_module.SIZE and written.n_frames > 5
+        written.seek(written.n_frames - 1)
+        assert len(np.unique(np.asarray(written.convert("RGB").reduce(8)))) > 5
     with pytest.raises(RenderError, match=r"packing\.txt is no film"):
-        found.film(tmp_path / "packing.txt")
+        film(found, tmp_path / "packing.txt")
     with pytest.raises(ArgumentError, match="one box"):
         film_packing(tmp_path / "a.gif", packed())

@@ -35,6 +35,7 @@ from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.sources import ShapeInfo
+from packit_sim.parts import export
 from packit_sim.parts.packings import instances, packing_files
 from packit_sim.parts.reading import manifest
 from packit_sim.physics.quality import QualityScores
@@ -182,7 +183,7 @@ def test_files_lists_the_fields_of_the_record_of_packed_parts(tmp_path) -> None:
     box = trimesh.creation.box((30, 20, 10))
     settings = PackSettings(workers=1, iterations=1, keep_out=(Part("pillar", pillar()),))
     packed = pack([Part("block", box)], (40, 40, 40), settings=settings)
-    packed.export(tmp_path)
+    export(packed, tmp_path)
     record = json.loads((tmp_path / "packing.json").read_text())
     listed = tables(FILES)
     assert list(record) == names(listed["packing-of-parts"])

@@ -15,8 +15,8 @@ from trimesh import creation
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.handling.part_sweeps import AXES, PartSweeps
 from packit_sim.parts.handling.removal import Removal, removable
+from packit_sim.parts.handling.sweeps import AXES, PartSweeps
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing

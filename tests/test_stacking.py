@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts.handling.part_sweeps import PartSweeps
 from packit_sim.parts.handling.supports import lowered, stacking
+from packit_sim.parts.handling.sweeps import PartSweeps
 from tests.examples import examples
 from tests.packed_parts import bowl, cuboid, joined, moved, packed, table
 

@@ -17,7 +17,7 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.validity import Body, conflicts, outside
+from packit_sim.parts.packings.validity import Body, outside, pair_problems
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class QualityScores:
         pairs = [
             (n, m)
             for (n, one), (m, other) in combinations(enumerate(bodies), 2)
-            if any(conflicts(one, other))
+            if any(pair_problems(one, other))
         ]
         kept: list[int] = []
         for m in range(len(bodies)):

@@ -1,4 +1,4 @@
-"""Readers of people's own parts: manifests, records of packings, and orders of the workbench."""
+"""Readers of user-supplied parts: manifests, records of packings, and workbench orders."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.plain_text import plain_line
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.reading.box_types import box_types
+from packit_sim.parts.reading.boxes import box_types
+from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.part_files import find_parts
 from packit_sim.parts.reading.units import check_unit, lengths
-from packit_sim.parts.results.packing_record import RECORD, read_earlier, write_record
+from packit_sim.parts.results.check import check
+from packit_sim.parts.results.record import RECORD, read_earlier, write_record
 from packit_sim.parts.workbench.workbench import _Order
 
 if TYPE_CHECKING:
-    from packit_sim.parts.results.packed import PackedParts
+    from packit_sim.parts.filling.packed import PackedParts
 
 _ROWS = (
     {"file": "box.stl", "count": 2, "value": 1.5, "rotations": "yaw-4", "priority": 1, "mass": 20},
@@ -64,7 +65,7 @@ def _packed() -> PackedParts:
 def _records() -> list[bytes]:
     packed = _packed()
     folder = world.folder() / "record-seed"
-    write_record(packed, folder, [])
+    write_record(packed, check(packed), folder, [])
     data = (folder / RECORD).read_bytes()
     return [data.replace(packed.task.digest.encode(), world.COMPUTED)]
 
@@ -73,7 +74,7 @@ def _read_record(data: bytes) -> None:
     task = _packed().task
     forged = data.replace(world.COMPUTED, task.digest.encode())
     read_earlier(world.written(f"record/{RECORD}", forged).parent, task)
-    write_record(_packed(), world.folder() / "record", [])
+    write_record(_packed(), check(_packed()), world.folder() / "record", [])
 
 
 def _orders() -> list[bytes]:

@@ -12,6 +12,7 @@ Pack meshes at their real sizes, with a distance between them, and film how they
 from trimesh import creation
 
 from packit_sim import PackSettings, Part, pack
+from packit_sim.parts import check, film, table
 
 parts = [
     Part("plate", creation.box((80, 50, 10)), count=3, density=7.8),
@@ -25,11 +26,11 @@ parts = [
 
 settings = PackSettings(clearance=1, removable=True, workers=1, iterations=20)
 packed = pack(parts, "100x60x90mm", settings=settings)
-print(packed.table())
+print(table(packed))
 
 # %%
 # The packing is checked by its meshes once more, and filmed: each part comes in by the moves that
 # were checked.
 
-assert packed.verify() == []
-packed.film("packing.gif")
+assert not check(packed).problems
+film(packed, "packing.gif")

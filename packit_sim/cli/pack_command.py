@@ -1,4 +1,4 @@
-"""`packit pack`: people's own parts into boxes, at their real sizes."""
+"""`packit pack`: user-supplied parts, packed into boxes at their real sizes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,17 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import RESUMABLE, print_written, stoppable
 from packit_sim.core.length_units import Unit
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.pack import pack
-from packit_sim.parts.reading.part_files import ReadSettings
-from packit_sim.parts.reading.units import lengths, unit_of
-from packit_sim.parts.results.packed import PackedParts
-from packit_sim.parts.results.packing_record import FILM, INSTRUCTIONS
+from packit_sim.parts.reading.boxes import box_unit
+from packit_sim.parts.reading.files import ReadSettings
+from packit_sim.parts.reading.units import lengths
+from packit_sim.parts.results.check import check
+from packit_sim.parts.results.film import film as write_film
+from packit_sim.parts.results.instructions import write_instructions
+from packit_sim.parts.results.record import FILM, INSTRUCTIONS
+from packit_sim.parts.results.summary import table
 
 
 def pack_command(
@@ -45,7 +50,7 @@ def pack_command(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the packing.")],
     objective: Annotated[
         Goal,
-        typer.Option(help="What is sought: most volume, count or value; all lowest, fewest boxes."),
+        typer.Option(help="Most volume, count or value; or all parts, lowest or in fewest boxes."),
     ] = "volume",
     clearance: Annotated[
         str, typer.Option(help="Smallest distance between two parts, such as 1mm.")
@@ -129,7 +134,7 @@ def pack_command(
 
     Example: packit pack parts.csv --objective boxes --box 300x200x150mm --time 60s -o packed
     """
-    length: Unit = unit_of(box[0]) or unit
+    length: Unit = box_unit(box) or unit
     settings = PackSettings(
         clearance=lengths(clearance, 1, length)[0],
         wall_clearance=lengths(wall_clearance, 1, length)[0],
@@ -154,15 +159,16 @@ def pack_command(
         def show(better: PackedParts, _: float) -> None:
             progress.update(bar, advance=1, note=_note(better))
 
-        found = pack(parts, box, objective, read_seconds(time), seed, out, show, settings)
-    console.print(found.table(), markup=False, highlight=False, soft_wrap=True)
-    print_written(out, f": {found.count} parts")
+        packed = pack(parts, box, objective, read_seconds(time), seed, out, show, settings)
+    found = check(packed)
+    console.print(table(packed, found), markup=False, highlight=False, soft_wrap=True)
+    print_written(out, f": {packed.count} parts")
     if instructions:
-        print_written(found.instructions(out / INSTRUCTIONS))
-    for number in range(len(found.boxes) if film else 0):
-        print_written(found.film(out / f"{found.stem(number)}{FILM}", number))
-    if found.check.problems:
-        for problem in found.check.problems:
+        print_written(write_instructions(packed, out / INSTRUCTIONS))
+    for number in range(len(packed.packings) if film else 0):
+        print_written(write_film(packed, out / f"{packed.stem(number)}{FILM}", number))
+    if found.problems:
+        for problem in found.problems:
             console.print(problem, markup=False, style="red")
         raise typer.Exit(1)
 
@@ -172,4 +178,4 @@ def _note(packed: PackedParts) -> str:
     text = f"{packed.count} of {total} parts, density {packed.density:.3f}"
     if packed.task.objective == "height":
         text += f", height {packed.height:.5g} {packed.task.unit}"
-    return text + (f", {len(packed.boxes)} boxes" if len(packed.boxes) > 1 else "")
+    return text + (f", {len(packed.packings)} boxes" if len(packed.packings) > 1 else "")

@@ -1,1 +1,1 @@
-"""Which parts go into which box: the task, and the search that fills one box after another."""
+"""Filling of boxes: the task, the search box after box, and the packed parts."""

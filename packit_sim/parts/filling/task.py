@@ -1,4 +1,4 @@
-"""What is packed: the prepared parts, the boxes, and what a packing must keep."""
+"""The task: prepared parts, boxes, the objective, and constraints."""
 
 from __future__ import annotations
 
@@ -16,29 +16,28 @@ from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import SearchBackend
-from packit_sim.parts.handling.constraints import Constraint
-from packit_sim.parts.handling.dropping import Dropping
-from packit_sim.parts.handling.requirements import Requirements
+from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.files import ReadSettings, UnreadFile
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.part_files import ReadSettings
 from packit_sim.parts.reading.prepared import PreparedPart, largest_sum
+from packit_sim.parts.reading.sizes import too_large
 from packit_sim.parts.reading.units import check_unit
 
 Goal = Literal["volume", "count", "value", "height", "boxes"]
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
-"""What is sought: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
+"""Objectives: most volume, parts or value; or all parts, lowest or in the fewest boxes."""
 
 
 @dataclass(frozen=True)
 class PackSettings:
-    """How parts are read and packed.
+    """Settings for reading and packing parts.
 
     Parameters
     ----------
@@ -52,7 +51,8 @@ class PackSettings:
         How many boxes there are of a size that does not say so; by default 1, or for the objective
         "boxes" as many as are needed.
     unit : str, optional
-        The unit of boxes, clearances and results; by default that of the box's text, or else mm.
+        The unit of clearances and results, and of boxes if none of them names a unit; by default
+        the first unit that a box names, or else mm.
     reading : ReadSettings
         How files are read.
     removable : bool
@@ -67,8 +67,8 @@ class PackSettings:
     fixed : sequence of Part, Path or str
         Parts that are in the box already, as meshes in its coordinates. Others keep the clearance
         from them and may rest on them.
-    constraints : sequence of Constraint
-        What else every packing must fulfil; parts that break a constraint are left out.
+    constraints : sequence of CustomConstraint
+        Further constraints on the parts in each box; parts that break one are left out.
     workers : int
         The number of searches at a time; 0: one per core.
     backend : str
@@ -97,7 +97,7 @@ class PackSettings:
     stable: float | None = None
     keep_out: Sequence[Part | Path | str] = ()
     fixed: Sequence[Part | Path | str] = ()
-    constraints: Sequence[Constraint] = ()
+    constraints: Sequence[CustomConstraint] = ()
     workers: int = 0
     backend: SearchBackend = "threads"
     address: str | None = None
@@ -115,9 +115,26 @@ class PackSettings:
             check_unit(self.unit)
 
 
+def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
+    """Raise ArgumentError if an objective is not known, or not possible with some boxes."""
+    if objective not in GOALS:
+        raise ArgumentError(f"objective {objective!r} is not known: choose from {', '.join(GOALS)}")
+    if objective == "height" and (len(boxes) > 1 or boxes[0].count != 1):
+        raise ArgumentError("the objective height needs one box: choose boxes for several")
+
+
+def check_margin(margin: float, boxes: Sequence[BoxType], unit: Unit) -> None:
+    """Raise ArgumentError if a distance from the walls leaves no space in a box."""
+    for box in boxes:
+        if min(box.size) <= 2 * margin:
+            raise ArgumentError(
+                f"box {box.name!r}: {margin:.4g} {unit} at each wall leave no space in it"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class PackTask:
-    """What is packed.
+    """Parts to pack, and the boxes for them.
 
     Attributes
     ----------
@@ -133,6 +150,10 @@ class PackTask:
         The volumes that stay free in every box.
     fixed : tuple of PreparedPart
         The parts that are in the box already.
+    unread : tuple of UnreadFile
+        The files that could not be read.
+    notes : tuple of str
+        How files were understood, and what is doubtful.
     """
 
     parts: tuple[PreparedPart, ...]
@@ -141,14 +162,11 @@ class PackTask:
     settings: PackSettings
     keep_out: tuple[PreparedPart, ...] = ()
     fixed: tuple[PreparedPart, ...] = ()
+    unread: tuple[UnreadFile, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.objective not in GOALS:
-            raise ArgumentError(
-                f"objective {self.objective!r} is not known: choose from {', '.join(GOALS)}"
-            )
-        if self.objective == "height" and (len(self.boxes) > 1 or self.boxes[0].count != 1):
-            raise ArgumentError("the objective height needs one box: choose boxes for several")
+        check_objective(self.objective, self.boxes)
         if self.objective == "value" and all(each.part.value is None for each in self.parts):
             raise ArgumentError("the objective value needs parts with a value, from a manifest")
         if self.fixed and (len(self.boxes) > 1 or self.boxes[0].count != 1):
@@ -161,12 +179,7 @@ class PackTask:
                     f"fixed: part {each.part.name!r} reaches {depth:.4g} {self.unit} beyond the "
                     "box: choose a keep-out for what is not inside it"
                 )
-        margin = self.margin
-        for box in self.boxes:
-            if min(box.size) <= 2 * margin:
-                raise ArgumentError(
-                    f"box {box.name!r}: {margin:.4g} {self.unit} at each wall leave no space in it"
-                )
+        check_margin(self.margin, self.boxes, self.unit)
 
     @property
     def unit(self) -> Unit:
@@ -175,7 +188,7 @@ class PackTask:
 
     @cached_property
     def types(self) -> tuple[ItemType, ...]:
-        """The types of items, one for each part, with what one of it is worth as its value.
+        """The types of items, one for each part, with its worth as the value.
 
         Those of fixed parts follow.
         """
@@ -192,48 +205,49 @@ class PackTask:
 
     @property
     def obstacles(self) -> tuple[PreparedPart, ...]:
-        """What the parts keep clear of: volumes that stay free, and fixed parts."""
+        """Volumes that stay free, and fixed parts: all that the parts keep clear of."""
         return (*self.keep_out, *self.fixed)
 
     @cached_property
-    def requirements(self) -> Requirements | None:
-        """What the parts of each box must meet besides being valid, if anything."""
+    def constraints(self) -> Constraints:
+        """The built-in constraints on the parts of each box, `fixed` ones included."""
         settings = self.settings
         parts = [each.part for each in self.all_parts]
         max_loads = {n: one.max_load for n, one in enumerate(parts) if one.max_load is not None}
-        no_stack = frozenset(n for n, one in enumerate(parts) if one.no_stack)
-        wishes = (settings.removable, settings.insertable, settings.stable is not None)
-        if not (any(wishes) or no_stack or max_loads):
-            return None
         for each in self.parts:
             if max_loads and each.mass is None:
                 raise ArgumentError(
                     f"load limits need masses: part {each.part.name!r} has no mass or density"
                 )
         centimetres = UNITS_CM[self.unit]
-        return Requirements(
+        return Constraints(
             removable=settings.removable,
             insertable=settings.insertable,
             stable=settings.stable,
-            no_stack=no_stack,
+            no_stack=frozenset(n for n, one in enumerate(parts) if one.no_stack),
             max_loads=max_loads,
             masses=tuple(
                 each.volume * centimetres**3 if each.mass is None else each.mass
                 for each in self.all_parts
             ),
-            fixed=self.fixed_numbers,
+            fixed=frozenset(range(len(self.fixed))),
             metres=centimetres / 100,
         )
 
+    @property
+    def is_constrained(self) -> bool:
+        """True if there are constraints."""
+        return not self.constraints.is_empty or len(self.settings.constraints) > 0
+
     @cached_property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """What each better packing of the search must fulfil."""
-        own = () if self.requirements is None else (Dropping(self.requirements, self.with_fixed),)
-        return (*own, *self.settings.constraints)
+    def too_large(self) -> dict[int, str]:
+        """The numbers of the parts that fit into no box, with the reasons."""
+        reasons = (too_large(each, self.boxes, self.margin, self.unit) for each in self.parts)
+        return {n: reason for n, reason in enumerate(reasons) if reason}
 
     @cached_property
     def tolerance(self) -> float:
-        """How far the nester lets items reach into each other, at most."""
+        """The largest depth by which the nester lets items reach into each other."""
         longest = max(max(box.size) for box in self.boxes)
         return max(
             (
@@ -245,12 +259,7 @@ class PackTask:
 
     def container(self, box: BoxType) -> BoxContainer:
         """Return a box with what the parts keep clear of."""
-        return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles))
-
-    @property
-    def fixed_numbers(self) -> frozenset[int]:
-        """The numbers that `with_fixed` gives to the placements of the fixed parts."""
-        return frozenset(range(len(self.fixed)))
+        return BoxContainer(box.size, tuple(each.item_type for each in self.obstacles), box.name)
 
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
@@ -278,9 +287,9 @@ class PackTask:
         settings = self.settings
         numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
         boxes = [(box.name, box.size, box.count) for box in self.boxes]
-        wishes = (settings.removable, settings.insertable, settings.stable)
+        asked = (settings.removable, settings.insertable, settings.stable)
         constraints = list(map(repr, settings.constraints))
-        text = repr((self.objective, numbers, boxes, wishes, constraints))
+        text = repr((self.objective, numbers, boxes, asked, constraints))
         sha = hashlib.sha256(text.encode())
         for each in (*self.parts, *self.obstacles):
             sha.update(each.part.digest.encode())
@@ -289,7 +298,7 @@ class PackTask:
 
     @cached_property
     def worth(self) -> tuple[float, ...]:
-        """What one of each part is worth by the objective, among parts of the same priority."""
+        """The worth of one of each part by the objective, among parts of the same priority."""
         if self.objective == "count":
             return (1.0,) * len(self.parts)
         if self.objective == "value":
@@ -312,16 +321,9 @@ class PackTask:
         return tuple(found)
 
     def worth_by_priority(self, counts: Mapping[int, int]) -> tuple[float, ...]:
-        """Sum what parts are worth, for each priority from the highest on."""
+        """Sum the worth of parts, for each priority from the highest on."""
         levels = sorted({each.part.priority for each in self.parts}, reverse=True)
         return tuple(
             sum(self.worth[n] * k for n, k in counts.items() if self.parts[n].part.priority == one)
             for one in levels
         )
-
-    def counts(self, placements: Sequence[Placement]) -> dict[int, int]:
-        """Count placements by the number of their part."""
-        found: dict[int, int] = {}
-        for placement in placements:
-            found[placement.type] = found.get(placement.type, 0) + 1
-        return found

@@ -1,1 +1,1 @@
-"""What happens to a packing outside the search: removal, supports, stability, constraints."""
+"""Handling of packings: removal, supports, stability, and constraints on all of them."""

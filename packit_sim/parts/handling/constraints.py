@@ -1,65 +1,116 @@
-"""Constraints of packings: each better packing of the search is checked, and parts are taken out.
-
-A constraint looks at one box. It says which items to take out so that the others fulfil it; the
-items that remain are checked again until nothing is taken out.
-"""
+"""Constraints beyond validity: the built-in ones, and the protocol of custom ones."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Protocol
 
+from packit_sim.core.checks import POSITIVE, Range, check_range
+from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.packings.packing import Packing
+from packit_sim.physics.settings import PhysicsSettings
 
 
-class Constraint(Protocol):
-    """What a packing must fulfil in addition to being valid."""
+class CustomConstraint(Protocol):
+    """A user-defined constraint, for `PackSettings`."""
 
-    def taken_out(self, packing: Packing) -> Mapping[int, str]:
-        """Choose the items to take out.
+    def left_out(self, packing: Packing) -> Mapping[int, str]:
+        """Choose the parts to leave out, so that the others meet the constraint.
 
         Parameters
         ----------
         packing : Packing
-            The items in one box, in its coordinates. The types are those of all parts, by name.
+            The parts in one box, in its coordinates. The types are those of all parts, by name.
 
         Returns
         -------
         mapping of int to str
-            The reason for each item to take out, by the number of its placement; empty if the
-            packing fulfils the constraint.
+            The reason for each part to leave out, by the number of its placement; empty if the
+            packing meets the constraint. It is called again for the parts that remain.
         """
 
 
-def filtered(
-    packing: Packing, constraints: Sequence[Constraint]
-) -> tuple[Packing, tuple[tuple[int, str], ...]]:
-    """Take items out of a packing until it fulfils all constraints.
+@dataclass(frozen=True)
+class Constraints:
+    """The constraints that a packing of parts must meet beyond being valid.
 
     Parameters
     ----------
-    packing : Packing
-        The items in one box.
-    constraints : sequence of Constraint
-        The constraints.
+    removable : bool
+        Whether every part can be taken out by straight moves (see `removal`).
+    insertable : bool
+        Whether every part can be put in straight down, in some order.
+    sides : bool
+        Whether parts may also leave through the sides of the box.
+    stable : float, optional
+        The largest distance that a part may move under gravity at any stage of packing, in the
+        container's unit (see `stability`).
+    no_stack : frozenset of int
+        The numbers of the types on which nothing may rest (see `supports`).
+    max_loads : mapping of int to float
+        The largest mass in grams that may rest on a part, by the number of its type.
+    masses : tuple of float, optional
+        The grams of a part of each type.
+    fixed : frozenset of int
+        The numbers of placements that stay where they are, such as parts that belong to the box.
+        They are in the way of others, and nobody has to take them out.
+    metres : float
+        The container's unit in metres, for `stable`.
+    physics : PhysicsSettings, optional
+        The simulated world, for `stable`; by default that of `stability`.
 
-    Returns
-    -------
-    packing : Packing
-        The items that remain.
-    dropped : tuple of (int, str)
-        The type and the reason of each item that was taken out.
+    Raises
+    ------
+    ArgumentError
+        If a number is out of range, or masses are missing.
     """
-    dropped: list[tuple[int, str]] = []
-    while True:
-        reasons: dict[int, str] = {}
-        for constraint in constraints:
-            reasons = dict(constraint.taken_out(packing))
-            if reasons:
-                break
-        if not reasons:
-            return packing, tuple(dropped)
-        dropped += [(packing.placements[n].type, why) for n, why in sorted(reasons.items())]
-        kept = [one for n, one in enumerate(packing.placements) if n not in reasons]
-        packing = replace(packing, placements=tuple(kept))
+
+    removable: bool = False
+    insertable: bool = False
+    sides: bool = False
+    stable: float | None = None
+    no_stack: frozenset[int] = frozenset()
+    max_loads: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
+    masses: tuple[float, ...] | None = None
+    fixed: frozenset[int] = frozenset()
+    metres: float = 0.001
+    physics: PhysicsSettings | None = None
+
+    def __post_init__(self) -> None:
+        if self.stable is not None:
+            check_range("stable", self.stable, POSITIVE)
+        check_range("metres", self.metres, POSITIVE)
+        for load in self.max_loads.values():
+            check_range("max_load", load, Range(0, ends="[)"))
+        for mass in self.masses or ():
+            check_range("mass", mass, Range(0, ends="[)"))
+        if self.masses is None and (self.max_loads or self.stable is not None):
+            raise ArgumentError("load limits and stability need masses: one for each type of parts")
+
+    @property
+    def is_empty(self) -> bool:
+        """True if every valid packing meets them."""
+        has_moves = self.removable or self.insertable or self.stable is not None
+        return not (has_moves or self.no_stack or self.max_loads)
+
+    def masses_in(self, packing: Packing) -> list[float]:
+        """Return the grams of each placed part; 0 if they are not known."""
+        masses = self.masses or (0.0,) * len(packing.types)
+        return [masses[placement.type] for placement in packing.placements]
+
+    def require_for(self, packing: Packing) -> None:
+        """Raise ArgumentError if they name types or placements that a packing does not have."""
+        for name, numbers, count in (
+            ("no_stack", self.no_stack, len(packing.types)),
+            ("max_loads", self.max_loads, len(packing.types)),
+            ("fixed", self.fixed, len(packing.placements)),
+        ):
+            for number in numbers:
+                if not 0 <= number < count:
+                    raise ArgumentError(f"{name} has the number {number}: it must be below {count}")
+        if self.masses is not None and len(self.masses) != len(packing.types):
+            raise ArgumentError(
+                f"{len(self.masses)} masses for {len(packing.types)} types of parts: one for each"
+            )

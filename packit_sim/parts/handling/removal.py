@@ -1,8 +1,8 @@
-"""Removal: in which order, and by which straight moves, parts can be taken out of their box.
+"""Removal of parts from their box: an order, and straight moves for each part.
 
 One part moves at a time, without turning. A part that can be taken out can be put in by the same
 moves in reverse, so that the reversed order is an order of packing. Each move is checked exactly
-over its whole length (see `part_sweeps`). Only some of the places where a move may end are tried:
+over its whole length (see `sweeps`). Only some of the places where a move may end are tried:
 a part that is called stuck might come out by other moves, but no part that is called removable
 is stuck.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from packit_sim.core.checks import Range, check_range
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.parts.handling.part_sweeps import AXES, SIDEWAYS, Direction, PartSweeps
+from packit_sim.parts.handling.sweeps import AXES, SIDEWAYS, Direction, PartSweeps, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 
 MOVES = 3
@@ -65,7 +65,7 @@ class StuckPart:
 
 @dataclass(frozen=True)
 class Removal:
-    """How the parts of a packing can be taken out, one after another.
+    """The removal of the parts of a packing, one after another.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def removable(
         If `moves` is not 1 to 3.
     """
     check_range("moves", moves, Range(1, MOVES))
-    sweeps = PartSweeps(packing)
+    sweeps = sweeps_of(packing)
     return removal_of(sweeps, range(len(sweeps)), sides=sides, moves=moves, fixed=fixed)
 
 

@@ -1,4 +1,4 @@
-"""Supports: what each part rests on, and how much rests on it.
+"""Supports and loads of parts.
 
 Parts are taken where they are after all of them have moved straight down, without turning, until
 each rests on the floor or on another part. A part rests on everything that is within a contact
@@ -17,7 +17,7 @@ import numpy as np
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts.handling.part_sweeps import PartSweeps
+from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 
 CONTACT = 1e-3
@@ -26,7 +26,7 @@ CONTACT = 1e-3
 
 @dataclass(frozen=True)
 class Stacking:
-    """What the parts of a packing rest on after they have moved straight down.
+    """The supports of the parts of a packing, after they have moved straight down.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def stacking(
     ArgumentError
         If `contact` is not above 0.
     """
-    sweeps = PartSweeps(packing)
+    sweeps = sweeps_of(packing)
     return stacking_of(sweeps, range(len(sweeps)), contact, fixed)
 
 

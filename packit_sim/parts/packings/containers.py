@@ -18,7 +18,7 @@ _WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
 
 
 class Container(Protocol):
-    """What the validity of a packing depends on."""
+    """A container, as the validity check of a packing sees it."""
 
     @property
     def longest(self) -> float:
@@ -39,6 +39,8 @@ class BoxContainer:
     obstacles : tuple of ItemType
         What is in it already and stays there: meshes in the container's coordinates. They may reach
         beyond its walls.
+    name : str
+        Its name, in tables and files.
 
     Raises
     ------
@@ -48,6 +50,7 @@ class BoxContainer:
 
     size: tuple[float, float, float]
     obstacles: tuple[ItemType, ...] = ()
+    name: str = "box"
 
     def __post_init__(self) -> None:
         try:

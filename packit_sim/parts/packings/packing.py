@@ -23,7 +23,7 @@ from packit_sim.parts.packings.placements import Placement
 Objective = Literal["strip", "knapsack", "bins"]
 
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
-"""What a packing was searched for: least height, most in one box, or fewest boxes."""
+"""Objectives of the nester: least height, most in one box, or fewest boxes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,7 @@ def verify_packing(file: Path | str) -> Report:
     - `pose`: (4, 4) by rows, a rotation, one scale for all axes and a translation. It maps the
       coordinates in the mesh's file to those of the box, regardless of the file's up axis and unit.
 
-    `validity.outside` and `validity.conflicts` define what is valid. The density is that of the
+    `validity.outside` and `validity.pair_problems` define what is valid. The density is that of the
     used boxes, or of the strip up to its highest item; the volume of an item is that of the closed
     body, or of the solid by voxels (see `Shape`).
     """

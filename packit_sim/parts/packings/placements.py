@@ -1,4 +1,4 @@
-"""Where one item of a packing off the grid is."""
+"""Placements: the items of a packing off the grid, at their poses."""
 
 from __future__ import annotations
 

@@ -96,8 +96,8 @@ def outside(body: Body, container: Container) -> Iterator[str]:
             yield f"{body.name} reaches {depth:.3g} beyond {wall}"
 
 
-def conflicts(one: Body, other: Body, clearance: float = 0.0) -> Iterator[str]:
-    """Yield a sentence for each conflict of two items.
+def pair_problems(one: Body, other: Body, clearance: float = 0.0) -> Iterator[str]:
+    """Yield a sentence for each problem of two items.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _problems(
         gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
         near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
         for m in np.flatnonzero(near).tolist():
-            yield from conflicts(one, bodies[n + 1 + m], clearance)
+            yield from pair_problems(one, bodies[n + 1 + m], clearance)
     for obstacle in obstacles:
         for body in bodies:
-            yield from conflicts(obstacle, body, clearance)
+            yield from pair_problems(obstacle, body, clearance)

@@ -46,7 +46,7 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
 
 @dataclass(frozen=True)
 class ManifestRow:
-    """A file to pack, and what is known of it.
+    """A file to pack, with its settings.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class ManifestRow:
 
     @property
     def count(self) -> int:
-        """How many of it to pack."""
+        """The number of parts to pack."""
         return int(self.settings.get("count", 1))
 
 

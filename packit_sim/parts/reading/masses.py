@@ -1,4 +1,4 @@
-"""Centres of mass of parts: of closed bodies, or of what an open surface encloses by voxels."""
+"""Centres of mass of parts, by voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part to pack: a mesh with its unit, how many there are, and how it may lie."""
+"""Parts: meshes of users, each with its unit, its count, and rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts as they are packed: in the user's unit, with a collision mesh of bounded deviation."""
+"""Prepared parts: parts in the user's unit, with collision meshes of bounded deviation."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _ROUNDING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class PreparedPart:
-    """A part as it is packed, with lengths in the user's unit.
+    """A part as the search sees it, with lengths in the user's unit.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Lengths with units, as people write them: "300x200x150mm"."""
+"""Lengths with units as text, such as "300x200x150mm"."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def factor(unit: Unit, other: Unit) -> float:
     return 1.0 if unit == other else UNITS_CM[unit] / UNITS_CM[other]
 
 
-def lengths(text: str, count: int, unit: Unit) -> tuple[float, ...]:
+def lengths(text: str, count: int, unit: Unit, plain: Unit | None = None) -> tuple[float, ...]:
     """Read lengths.
 
     Parameters
@@ -55,7 +55,9 @@ def lengths(text: str, count: int, unit: Unit) -> tuple[float, ...]:
     count : int
         How many lengths there must be.
     unit : str
-        The unit of the result, and of a text without one.
+        The unit of the result.
+    plain : str, optional
+        The unit of a text without one; by default that of the result.
 
     Returns
     -------
@@ -73,7 +75,7 @@ def lengths(text: str, count: int, unit: Unit) -> tuple[float, ...]:
         example = "300x200x150mm" if count > 1 else "1mm"
         what = f"{count} lengths" if count > 1 else "a length"
         raise ArgumentError(f"{text!r} is not {what} with a unit, such as {example}")
-    own = check_unit(match[2]) if match[2] else unit
+    own = check_unit(match[2]) if match[2] else plain or unit
     return tuple(float(number) * factor(own, unit) for number in numbers)
 
 

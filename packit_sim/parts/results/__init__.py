@@ -1,1 +1,1 @@
-"""Packed parts as results: checks, records, exports, pictures, pages, instructions, films."""
+"""Results of packing parts: checks, exports, pages, instructions, films."""

@@ -1,10 +1,9 @@
-"""Files of packed parts for other programs: 3MF, GLB, STL, pictures, and the report page."""
+"""Exports of packed parts: 3MF, GLB, STL, pictures, the report page, and the record."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -14,34 +13,33 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.filling.answers import FilledBox
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
-from packit_sim.parts.results.box_pictures import draw, shown
-from packit_sim.parts.results.packing_page import write_page
-from packit_sim.parts.results.packing_record import write_record
+from packit_sim.parts.results.check import check
+from packit_sim.parts.results.page import write_page
+from packit_sim.parts.results.pictures import draw, shown
+from packit_sim.parts.results.record import write_record
 from packit_sim.render.coloring import by_item
 from packit_sim.render.export import Y_UP, material
 from packit_sim.render.image_files import output_file
 from packit_sim.render.lettering import plain
 
-if TYPE_CHECKING:
-    from packit_sim.parts.results.packed import PackedParts
-
 MOST_TRIANGLES = 20_000_000
-"""The most triangles of an STL file, which has each copy of a part: 1 GB."""
+"""Largest number of triangles of an STL file, which has each copy of a part: 1 GB."""
 
 _log = plain_logger(__name__)
 
 
-def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
-    """Write all files of packed parts.
+def export(packed: PackedParts, folder: Path | str) -> list[Path]:
+    """Check packed parts, and write them as 3MF, GLB, STL, JSON, a picture and a report page.
 
     Parameters
     ----------
     packed : PackedParts
         The packed parts.
-    folder : Path
-        The folder.
+    folder : Path or str
+        The folder; its files of an earlier packing are replaced, each in one step.
 
     Returns
     -------
@@ -52,17 +50,20 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
     ------
     ArgumentError
         If nothing is packed.
+    PackItError
+        If a file can't be written.
     """
-    if not packed.boxes:
+    if not packed.packings:
         why = "".join(f": {each.name}: {each.reason}" for each in packed.left_out[:1])
         raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for number, box in enumerate(packed.boxes):
+    for number, contents in enumerate(packed.contents):
         stem = packed.stem(number)
         for suffix in ("3mf", "glb", "stl"):
             path = folder / f"{stem}.{suffix}"
-            data = _encoded(packed, box, suffix)
+            data = _encoded(packed, contents, suffix)
             if data is None:
                 _log.warning("%s is not written: it would have too many triangles", path)
                 continue
@@ -70,15 +71,16 @@ def export_packing(packed: PackedParts, folder: Path) -> list[Path]:
                 file.write(data)
             files.append(path)
         path = folder / f"{stem}.png"
-        draw(packed.contents(box), path, [each.item_type for each in packed.task.keep_out])
+        draw(contents, path, [each.item_type for each in packed.task.keep_out])
         files.append(path)
-    files.append(write_page(packed, folder / "packing.html"))
-    return files + write_record(packed, folder, files)
+    found = check(packed)
+    files.append(write_page(packed, found, folder / "packing.html"))
+    return files + write_record(packed, found, folder, files)
 
 
-def names(packed: PackedParts, box: FilledBox) -> list[str]:
+def names(packed: PackedParts, contents: Packing) -> list[str]:
     """Return a unique ASCII name for each part in a box, such as "03 bracket"."""
-    placements, fixed = packed.contents(box).placements, len(packed.task.fixed)
+    placements, fixed = contents.placements, len(packed.task.fixed)
     digits = max(2, len(str(len(placements))))
     numbers = [f"fixed {n:0{digits}d}" for n in range(1, fixed + 1)]
     numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
@@ -86,28 +88,27 @@ def names(packed: PackedParts, box: FilledBox) -> list[str]:
     return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
 
 
-def _encoded(packed: PackedParts, box: FilledBox, suffix: str) -> bytes | None:
+def _encoded(packed: PackedParts, contents: Packing, suffix: str) -> bytes | None:
     """Return a box in a format; None if there are too many triangles for it."""
     if suffix == "glb":
-        return _glb(packed, box)
+        return _glb(packed, contents)
     if suffix == "3mf":
-        return bytes(_scene(packed, box, "mm").export(file_type="3mf"))
-    placements = packed.contents(box).placements
-    triangles = sum(len(packed.part(one).part.mesh.faces) for one in placements)
+        return bytes(_scene(packed, contents, "mm").export(file_type="3mf"))
+    triangles = sum(len(packed.part(one).part.mesh.faces) for one in contents.placements)
     if triangles > MOST_TRIANGLES:
         return None
-    return bytes(_scene(packed, box, "mm").to_mesh().export(file_type="stl"))
+    return bytes(_scene(packed, contents, "mm").to_mesh().export(file_type="stl"))
 
 
-def _glb(packed: PackedParts, box: FilledBox) -> bytes:
-    colors = by_item([one.item for one in shown(packed.contents(box)).placed]).of
-    scene = _scene(packed, box, "m", colors, Y_UP)
+def _glb(packed: PackedParts, contents: Packing) -> bytes:
+    colors = by_item([one.item for one in shown(contents).placed]).of
+    scene = _scene(packed, contents, "m", colors, Y_UP)
     return bytes(scene.export(file_type="glb"))
 
 
 def _scene(
     packed: PackedParts,
-    box: FilledBox,
+    contents: Packing,
     unit: Unit,
     colors: tuple[tuple[float, float, float], ...] | None = None,
     frame: Floats | None = None,
@@ -118,7 +119,7 @@ def _scene(
     if frame is not None:
         scene.graph.update(frame_from=parent, frame_to="box", matrix=frame)
         parent = "box"
-    for n, (name, number, pose) in enumerate(_posed(packed, box, unit)):
+    for n, (name, number, pose) in enumerate(_posed(packed, contents, unit)):
         part, own_type = packed.task.all_parts[number].part, packed.task.types[number]
         own = f"{number:03d} {plain(part.name)}"
         middle = (own_type.low + own_type.high) / 2 * factor(packed.task.unit, unit)
@@ -135,10 +136,10 @@ def _scene(
     return scene
 
 
-def _posed(packed: PackedParts, box: FilledBox, unit: Unit) -> Iterator[tuple[str, int, Floats]]:
+def _posed(packed: PackedParts, contents: Packing, unit: Unit) -> Iterator[tuple[str, int, Floats]]:
     """Yield each part's name and number, and its pose with lengths in a unit."""
     length = factor(packed.task.unit, unit)
-    for name, one in zip(names(packed, box), packed.contents(box).placements, strict=True):
+    for name, one in zip(names(packed, contents), contents.placements, strict=True):
         pose = np.array(one.pose)
         pose[:3, 3] *= length
         yield name, one.type, pose

@@ -1,4 +1,4 @@
-"""Packing instructions: printable pages, a step for each part, with pictures and plain words."""
+"""Packing instructions: printable pages with pictures, a step for each part."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
 from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.shapes import Item
-from packit_sim.parts.handling.part_sweeps import PartSweeps
-from packit_sim.parts.handling.requirements import Requirements, ways_in
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.order import ways_in
+from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import contents
-from packit_sim.parts.results.turning import place_in_words, turn_in_words, way_in_words
+from packit_sim.parts.results.wording import place_in_words, turn_in_words, way_in_words
 from packit_sim.render.cameras import Camera
 from packit_sim.render.coloring import Color, Colors
 from packit_sim.render.image_files import RGBImage
@@ -108,28 +110,58 @@ class BoxSteps:
     picture: str
 
 
-def write_instructions(
+def write_instructions(packed: PackedParts, path: Path | str) -> Path:
+    """Write printable instructions for packing parts, as one self-contained HTML file.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    path : Path or str
+        The HTML file.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ArgumentError
+        If nothing is packed.
+    OSError
+        If the file can't be written.
+    """
+    several = len(packed.contents) > 1
+    boxes = [
+        (f"Box {n}: {contents.container.name}" if several else "Box", contents)
+        for n, contents in enumerate(packed.contents, start=1)
+    ]
+    return packing_instructions(path, boxes, packed.task.unit, constraints=packed.task.constraints)
+
+
+def packing_instructions(
     path: Path | str,
     boxes: Sequence[tuple[str, Packing]],
     unit: str = "mm",
     title: str = "Packing instructions",
-    requirements: Requirements | None = None,
+    constraints: Constraints | None = None,
 ) -> Path:
-    """Write printable packing instructions as one self-contained HTML file.
+    """Write printable instructions for any packings, as one self-contained HTML file.
 
     Parameters
     ----------
     path : Path or str
         The HTML file.
     boxes : sequence of (str, Packing)
-        The names of boxes and what is in them; a packing of several boxes becomes several.
+        The names of boxes, and their packings; a packing of several boxes becomes several.
     unit : str, default: "mm"
         The name of the unit of length.
     title : str
         The title.
-    requirements : Requirements, optional
-        What the packings meet: whether parts come straight down or through the sides. Its fixed
-        parts are in the box from the start, if there is one packing.
+    constraints : Constraints, optional
+        The constraints that the packings meet: whether parts come straight down or through the
+        sides. The fixed parts are in the box from the start, if there is one packing.
 
     Returns
     -------
@@ -145,8 +177,8 @@ def write_instructions(
     """
     if not any(packing.placements for _, packing in boxes):
         raise ArgumentError("there are no instructions for a packing without parts")
-    required = requirements or Requirements()
-    steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, required)]
+    met = constraints or Constraints()
+    steps = [one for name, packing in boxes for one in _boxes(name, packing, unit, met)]
     here = Path(__file__).parent
     content = {
         "title": title,
@@ -159,23 +191,21 @@ def write_instructions(
     return path
 
 
-def _boxes(
-    name: str, packing: Packing, unit: str, requirements: Requirements
-) -> Iterator[BoxSteps]:
+def _boxes(name: str, packing: Packing, unit: str, constraints: Constraints) -> Iterator[BoxSteps]:
     """Yield the steps of each box of a packing."""
-    sweeps = PartSweeps(packing)
+    sweeps = sweeps_of(packing)
     numbers = sorted({placement.box for placement in packing.placements})
     for count, box in enumerate(numbers, start=1):
         own = [n for n, placement in enumerate(packing.placements) if placement.box == box]
         label = name if len(numbers) == 1 else f"{name}, {count} of {len(numbers)}"
-        yield _box(label, sweeps, own, unit, requirements)
+        yield _box(label, sweeps, own, unit, constraints)
 
 
 def _box(
-    name: str, sweeps: PartSweeps, own: Sequence[int], unit: str, requirements: Requirements
+    name: str, sweeps: PartSweeps, own: Sequence[int], unit: str, constraints: Constraints
 ) -> BoxSteps:
-    packing, fixed = sweeps.packing, requirements.fixed
-    order, routes = ways_in(sweeps, own, requirements)
+    packing, fixed = sweeps.packing, constraints.fixed
+    order, routes = ways_in(sweeps, own, constraints)
     whole = contents(packing, order)
     start = len(fixed.intersection(own))
     steps = []

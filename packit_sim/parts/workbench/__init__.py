@@ -1,1 +1,1 @@
-"""A local web page on which people pack their own parts."""
+"""A local web page to pack user-supplied parts."""

@@ -1,4 +1,4 @@
-"""The mesh files that a page has sent, in their own folder."""
+"""Uploads: the mesh files that a page has sent, in a dedicated folder."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from packit_sim.core.files import replacing
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.libraries.mesh_files import SUFFIXES
+from packit_sim.parts.reading.files import ReadSettings, find_parts, with_own_names
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.part_files import ReadSettings, find_parts, with_own_names
 
 MOST_BYTES = 256 * 2**20
 """The largest file."""

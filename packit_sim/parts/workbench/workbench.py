@@ -1,4 +1,4 @@
-"""The workbench: the parts that a page has sent, the search that packs them, and its results."""
+"""The workbench: a page's parts, the search that packs them, and the results."""
 
 from __future__ import annotations
 
@@ -18,15 +18,19 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.pack import pack
+from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.part_files import ReadSettings, find_parts
-from packit_sim.parts.reading.part_sizes import shown as shown_lengths
+from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
-from packit_sim.parts.results.packed import PackedParts
-from packit_sim.parts.results.packing_page import add_box
-from packit_sim.parts.results.packing_record import INSTRUCTIONS
+from packit_sim.parts.results.check import Check, check
+from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.instructions import write_instructions
+from packit_sim.parts.results.page import add_box
+from packit_sim.parts.results.record import INSTRUCTIONS
+from packit_sim.parts.results.summary import summary
 from packit_sim.parts.workbench.uploads import MOST_BYTES, MOST_FILES, Uploads
 from packit_sim.web.http_server import (
     HttpRoute,
@@ -54,7 +58,7 @@ _log = plain_logger(__name__)
 
 
 class _Asked(Struct, forbid_unknown_fields=True):
-    """How many of a file's parts to pack, and how they may turn."""
+    """A file's parts to pack: how many of them, and their rotations."""
 
     number: int
     count: Annotated[int, Meta(ge=0)]
@@ -62,7 +66,7 @@ class _Asked(Struct, forbid_unknown_fields=True):
 
 
 class _Order(Struct, forbid_unknown_fields=True):
-    """What to pack, as the page sends it."""
+    """An order of packing, as the page sends it."""
 
     box: str
     unit: str
@@ -237,9 +241,9 @@ class Workbench:
         packed = self._packed
         if not numbers:
             return ()
-        if packed is None or len(packed.boxes) != 1:
+        if packed is None or len(packed.packings) != 1:
             raise ArgumentError("there is no packing in one box whose parts can be locked")
-        placements = packed.contents(packed.boxes[0]).placements
+        placements = packed.contents[0].placements
         found = []
         for n in sorted(set(numbers)):
             if not 0 <= n < len(placements):
@@ -281,14 +285,14 @@ class Workbench:
                 callback=better,
                 settings=settings,
             )
-            if not packed.boxes:
+            if not packed.packings:
                 raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
             self._note("checking the result and writing its files", packed, locked)
             shutil.rmtree(out, ignore_errors=True)
-            files = packed.export(out)
+            files = export(packed, out)
             if order.instructions:
                 self._note("writing the instructions", packed, locked)
-                files.append(packed.instructions(out / INSTRUCTIONS))
+                files.append(write_instructions(packed, out / INSTRUCTIONS))
         except Exception as error:
             if not isinstance(error, PackItError):
                 _log.exception("the search failed")
@@ -332,13 +336,13 @@ class Workbench:
                 "unit": each.unit,
                 "parts": sum(part.count for part in each.parts),
                 "size": " and ".join(
-                    f"{shown_lengths(part.mesh.extents)} {part.unit}" for part in each.parts[:2]
+                    f"{lengths_text(part.mesh.extents)} {part.unit}" for part in each.parts[:2]
                 ),
             }
             for each in list(self._uploads.files.values())
         ]
         if packed is not None:
-            state["result"] = _result(packed, len(locked), bool(files))
+            state["result"] = _result(packed, len(locked), check(packed) if files else None)
             state["result"]["downloads"] = sorted(files)
         return WebAnswer.of_json(state)
 
@@ -351,22 +355,22 @@ class Workbench:
         return WebAnswer(file, _TYPES[file.suffix], name)
 
 
-def _result(packed: PackedParts, locked: int, is_checked: bool) -> dict[str, Any]:
-    """Return a packing as the page shows it; its summary takes a check of all files."""
+def _result(packed: PackedParts, locked: int, found: Check | None) -> dict[str, Any]:
+    """Return a packing as the page shows it, with numbers once its files are checked."""
     models = Models()
     boxes = []
-    for box in packed.boxes:
-        add_box(models, packed, box)
-        names = [packed.part(one).part.name for one in packed.contents(box).placements]
-        boxes.append({"name": box.type.name, "parts": names})
+    for contents in packed.contents:
+        add_box(models, contents)
+        names = [packed.part(one).part.name for one in contents.placements]
+        boxes.append({"name": contents.container.name, "parts": names})
     return {
         "models": models.to_json(),
         "boxes": boxes,
         "locked": locked,
         "left out": [f"{each.count} x {each.name}: {each.reason}" for each in packed.left_out],
         "notes": list(packed.notes),
-        "summary": packed.summary() if is_checked else {},
-        "problems": list(packed.check.problems) if is_checked else [],
+        "summary": summary(packed, found) if found else {},
+        "problems": list(found.problems) if found else [],
     }
 
 

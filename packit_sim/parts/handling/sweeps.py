@@ -1,4 +1,4 @@
-"""How far a placed part can move straight, at any pose, before its mesh meets another part's.
+"""Sweeps: the distances that parts of a packing can move straight before they meet others.
 
 Sweeps compare meshes triangle by triangle over the whole motion, without time steps (see
 `engine.sweeping`). For each pair both meshes are drawn in as the validity check of packings does
@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import trimesh
 
+from packit_sim.core.caches import bounded_cache
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.deviation import Surface
 from packit_sim.parts.packings.packing import Packing
@@ -40,7 +41,7 @@ _HERE = np.zeros(3)
 
 
 class PartSweeps:
-    """The placed parts of a packing, and what each meets on straight moves.
+    """The parts of a packing, and the distances that each can move (see `sweeps_of`).
 
     Lengths are relative to the container's longest side that is not infinite. Answers about two
     parts do not depend on any third one; they are cached.
@@ -216,3 +217,9 @@ class PartSweeps:
                 mesh = trimesh.Trimesh(vertices, item_type.faces, process=False)
                 self._surfaces[key] = Surface.of(mesh)
         return self._surfaces[key]
+
+
+@bounded_cache("sweeps of packings", 4, "packings", lambda _: 1, lambda packing: packing)
+def sweeps_of(packing: Packing) -> PartSweeps:
+    """Return the sweeps of a packing, which all questions about the same packing share."""
+    return PartSweeps(packing)

@@ -1,4 +1,4 @@
-"""Boxes of packed parts as pictures, viewers and pages show them."""
+"""Pictures of packings, and the boxes that viewers and pages show."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 
 _CELLS = range(100, 129)
-"""How many cells the longest side may have."""
+"""Possible numbers of cells along the longest side."""
 
 SIZE = 1200, 900
 """Pixels of a picture."""

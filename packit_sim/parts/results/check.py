@@ -1,4 +1,4 @@
-"""The check of packed parts by their original files, which does not depend on the search.
+"""The check of packed parts by their original files, independent of the search.
 
 trimesh reads the files again. The collision meshes of the search play no role, and neither does
 the nester's own check.
@@ -12,7 +12,8 @@ import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import trimesh
@@ -22,13 +23,11 @@ from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.parts import part_numbers
 from packit_sim.libraries.obj_faces import simple_faces
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.placement import LooseMesh, winding_number
-
-if TYPE_CHECKING:
-    from packit_sim.parts.reading.prepared import PreparedPart
-    from packit_sim.parts.results.packed import PackedParts
 
 SIZE = 1e4
 """The longest side of a box in the numbers that FCL gets: in small numbers it is not accurate."""
@@ -42,7 +41,7 @@ _ROUNDING = 1e-7
 
 @dataclass(frozen=True)
 class Check:
-    """What was found.
+    """The result of a check of packed parts by their original files.
 
     Attributes
     ----------
@@ -59,8 +58,12 @@ class Check:
     how: str
 
 
-def check_originals(packed: PackedParts) -> Check:
-    """Check the original files of packed parts at their poses.
+_known: WeakKeyDictionary[PackedParts, Check] = WeakKeyDictionary()
+"""Results, kept as long as the packed parts: a check takes long."""
+
+
+def check(packed: PackedParts) -> Check:
+    """Check the original files of packed parts at their poses, independently of the search.
 
     Parameters
     ----------
@@ -72,35 +75,45 @@ def check_originals(packed: PackedParts) -> Check:
     Check
         Parts that are outside their box or too close to its walls, that overlap, or that are nearer
         to each other than the clearance; and the smallest distance.
+
+    Notes
+    -----
+    trimesh reads the files again, once for each `PackedParts`. FCL computes distances of their
+    triangles, and manifold3d, where it is installed, the volumes that closed parts share.
     """
-    settings = packed.task.settings
+    if packed not in _known:
+        found = [_box(packed, number) for number in range(len(packed.packings))]
+        how = "files read by trimesh, distances by FCL"
+        if _has_manifold():
+            how += ", shared volumes by manifold3d"
+        problems = tuple(sentence for own, _ in found for sentence in own)
+        distances = [distance for _, distance in found if distance is not None]
+        _known[packed] = Check(problems, min(distances, default=None), how)
+    return _known[packed]
+
+
+def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
+    """Return the problems in a box, and the smallest distance of two parts."""
+    settings, packing = packed.task.settings, packed.packings[number]
+    container = packing.container
     problems: list[str] = []
-    distances: list[float] = []
-    for number, box in enumerate(packed.boxes, start=1):
-        container = box.type.container
-        originals: dict[int, _Original] = {}
-        placed = []
-        for n, one in enumerate(box.packing.placements):
-            pose = packed.pose(one)
-            if one.type not in originals:
-                scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
-                originals[one.type] = _Original(packed.part(one).part, scale, container.longest)
-            placed.append(_Placed(originals[one.type], pose, f"part {n} of box {number}"))
-        for each in placed:
-            problems += _outside(each, np.array(box.type.size), settings.wall_clearance)
-        found, distance = _conflicts(combinations(placed, 2), settings.clearance)
-        problems += found
-        around = [
-            *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
-            *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
-        ]
-        problems += _conflicts(product(around, placed), settings.clearance)[0]
-        if distance is not None:
-            distances.append(distance)
-    how = "files read by trimesh, distances by FCL"
-    if _has_manifold():
-        how += ", shared volumes by manifold3d"
-    return Check(tuple(problems), min(distances, default=None), how)
+    originals: dict[int, _Original] = {}
+    placed = []
+    for n, one in enumerate(packing.placements):
+        pose = packed.pose(one)
+        if one.type not in originals:
+            scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
+            originals[one.type] = _Original(packed.part(one).part, scale, container.longest)
+        placed.append(_Placed(originals[one.type], pose, f"part {n} of box {number + 1}"))
+    for each in placed:
+        problems += _outside(each, np.array(container.size), settings.wall_clearance)
+    found, distance = _between(combinations(placed, 2), settings.clearance)
+    around = [
+        *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
+        *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
+    ]
+    further, _ = _between(product(around, placed), settings.clearance)
+    return [*problems, *found, *further], distance
 
 
 def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
@@ -178,7 +191,7 @@ class _Original:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether it has a volume."""
+        """True if it has a volume."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return bool(self.mesh.is_volume)
 
@@ -217,7 +230,7 @@ def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
         yield f"{placed.name} reaches {depth:.3g} beyond {what}"
 
 
-def _conflicts(
+def _between(
     placed: Iterable[tuple[_Placed, _Placed]], clearance: float
 ) -> tuple[list[str], float | None]:
     """Return the problems of pairs, and the smallest distance."""
@@ -259,7 +272,7 @@ def _is_inside(own: _Placed, around: _Placed) -> bool:
 
 
 def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
-    """Yield whether two parts overlap: surfaces cross, or closed parts share a volume."""
+    """Yield a sentence if two parts overlap: surfaces cross, or closed parts share a volume."""
     if one.original.drawn_in.crosses(other.original.drawn_in, *other.seen_from(one)):
         yield f"{other.name} crosses {one.name}"
         return

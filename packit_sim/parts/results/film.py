@@ -1,4 +1,4 @@
-"""A film of packing a box: each part comes in by the straight moves that bring it in."""
+"""Films of packing a box: each part comes in by straight moves."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
 from packit_sim.geometry.poses import Pose
-from packit_sim.parts.handling.part_sweeps import AXES, PartSweeps
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.order import ways_in
 from packit_sim.parts.handling.removal import Route
-from packit_sim.parts.handling.requirements import Requirements, ways_in
+from packit_sim.parts.handling.sweeps import AXES, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import contents
 from packit_sim.render import films, video
@@ -39,8 +41,33 @@ _REST = 1.5
 """Seconds after the last part."""
 
 
+def film(packed: PackedParts, path: Path | str, box: int = 0) -> Path:
+    """Film how the parts of a box are put in.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    path : Path or str
+        The file, .gif or .mp4.
+    box : int
+        The number of the box, from 0.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    RenderError
+        If the file can't be written.
+    """
+    return film_packing(path, packed.contents[box], packed.task.constraints)
+
+
 def film_packing(
-    path: Path | str, packing: Packing, requirements: Requirements | None = None
+    path: Path | str, packing: Packing, constraints: Constraints | None = None
 ) -> Path:
     """Film how the parts of a box are put in, one after the other.
 
@@ -50,8 +77,9 @@ def film_packing(
         The file, .gif or .mp4.
     packing : Packing
         The parts in one box.
-    requirements : Requirements, optional
-        What the packing meets: whether parts come straight down, and which are fixed.
+    constraints : Constraints, optional
+        The constraints that the packing meets: whether parts come straight down, and which are
+        fixed.
 
     Returns
     -------
@@ -68,13 +96,13 @@ def film_packing(
     video.require(path)
     if len({placement.box for placement in packing.placements}) != 1:
         raise ArgumentError("a film is of the parts in one box")
-    required = requirements or Requirements()
-    sweeps = PartSweeps(packing)
-    order, routes = ways_in(sweeps, range(len(sweeps)), required)
+    met = constraints or Constraints()
+    sweeps = sweeps_of(packing)
+    order, routes = ways_in(sweeps, range(len(sweeps)), met)
     whole = contents(packing, order, _SIDE)
     scale = _SIDE / packing.container.longest
     ways = [_way(item, routes.get(n), scale) for n, item in zip(order, whole.placed, strict=True)]
-    first = len(required.fixed)
+    first = len(met.fixed)
     frames = [(DEFAULT_LOOK, layout) for layout in _layouts(list(whole.placed), ways, first)]
     video.write(path, films.shot(whole, frames, *SIZE), FPS)
     return Path(path)

@@ -1,4 +1,4 @@
-"""The record of a packing in JSON: poses in the user's unit, and what resumes the search."""
+"""The record of packed parts in JSON, from which `pack` resumes the search."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct, field
@@ -21,16 +20,15 @@ from packit_sim.core.files import claimed, replace_text, replacing
 from packit_sim.core.plain_text import plain, plain_logger
 from packit_sim.core.version import __version__
 from packit_sim.libraries.data_files import read_bytes
-from packit_sim.parts.filling.answers import FilledBox
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings.lengths import PoseRows
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import obj_text
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.part import Part
-
-if TYPE_CHECKING:
-    from packit_sim.parts.results.packed import PackedParts
+from packit_sim.parts.results.check import Check
+from packit_sim.parts.results.summary import summary
 
 RECORD = "packing.json"
 """The name of the file."""
@@ -66,36 +64,24 @@ class _RecordedPart(Struct):
 
 
 class _RecordedBoxes(Struct):
-    """What resumes the search; other fields are ignored."""
+    """The fields from which the search resumes; others are ignored."""
 
     items: Annotated[tuple[_RecordedPart, ...], Meta(min_length=1)]
     box_names: tuple[str, ...] = field(name="box names")
     searches: Annotated[int, Meta(ge=0, le=10**9)]
 
 
-@dataclass(frozen=True, eq=False)
-class Earlier:
-    """An earlier packing of the same task.
-
-    Attributes
-    ----------
-    boxes : tuple of FilledBox
-        Its boxes.
-    searches : int
-        How many searches led to it.
-    """
-
-    boxes: tuple[FilledBox, ...]
-    searches: int
-
-
-def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> list[Path]:
+def write_record(
+    packed: PackedParts, found: Check, folder: Path, written: Sequence[Path]
+) -> list[Path]:
     """Write a packing and its meshes so that `packit verify` can check them.
 
     Parameters
     ----------
     packed : PackedParts
         The packing.
+    found : Check
+        The result of its check.
     folder : Path
         The folder.
     written : sequence of Path
@@ -114,8 +100,8 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
     meshes: dict[int, str] = {}
     files: list[Path] = []
     items = []
-    for number, box in enumerate(packed.boxes):
-        for one in box.packing.placements:
+    for number, packing in enumerate(packed.packings):
+        for one in packing.placements:
             if one.type not in meshes:
                 file = _write_mesh(packed.part(one).part, folder / MESHES, set(meshes.values()))
                 meshes[one.type] = f"{MESHES}/{file.name}"
@@ -138,11 +124,12 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
         taken.add(mesh)
         what = {"name": each.part.name, "is part": each in task.fixed}
         obstacles.append({**what, "mesh": mesh, "pose": each.frame.tolist()})
+    boxes = [packing.container for packing in packed.packings]
     record = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
-        "box": list(packed.boxes[0].type.size),
-        "boxes": [list(box.type.size) for box in packed.boxes],
-        "box names": [box.type.name for box in packed.boxes],
+        "box": list(boxes[0].size),
+        "boxes": [list(box.size) for box in boxes],
+        "box names": [box.name for box in boxes],
         "unit": task.unit,
         "clearance": task.settings.clearance,
         "wall clearance": task.settings.wall_clearance,
@@ -150,8 +137,8 @@ def write_record(packed: PackedParts, folder: Path, written: Sequence[Path]) -> 
         "items": items,
         "obstacles": obstacles,
         "left out": [vars(each) for each in packed.left_out],
-        "files not read": [vars(each) for each in packed.problems],
-        "summary": packed.summary(),
+        "files not read": [vars(each) for each in packed.unread],
+        "summary": summary(packed, found),
         "notes": list(packed.notes),
         "parts": [
             {
@@ -235,7 +222,7 @@ def own_folder(folder: Path) -> Iterator[None]:
         yield
 
 
-def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
+def read_earlier(folder: Path, task: PackTask) -> PackedParts | None:
     """Read the packing of the same task in a folder.
 
     Parameters
@@ -247,7 +234,7 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
 
     Returns
     -------
-    Earlier or None
+    PackedParts or None
         The packing; None if there is none of this task, or it is not valid.
 
     Raises
@@ -268,14 +255,14 @@ def read_earlier(folder: Path, task: PackTask) -> Earlier | None:
         return None
     try:
         record = typed_json.decode(data, _RecordedBoxes, PackFormatError, "a packing")
-        return Earlier(_boxes(record, task), record.searches)
+        return PackedParts(task, _packings(record, task), searches=record.searches)
     except PackItError as error:
         _log.warning("%s is not used: %s", file, error)
         return None
 
 
-def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
-    """Return the boxes of a record; raise PackFormatError if they are not packings of the task."""
+def _packings(record: _RecordedBoxes, task: PackTask) -> tuple[Packing, ...]:
+    """Return the packings of a record; raise PackFormatError if they are not of the task."""
     numbers = {each.part.name: n for n, each in enumerate(task.parts)}
     types = {box.name: box for box in task.boxes}
     parts = Counter(item.name for item in record.items)
@@ -297,9 +284,9 @@ def _boxes(record: _RecordedBoxes, task: PackTask) -> tuple[FilledBox, ...]:
         placements[item.box].append(Placement(n, np.array(item.pose) @ back[n]))
     found = []
     for name, own in zip(record.box_names, placements, strict=True):
-        box = types[name]
-        packing = Packing(task.types, task.container(box), tuple(own), task.gap, "knapsack")
+        container = task.container(types[name])
+        packing = Packing(task.types, container, tuple(own), task.gap, "knapsack")
         if problems := packing.problems():
             raise PackFormatError(problems[0])
-        found.append(FilledBox(box, packing))
+        found.append(packing)
     return tuple(found)

@@ -1,4 +1,4 @@
-"""The search for a packing of parts: box after box, or all boxes of one size together."""
+"""The search for the best packing of a task: box after box, or all boxes together."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ import math
 import signal
 import threading
 import time as clock
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
-from packit_sim.parts.filling.answers import Answer, FilledBox
-from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.reading.box_types import BoxType
-from packit_sim.parts.reading.part_sizes import fits
+from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.sizes import fits
 
 _FULL = 0.6
-"""Share of the boxes' volume above which parts are not expected to fit into all of them."""
+"""Share of the boxes' volume above which parts probably do not fit into all of them."""
 
 _SECONDS = 0.05, 1e6
 """Seconds that a box gets, at least and at most."""
@@ -35,66 +36,72 @@ _REPEATS = 4
 """Searches for a box, if their iterations are limited, while constraints leave parts out."""
 
 _NEXT_SEED = 1000
-"""Between the seeds of searches for a box; an earlier answer's next search adds 1."""
+"""Difference of the seeds of searches for a box; a search that resumes adds 1."""
 
 
-@dataclass(eq=False)
 class PackingSearch:
-    """A search for an answer to a task.
+    """A search for the best packing of a task.
 
-    Attributes
+    Parameters
     ----------
-    task : PackTask
-        The task.
+    first : PackedParts
+        The packing that the search begins with, or one without boxes.
     end : float
         When it ends, by `time.perf_counter`.
     seed : int
         The seed.
-    best : Answer
-        The best answer so far.
     callback : callable, optional
-        Called with each better answer.
+        Called with each better packing.
+
+    Attributes
+    ----------
+    best : PackedParts
+        The best packing so far.
     """
 
-    task: PackTask
-    end: float
-    seed: int
-    best: Answer = field(default_factory=Answer)
-    callback: Callable[[Answer], object] | None = None
+    def __init__(
+        self,
+        first: PackedParts,
+        end: float,
+        seed: int,
+        callback: Callable[[PackedParts], object] | None = None,
+    ) -> None:
+        self.best = first
+        self._first = first
+        self._task = first.task
+        self._end = end
+        self._seed = seed
+        self._callback = callback
+        self._stopped = first.task.settings.stop or threading.Event()
 
-    def run(self) -> Answer:
+    def run(self) -> PackedParts:
         """Search until the time is over, nothing better is possible, or Ctrl-C.
 
         Returns
         -------
-        Answer
-            The best answer.
+        PackedParts
+            The best packing.
 
         Raises
         ------
         NestingError
             If no valid packing was found.
         """
-        self._stopped = self.task.settings.stop or threading.Event()
-        self._first = self.best
-        fitting = [self._fits(n) for n in range(len(self.task.parts))]
-        counts = {n: part.part.count for n, part in enumerate(self.task.parts) if fitting[n]}
+        parts = enumerate(self._task.parts)
+        counts = {n: part.part.count for n, part in parts if self._fits(n)}
         if not counts or self._is_done(self.best, counts):
             return self.best
         try:
             with _stop_noted(self._stopped):
                 self._search(counts)
-        except KeyboardInterrupt:
-            if not self.best.boxes:
-                raise
-        except NestingError:
-            if not self.best.boxes:
+        except (KeyboardInterrupt, NestingError):
+            if not self.best.packings:
                 raise
         return self.best
 
     def _search(self, counts: Mapping[int, int]) -> None:
-        objective, first = self.task.objective, self.task.boxes[0]
-        may_be_together = objective == "boxes" and not self.task.obstacles
+        objective, first = self._task.objective, self._task.boxes[0]
+        may_be_together = objective == "boxes" and not self._task.obstacles
         if may_be_together and self._can_all_fit(counts):
             self._fill_together(counts)
         else:
@@ -105,11 +112,11 @@ class PackingSearch:
     def _fill_one_by_one(self, counts: Mapping[int, int]) -> dict[int, int]:
         """Fill box after box; return the parts that are left."""
         left = dict(counts)
-        stock = {box: math.inf if box.count is None else box.count for box in self.task.boxes}
-        boxes = list(self.task.boxes)
-        if self.task.objective == "boxes":
+        stock = {box: math.inf if box.count is None else box.count for box in self._task.boxes}
+        boxes = list(self._task.boxes)
+        if self._task.objective == "boxes":
             boxes.sort(key=lambda box: -box.container.volume)
-        full: list[FilledBox] = []
+        full: list[Packing] = []
         while left:
             usable = (b for b in boxes if stock[b] > 0 and any(self._fits(n, b) for n in left))
             box = next(usable, None)
@@ -121,7 +128,7 @@ class PackingSearch:
             if found is None:
                 break
             full.append(found)
-            for n, k in self.task.counts(found.packing.placements).items():
+            for n, k in Counter(one.type for one in found.placements).items():
                 left[n] -= k
             left = {n: k for n, k in left.items() if k > 0}
             if self._stopped.is_set():
@@ -129,40 +136,39 @@ class PackingSearch:
         return left
 
     def _fill(
-        self, box: BoxType, counts: Mapping[int, int], full: list[FilledBox], seconds: float
-    ) -> FilledBox | None:
+        self, box: BoxType, counts: Mapping[int, int], full: list[Packing], seconds: float
+    ) -> Packing | None:
         """Fill one box; return its best contents, or None if nothing goes in."""
-        best: tuple[Answer, FilledBox] | None = None
-        total = sum(counts.values()) + sum(len(each.packing.placements) for each in full)
+        best: PackedParts | None = None
+        total = sum(counts.values()) + sum(len(each.placements) for each in full)
 
         def better(packing: Packing) -> None:
             nonlocal best
-            (found,) = self._in_boxes(packing, box) or (None,)
-            if found is not None:
-                answer = Answer.of(self.task, [*full, found])
-                if best is None or answer.score > best[0].score:
-                    best = answer, found
-                self._offer(answer)
+            if packing.placements:
+                found = self._candidate([*full, *self._in_boxes(packing, box)])
+                if best is None or found.score > best.score:
+                    best = found
+                self._offer(found)
 
         end = clock.perf_counter() + seconds
         start = self._earlier(box, len(full))
-        for number in range(_REPEATS) if self.task.settings.iterations else itertools.count():
+        for number in range(_REPEATS) if self._task.settings.iterations else itertools.count():
             before = clock.perf_counter()
-            seed = self.seed + _NEXT_SEED * number
+            seed = self._seed + _NEXT_SEED * number
             self._nest(self._inner(box), "knapsack", counts, end - before, better, start, seed)
             start = None
             now = clock.perf_counter()
             is_over = self._stopped.is_set() or now + (now - before) > end
-            is_all = best is not None and sum(best[0].counts(self.task).values()) == total
-            if is_over or is_all or not self.task.constraints:
+            is_all = best is not None and best.count == total
+            if is_over or is_all or not self._task.is_constrained:
                 break
-        if best is None or len(best[0].boxes) <= len(full):
+        if best is None or len(best.packings) <= len(full):
             return None
-        return best[0].boxes[-1]
+        return best.packings[-1]
 
     def _fill_together(self, counts: Mapping[int, int]) -> None:
         """Search for the fewest boxes, of one size or of several that there are enough of."""
-        types = self.task.boxes
+        types = self._task.boxes
         limit = types[0].count
 
         def better(packing: Packing) -> None:
@@ -170,7 +176,7 @@ class PackingSearch:
             if limit is not None and len(boxes) > limit:
                 boxes.sort(key=self._weight, reverse=True)
                 boxes = boxes[:limit]
-            self._offer(Answer.of(self.task, boxes))
+            self._offer(self._candidate(boxes))
 
         inner = [self._inner(each) for each in types]
         self._nest(inner, "bins", counts, self._left, better)
@@ -183,16 +189,17 @@ class PackingSearch:
         def better(packing: Packing) -> None:
             if packing.height <= z:
                 packing = replace(packing, container=inner, objective="knapsack")
-                self._offer(Answer.of(self.task, self._in_boxes(packing, box)))
+                self._offer(self._candidate(self._in_boxes(packing, box)))
 
         strip = BoxContainer((x, y, math.inf), inner.obstacles)
         self._nest(strip, "strip", counts, self._left, better, self._earlier(box, 0))
 
-    def _earlier(self, box: BoxType, number: int) -> FilledBox | None:
+    def _earlier(self, box: BoxType, number: int) -> Packing | None:
         """Return the box of this number in the packing that the search began with."""
-        if number >= len(self._first.boxes) or self._first.boxes[number].type != box:
-            return None
-        return self._first.boxes[number]
+        packings = self._first.packings
+        if number < len(packings) and packings[number].container.name == box.name:
+            return packings[number]
+        return None
 
     def _nest(
         self,
@@ -201,11 +208,11 @@ class PackingSearch:
         counts: Mapping[int, int],
         seconds: float,
         better: Callable[[Packing], None],
-        start: FilledBox | None = None,
+        start: Packing | None = None,
         seed: int | None = None,
     ) -> None:
         """Nest some of the parts; the packings' types are those of all parts."""
-        task, settings = self.task, self.task.settings
+        task, settings = self._task, self._task.settings
         numbers = sorted(counts)
         types = [task.types[n].changed(counts[n], value=task.weights[n]) for n in numbers]
 
@@ -218,7 +225,7 @@ class PackingSearch:
             container,
             objective,
             min(max(seconds, _SECONDS[0]), _SECONDS[1]),
-            self.seed if seed is None else seed,
+            self._seed if seed is None else seed,
             task.gap,
             of_all,
             NestSettings(
@@ -231,93 +238,96 @@ class PackingSearch:
             ),
         )
 
-    def _start(self, box: FilledBox, types: Sequence[ItemType], numbers: Sequence[int]) -> Packing:
+    def _start(
+        self, packing: Packing, types: Sequence[ItemType], numbers: Sequence[int]
+    ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
+        box = next(each for each in self._task.boxes if each.name == packing.container.name)
         shift = np.eye(4)
-        shift[:3, 3] = -self.task.margin
+        shift[:3, 3] = -self._task.margin
         placements = [
             Placement(numbers.index(one.type), shift @ one.pose)
-            for one in box.packing.placements
+            for one in packing.placements
             if one.type in numbers
         ]
-        return Packing(tuple(types), self._inner(box.type), tuple(placements), 0.0, "knapsack")
+        return Packing(tuple(types), self._inner(box), tuple(placements), 0.0, "knapsack")
 
-    def _in_boxes(self, packing: Packing, *types: BoxType) -> list[FilledBox]:
+    def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
         shift = np.eye(4)
-        shift[:3, 3] = self.task.margin
+        shift[:3, 3] = self._task.margin
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
             found.setdefault(one.box, []).append(Placement(one.type, shift @ one.pose))
         return [
-            FilledBox(
-                box,
-                Packing(
-                    self.task.types,
-                    self.task.container(box),
-                    tuple(found[n]),
-                    self.task.gap,
-                    "knapsack",
-                ),
+            Packing(
+                self._task.types,
+                self._task.container(box),
+                tuple(found[n]),
+                self._task.gap,
+                "knapsack",
             )
             for n in sorted(found)
             for box in [by_size.get(packing.container_of(n).size, types[0])]
         ]
 
-    def _offer(self, answer: Answer) -> None:
-        if answer.score > self.best.score and answer.boxes:
-            self.best = answer
-            if self.callback is not None:
-                self.callback(answer)
+    def _candidate(self, packings: Sequence[Packing]) -> PackedParts:
+        return candidate(self._task, packings, self._first.searches)
+
+    def _offer(self, found: PackedParts) -> None:
+        if found.score > self.best.score:
+            self.best = found
+            if self._callback is not None:
+                self._callback(found)
 
     def _inner(self, box: BoxType) -> BoxContainer:
-        margin = self.task.margin
+        margin = self._task.margin
         x, y, z = (side - 2 * margin for side in box.size)
-        return BoxContainer((x, y, z), self._obstacles)
+        return BoxContainer((x, y, z), self._obstacles, box.name)
 
     @cached_property
     def _obstacles(self) -> tuple[ItemType, ...]:
-        """What the parts keep clear of, in the coordinates of the inner container."""
-        own = (each.item_type for each in self.task.obstacles)
-        return tuple(replace(each, vertices=each.vertices - self.task.margin) for each in own)
+        """The obstacles of the task, in the coordinates of the inner container."""
+        own = (each.item_type for each in self._task.obstacles)
+        return tuple(replace(each, vertices=each.vertices - self._task.margin) for each in own)
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:
-        own = self.task.parts[number].sides
-        boxes = self.task.boxes if box is None else (box,)
-        return any(fits(own, each.size, self.task.margin) for each in boxes)
+        own = self._task.parts[number].sides
+        boxes = self._task.boxes if box is None else (box,)
+        return any(fits(own, each.size, self._task.margin) for each in boxes)
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
-        """Return whether all parts may be expected to fit into boxes that are filled together."""
-        box, *others = self.task.boxes
+        """Return whether all parts probably fit the available boxes, filled together."""
+        box, *others = self._task.boxes
         if box.count is None or others:
-            return all(each.count is None for each in self.task.boxes)
-        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
+            return all(each.count is None for each in self._task.boxes)
+        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
         return box.count > 1 and volume <= _FULL * box.count * box.container.volume
 
-    def _is_done(self, answer: Answer, counts: Mapping[int, int]) -> bool:
+    def _is_done(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
         """Return whether nothing better is possible: all parts are packed."""
-        is_all = answer.counts(self.task) == dict(counts)
-        if self.task.objective == "boxes":
-            return is_all and len(answer.boxes) == 1
-        return is_all and self.task.objective != "height"
+        is_all = packed.counts == counts
+        if self._task.objective == "boxes":
+            return is_all and len(packed.packings) == 1
+        return is_all and self._task.objective != "height"
 
-    def _weight(self, box: FilledBox) -> float:
-        counts = self.task.counts(box.packing.placements)
-        return sum(self.task.weights[n] * k for n, k in counts.items())
+    def _weight(self, packing: Packing) -> float:
+        counts = Counter(one.type for one in packing.placements)
+        return sum(self._task.weights[n] * k for n, k in counts.items())
 
     def _seconds(self, counts: Mapping[int, int], box: BoxType, more: float) -> float:
         """Return the time for a box: that of all boxes that may follow is the same."""
-        volume = plain_sum(self.task.parts[n].volume * k for n, k in counts.items())
+        volume = plain_sum(self._task.parts[n].volume * k for n, k in counts.items())
         needed = math.ceil(volume / (_FULL * self._inner(box).volume))
         return self._left / max(1, min(needed, more + 1))
 
     @property
     def _left(self) -> float:
         """Seconds that are left; without end where passes are counted instead."""
-        if self.task.settings.iterations is not None:
+        if self._task.settings.iterations is not None:
             return math.inf
-        return self.end - clock.perf_counter()
+        return self._end - clock.perf_counter()
 
     @property
     def _is_over(self) -> bool:

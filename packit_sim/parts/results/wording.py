@@ -1,4 +1,4 @@
-"""How to turn a part, and how to put it in, in plain words.
+"""Turns, moves and places of parts in plain words.
 
 Words for directions are those of somebody in front of the box: its front wall is that at y = 0,
 its left wall that at x = 0. A part's own front, left and top are the same sides of its file.
@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.handling.part_sweeps import Direction
 from packit_sim.parts.handling.removal import Route
+from packit_sim.parts.handling.sweeps import Direction
 
 _WALLS = {
     (1, 0, 0): "the right wall",
@@ -22,7 +22,7 @@ _WALLS = {
     (0, 0, 1): "up",
     (0, 0, -1): "down",
 }
-"""Where a side of a part may face."""
+"""The directions that a side of a part may face."""
 
 _SAME = math.radians(0.5)
 """Angle below which two directions are the same in words."""

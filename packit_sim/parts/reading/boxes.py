@@ -1,4 +1,4 @@
-"""The boxes to pack into: sizes, names and how many there are."""
+"""Boxes to pack into: sizes, names, and how many there are."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from packit_sim.core.checks import Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.length_units import Unit
 from packit_sim.parts.packings.containers import BoxContainer
-from packit_sim.parts.reading.units import lengths
+from packit_sim.parts.reading.units import lengths, unit_of
 
 _NAMED = re.compile(r"(?:(?P<name>[^:=]+):)?(?P<size>[^:=]+?)(?:=(?P<count>\d{1,30}))?")
 
@@ -49,11 +49,13 @@ class BoxType:
 
     @property
     def container(self) -> BoxContainer:
-        """The container of this size."""
-        return BoxContainer(self.size)
+        """The container of this size and name."""
+        return BoxContainer(self.size, name=self.name)
 
     @classmethod
-    def parse(cls, text: str, unit: Unit, count: int | None = 1) -> BoxType:
+    def parse(
+        cls, text: str, unit: Unit, count: int | None = 1, plain: Unit | None = None
+    ) -> BoxType:
         """Read a box, such as "300x200x150mm", "A:300x200x150mm" or "A:300x200x150mm=2".
 
         Parameters
@@ -61,9 +63,11 @@ class BoxType:
         text : str
             The box.
         unit : str
-            The unit of the result, and of sides without one.
+            The unit of the result.
         count : int, optional
             How many there are, if the text does not say.
+        plain : str, optional
+            The unit of sides without one; by default that of the result.
 
         Returns
         -------
@@ -80,23 +84,37 @@ class BoxType:
             raise ArgumentError(
                 f"box {text!r} is not possible: such as 300x200x150mm or A:30x20x15cm"
             )
-        x, y, z = lengths(match["size"], 3, unit)
+        x, y, z = lengths(match["size"], 3, unit, plain)
         own = int(match["count"]) if match["count"] else count
         with located(f"box {text!r}", ArgumentError):
             return cls((x, y, z), (match["name"] or "box").strip(), own)
 
 
-def box_types(
-    boxes: str | BoxType | Sequence[float] | Sequence[str | BoxType], unit: Unit, count: int | None
-) -> tuple[BoxType, ...]:
+Boxes = str | BoxType | Sequence[float] | Sequence[str | BoxType]
+"""A box, its three sides, or several boxes."""
+
+
+def box_unit(boxes: Boxes) -> Unit | None:
+    """Return the first unit of length that the text of a box names, if any does."""
+    return next((unit for text in _texts(boxes) if (unit := unit_of(text))), None)
+
+
+def unit_note(boxes: Boxes) -> str | None:
+    """Return which boxes take the unit that others name, if any do."""
+    unit = box_unit(boxes)
+    plain = [text for text in _texts(boxes) if unit and unit_of(text) is None]
+    return f"boxes without a unit read as {unit}: {', '.join(plain)}" if plain else None
+
+
+def box_types(boxes: Boxes, unit: Unit, count: int | None) -> tuple[BoxType, ...]:
     """Read boxes in any of their forms.
 
     Parameters
     ----------
     boxes : str, BoxType, or sequence of float, str or BoxType
-        A box, its three sides, or several boxes.
+        A box, its three sides, or several boxes. A text without a unit has that of the others.
     unit : str
-        The unit of length.
+        The unit of the result, and of texts if none of them names one.
     count : int, optional
         How many there are of a box that does not say so; None for as many as are needed.
 
@@ -108,8 +126,9 @@ def box_types(
     Raises
     ------
     ArgumentError
-        If something is not a box.
+        If something is not a box; or if one names no unit, and the others name several.
     """
+    named = {own: text for text in _texts(boxes) if (own := unit_of(text))}
     if isinstance(boxes, (str, BoxType)):
         boxes = [boxes]
     if not len(boxes):
@@ -117,8 +136,12 @@ def box_types(
     found = []
     if all(isinstance(each, (str, BoxType)) for each in boxes):
         for each in boxes:
+            if isinstance(each, str) and len(named) > 1 and unit_of(each) is None:
+                raise ArgumentError(
+                    f"box {each!r} has no unit, and others have {' and '.join(named)}: add one"
+                )
             if isinstance(each, str):
-                each = BoxType.parse(each, unit, count)
+                each = BoxType.parse(each, unit, count, next(iter(named), unit))
             assert isinstance(each, BoxType)
             found.append(each)
     else:
@@ -129,3 +152,9 @@ def box_types(
             f"boxes {', '.join(names)} need different names, such as A:300x200x150mm"
         )
     return tuple(found)
+
+
+def _texts(boxes: Boxes) -> list[str]:
+    """Return the boxes that are given as text."""
+    several = [boxes] if isinstance(boxes, (str, BoxType)) else boxes
+    return [each for each in several if isinstance(each, str)]

@@ -1,4 +1,7 @@
-"""Parts from mesh files, folders, patterns of paths and manifests; a broken file stops no other."""
+"""Parts from mesh files, folders, patterns of paths and manifests.
+
+A broken file stops no other.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,7 @@ class UnreadFile:
 
 @dataclass(frozen=True)
 class Reading:
-    """What was read.
+    """The parts that were read, and the files that could not be.
 
     Attributes
     ----------
@@ -61,7 +64,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class ReadSettings:
-    """How files are understood.
+    """Settings for reading files.
 
     Parameters
     ----------

@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from packit_sim.core import templates
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
 from packit_sim.core.version import __version__
-from packit_sim.parts.filling.answers import FilledBox
-from packit_sim.parts.results.box_pictures import shown
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.results.check import Check
+from packit_sim.parts.results.pictures import shown
+from packit_sim.parts.results.summary import summary, why_left_out
 from packit_sim.web.page_models import Models, page_texts
 
-if TYPE_CHECKING:
-    from packit_sim.parts.results.packed import PackedParts
 
-
-def add_box(models: Models, packed: PackedParts, box: FilledBox) -> int:
+def add_box(models: Models, contents: Packing) -> int:
     """Add a box with all that is in it to the models of a page; return its number."""
-    state = shown(packed.contents(box))
+    state = shown(contents)
     return models.add(state.cells, state.placed, plain_sum(p.item.volume for p in state.placed))
 
 
-def write_page(packed: PackedParts, path: Path) -> Path:
+def write_page(packed: PackedParts, found: Check, path: Path) -> Path:
     """Write the page as one self-contained HTML file.
 
     Parameters
     ----------
     packed : PackedParts
         The packed parts.
+    found : Check
+        The result of their check.
     path : Path
         The file.
 
@@ -47,36 +48,31 @@ def write_page(packed: PackedParts, path: Path) -> Path:
     models = Models()
     boxes = [
         {
-            "name": box.type.name,
-            "model": add_box(models, packed, box),
-            "count": len(box.packing.placements),
+            "name": packing.container.name,
+            "model": add_box(models, contents),
+            "count": len(packing.placements),
         }
-        for box in packed.boxes
+        for packing, contents in zip(packed.packings, packed.contents, strict=True)
     ]
-    placed = packed.task.counts([one for _, one in packed.placements])
     parts = [
         {
             "name": each.part.name,
             "asked": each.part.count,
-            "packed": placed.get(n, 0),
-            "why": "; ".join(
-                f"{out.count}: {out.reason}"
-                for out in packed.left_out
-                if out.name == each.part.name
-            ),
+            "packed": packed.counts[n],
+            "why": why_left_out(packed, each.part.name),
         }
         for n, each in enumerate(packed.task.parts)
     ]
     content = {
         "version": __version__,
-        "summary": packed.summary(),
+        "summary": summary(packed, found),
         "parts": parts,
-        "problems": packed.problems,
+        "problems": packed.unread,
         "notes": packed.notes,
-        "found": packed.check.problems,
+        "found": found.problems,
         "boxes": boxes,
         **page_texts(),
         "models": models.to_json(),
     }
-    replace_text(path, templates.render(here / "packing_page.html", content, html=True))
+    replace_text(path, templates.render(here / "page.html", content, html=True))
     return path

@@ -1,4 +1,4 @@
-"""Which parts fit into which boxes, and likely mistakes of units where they don't."""
+"""Fits of parts into boxes, and likely mistakes of units."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from packit_sim.core.length_units import Unit
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.reading.box_types import BoxType
+from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.reading.units import factor
 
@@ -53,8 +53,8 @@ def too_large(
     own = part.sides
     if any(fits(own, box.size, margin) for box in boxes):
         return None
-    reason = f"{shown(part.item_type.extents)} {unit} is larger than "
-    reason += "every box" if len(boxes) > 1 else f"the box of {shown(boxes[0].size)} {unit}"
+    reason = f"{lengths_text(part.item_type.extents)} {unit} is larger than "
+    reason += "every box" if len(boxes) > 1 else f"the box of {lengths_text(boxes[0].size)} {unit}"
     if any(fits(own, box.size, 0.0) for box in boxes):
         reason += f" with {margin:.4g} {unit} at each wall"
     elif any(_fits_in_some_rotation(part, box) for box in boxes):
@@ -63,7 +63,7 @@ def too_large(
         for other in _MISTAKEN:
             smaller = factor(other, part.part.unit)
             if smaller < 1 and any(fits(own * smaller, box.size, margin) for box in boxes):
-                size = shown(part.item_type.extents * smaller)
+                size = lengths_text(part.item_type.extents * smaller)
                 reason += (
                     f"; a wrong unit? read in {other} instead of {part.part.unit}, "
                     f"it is {size} {unit} and fits"
@@ -99,9 +99,10 @@ def unit_notes(
         if part.item_type.extents.max() < _TINY * longest:
             other = _larger(part, boxes, margin)
             if other:
+                size = f"{lengths_text(part.item_type.extents)} {unit}"
                 notes.append(
-                    f"{part.part.name} is only {shown(part.item_type.extents)} {unit}: is its unit "
-                    f"{other} instead of {part.part.unit}?"
+                    f"{part.part.name} is only {size}: is its unit {other} instead of "
+                    f"{part.part.unit}?"
                 )
     if not notes and parts:
         volume = max(box.container.volume for box in boxes)
@@ -134,6 +135,6 @@ def _fits_in_some_rotation(part: PreparedPart, box: BoxType) -> bool:
     return bool((np.sort(part.item_type.extents) <= np.sort(box.size)).all())
 
 
-def shown(lengths: Sequence[float] | Floats) -> str:
+def lengths_text(lengths: Sequence[float] | Floats) -> str:
     """Return lengths as text, such as "300 x 200 x 150"."""
     return " x ".join(f"{length:.4g}" for length in lengths)

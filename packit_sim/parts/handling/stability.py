@@ -1,4 +1,4 @@
-"""The stages of packing under gravity: whether the parts that are in the box stay in place."""
+"""Stability: the motion of parts under gravity at each stage of packing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.geometry.arrays import Floats
-from packit_sim.parts.handling.part_sweeps import PartSweeps
 from packit_sim.parts.handling.supports import stacking_of
+from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.posed_parts import posed
 from packit_sim.physics.convex.settings import DecompositionSettings
@@ -28,7 +28,7 @@ LEAST_MASS = 1e-6
 
 @dataclass(frozen=True)
 class StageMotion:
-    """How far a part of a packing moves.
+    """The largest motion of a part of a packing.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def stage_motions(
     released at once, without speed. Parts that are not at rest after the time limit moved as far
     as they got.
     """
-    sweeps = PartSweeps(packing)
+    sweeps = sweeps_of(packing)
     boxes = [placement.box for placement in packing.placements]
     found: list[StageMotion] = []
     for box in sorted({boxes[n] for n in order}):

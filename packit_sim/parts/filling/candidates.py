@@ -1,0 +1,89 @@
+"""Candidates of the search: packings that meet all constraints, since parts were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.handling.filtering import filter_packing
+from packit_sim.parts.handling.order import packing_order
+from packit_sim.parts.handling.supports import lowered
+from packit_sim.parts.packings.packing import Packing
+
+
+def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) -> PackedParts:
+    """Leave parts out of packings until they meet the constraints of a task.
+
+    Parameters
+    ----------
+    task : PackTask
+        The task.
+    packings : sequence of Packing
+        The packing of each box.
+    searches : int
+        How many searches led to them.
+
+    Returns
+    -------
+    PackedParts
+        The boxes that still have parts.
+    """
+    kept: list[Packing] = []
+    rejected: list[tuple[int, str]] = []
+    for packing in packings:
+        while reasons := _reasons(task, packing):
+            rejected += [(packing.placements[n].type, reasons[n]) for n in sorted(reasons)]
+            left = [one for n, one in enumerate(packing.placements) if n not in reasons]
+            packing = replace(packing, placements=tuple(left))
+        if packing.placements:
+            kept.append(packing)
+    return PackedParts(task, tuple(kept), tuple(rejected), searches)
+
+
+def _reasons(task: PackTask, packing: Packing) -> Mapping[int, str]:
+    """Return the reason for each placement to leave out, by the first constraint that is broken."""
+    if not task.constraints.is_empty:
+        first = len(task.fixed)
+        filtered = filter_packing(task.with_fixed(packing), task.constraints)
+        if filtered.left_out:
+            return {one.part - first: one.reason for one in filtered.left_out}
+    for custom in task.settings.constraints:
+        if reasons := custom.left_out(packing):
+            return reasons
+    return {}
+
+
+def in_order(packed: PackedParts) -> PackedParts:
+    """Put the parts of each box into an order of packing, if there are constraints.
+
+    Where gravity matters, parts come straight down to where they rest, if they may touch.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+
+    Returns
+    -------
+    PackedParts
+        The same parts in the same boxes.
+    """
+    task, constraints = packed.task, packed.task.constraints
+    if constraints.is_empty:
+        return packed
+    first = len(task.fixed)
+    packings = []
+    for packing, whole in zip(packed.packings, packed.contents, strict=True):
+        if constraints.stable is not None and whole.clearance == 0:
+            resting = lowered(whole, constraints.fixed)
+            own = replace(packing, placements=resting.placements[first:])
+            others = replace(constraints, stable=None)
+            if not (own.problems() or broken_constraints(resting, others)):
+                whole = resting
+        order = packing_order(whole, constraints)[first:]
+        placements = tuple(whole.placements[n] for n in order)
+        packings.append(replace(packing, placements=placements))
+    return replace(packed, packings=tuple(packings))

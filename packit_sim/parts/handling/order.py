@@ -1,0 +1,63 @@
+"""Orders of packing: from the lowest part up, as straight moves allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.removal import MOVES, Removal, Route, removal_of
+from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
+from packit_sim.parts.packings.packing import Packing
+
+
+def packing_order(packing: Packing, constraints: Constraints | None = None) -> tuple[int, ...]:
+    """Return an order in which the parts of a packing can be put in.
+
+    Parameters
+    ----------
+    packing : Packing
+        The packing.
+    constraints : Constraints, optional
+        The constraints that it meets: whether parts come straight down or through the sides, and
+        which parts are fixed.
+
+    Returns
+    -------
+    tuple of int
+        The numbers of the placements, box after box; in each box first the fixed parts, then those
+        that are stuck (see `removal`), then all others from the lowest on.
+    """
+    sweeps = sweeps_of(packing)
+    return order_of(sweeps, range(len(sweeps)), constraints or Constraints())
+
+
+def removal_for(sweeps: PartSweeps, kept: Sequence[int], constraints: Constraints) -> Removal:
+    """Search for the removal of some parts by the moves that are allowed (see `removal_of`)."""
+    return removal_of(
+        sweeps,
+        kept,
+        sides=constraints.sides,
+        moves=1 if constraints.insertable else MOVES,
+        fixed=constraints.fixed,
+    )
+
+
+def order_of(sweeps: PartSweeps, kept: Sequence[int], constraints: Constraints) -> tuple[int, ...]:
+    """Return an order in which some parts can be put in, as `packing_order`."""
+    return ways_in(sweeps, kept, constraints)[0]
+
+
+def ways_in(
+    sweeps: PartSweeps, kept: Sequence[int], constraints: Constraints
+) -> tuple[tuple[int, ...], dict[int, Route]]:
+    """Return an order in which some parts can be put in, and the way out of each that has one."""
+    removal = removal_for(sweeps, kept, constraints)
+    order = (*sorted(constraints.fixed.intersection(kept)), *removal.packing_order)
+    ordered = tuple(n for own in by_box(sweeps.packing, order) for n in own)
+    return ordered, dict(zip(removal.order, removal.routes, strict=True))
+
+
+def by_box(packing: Packing, order: Sequence[int]) -> list[tuple[int, ...]]:
+    """Divide numbers of placements by their boxes; the order in each box stays."""
+    boxes = [placement.box for placement in packing.placements]
+    return [tuple(n for n in order if boxes[n] == box) for box in sorted({boxes[n] for n in order})]

@@ -1,0 +1,85 @@
+"""The summary of packed parts as text: a table of the parts, and the numbers of the packing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.reading.sizes import lengths_text
+from packit_sim.parts.results.check import Check
+
+
+def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
+    """Return the numbers of a packing as text, by name.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    found : Check, optional
+        The result of `check`; without it the summary does not say what a check would find.
+
+    Returns
+    -------
+    dict of str to str
+        The texts, with units.
+    """
+    task, unit = packed.task, packed.task.unit
+    total = sum(part.part.count for part in task.parts)
+    boxes = [packing.container for packing in packed.packings]
+    texts = {
+        "packed": f"{packed.count} of {total} parts",
+        "boxes": ", ".join(f"{box.name} {lengths_text(box.size)} {unit}" for box in boxes)
+        or "none",
+        "volume": f"{packed.volume:.6g} {unit}³",
+        "density": f"{packed.density:.3f}",
+        "height": f"{packed.height:.5g} {unit}",
+    }
+    if found is not None and found.distance is not None:
+        texts["smallest distance"] = f"{found.distance:.4g} {unit}"
+    texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
+    by = "mass" if packed.mass is not None else "volume"
+    for number, packing in enumerate(packed.packings, start=1):
+        name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"
+        place = ", ".join(f"{each:.4g}" for each in packed.centre_of_gravity(packing))
+        texts[name] = f"({place}) {unit}, by {by}"
+    if found is not None:
+        count = f"{len(found.problems)} problems"
+        texts["check"] = count if found.problems else f"no problems ({found.how})"
+    return texts
+
+
+def table(packed: PackedParts, found: Check | None = None) -> str:
+    """Return the summary as text, a line for each part, for each number and for each note.
+
+    Parameters
+    ----------
+    packed : PackedParts
+        The packed parts.
+    found : Check, optional
+        The result of `check`.
+
+    Returns
+    -------
+    str
+        The lines.
+    """
+    rows = [("part", "asked", "packed", "left out, and why")]
+    for n, each in enumerate(packed.task.parts):
+        name, count = each.part.name, each.part.count
+        rows.append((name, f"{count}", f"{packed.counts[n]}", why_left_out(packed, name)))
+    rows += [(Path(one.source).name, "", "0", f"file: {one.reason}") for one in packed.unread]
+    widths = [max(len(row[n]) for row in rows) for n in range(3)]
+    lines = [
+        f"{name:<{widths[0]}}  {asked:>{widths[1]}}  {count:>{widths[2]}}  {why}".rstrip()
+        for name, asked, count, why in rows
+    ]
+    lines.append("")
+    lines += [f"{name:<18} {value}" for name, value in summary(packed, found).items()]
+    lines += [f"note: {note}" for note in packed.notes]
+    return "\n".join(lines)
+
+
+def why_left_out(packed: PackedParts, name: str) -> str:
+    """Return how many of a part are left out, and why, by its name."""
+    return "; ".join(f"{e.count}: {e.reason}" for e in packed.left_out if e.name == name)
