@@ -33,6 +33,7 @@ from .game.generation.sequences import SequenceSampler as SequenceSampler
 from .geometry.shapes import Item as Item
 from .geometry.shapes import Shape as Shape
 from .libraries.library import ShapeLibrary as ShapeLibrary
+from .parts.filling.packed import PackedParts as PackedParts
 from .parts.filling.task import PackSettings as PackSettings
 from .parts.nesting.nest import NestSettings as NestSettings
 from .parts.nesting.nest import nest as nest
@@ -42,7 +43,6 @@ from .parts.packings.item_types import ItemType as ItemType
 from .parts.packings.packing import Packing as Packing
 from .parts.reading.boxes import BoxType as BoxType
 from .parts.reading.part import Part as Part
-from .parts.filling.packed import PackedParts as PackedParts
 from .physics.convex.settings import DecompositionSettings as DecompositionSettings
 from .physics.quality import pack_quality as pack_quality
 from .physics.settings import PhysicsSettings as PhysicsSettings

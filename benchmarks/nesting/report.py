@@ -16,7 +16,7 @@ from benchmarks.common import RESULTS, plot_file
 from benchmarks.nesting import ablations
 from benchmarks.nesting.runs import Results, Search
 from packit_sim.core.files import replace_text
-from packit_sim.parts.results import box_pictures
+from packit_sim.parts.results import pictures
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "nesting.md"
 
@@ -113,7 +113,7 @@ def _pictures(results: Results, folder: Path) -> Iterator[str]:
             continue
         best = min(own, key=lambda run: float(run["score"]))
         file = folder / f"nesting-{kind}-{name.rpartition('/')[2]}.png".lower()
-        box_pictures.draw(results.packing(Search.of(best)), file)
+        pictures.draw(results.packing(Search.of(best)), file)
         title = f"{name if kind == 'literature' else f'{kind} {name}'}, {rotations}"
         yield f"![{title}](../images/{file.name})\n\n*{title}: height {best['score']:.2f}*\n"
 
