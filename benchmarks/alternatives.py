@@ -9,6 +9,7 @@ import trimesh
 
 from packit_sim import Box, Item
 from packit_sim.geometry.lattice import CELL, STEP
+from packit_sim.geometry.motions import Motion
 from packit_sim.placement import Mask, location_counts
 
 
@@ -44,14 +45,11 @@ def collision_manager_mask(box: Box, item: Item) -> Mask:
     """Query trimesh's CollisionManager at each location: no containment, no tolerance."""
     placed, moving = trimesh.collision.CollisionManager(), trimesh.collision.CollisionManager()
     for n, other in enumerate(box.placed):
-        there = np.eye(4)
-        there[:3, 3] = other.center
-        placed.add_object(str(n), other.item.mesh, there)
+        placed.add_object(str(n), other.item.mesh, Motion.shift(other.center).matrix)
     moving.add_object("item", item.mesh)
     mask = np.zeros(box.nodes, dtype=bool)
-    pose = np.eye(4)
     for location in np.ndindex(location_counts(box.cells, item)):
-        pose[:3, 3] = (np.array(location) * STEP + np.array(item.cells) / 2) * CELL
-        moving.set_transform("item", pose)
+        center = (np.array(location) * STEP + np.array(item.cells) / 2) * CELL
+        moving.set_transform("item", Motion.shift(center).matrix)
         mask[location] = not placed.in_collision_other(moving)
     return mask

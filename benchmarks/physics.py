@@ -159,7 +159,7 @@ def measure_pack(
 
 
 def moves(settled: Settled) -> list[bytes]:
-    return [item.move.tobytes() for item in settled.items]
+    return [item.move.matrix.tobytes() for item in settled.items]
 
 
 def pictures(box: BoxState[PlacedItem], settings: PhysicsSettings, folder: Path) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from rich.table import Table
 ROOT = Path(__file__).parents[1]
 PACKAGES = {"packit_sim": ROOT / "packit_sim", "packit_agents": ROOT / "agents/packit_agents"}
 MOST_ARGUMENTS = 8
+MOTION = re.compile(r"\[:3, ?:?3\]")
+"""The rotation or the translation of a matrix (4, 4), taken out or set."""
 
 
 def imports() -> set[tuple[str, str]]:
@@ -92,6 +95,8 @@ def main() -> None:
     table.add_row("imports between folders", str(len(arrows)))
     table.add_row("circles of modules", str(len(circles(between))))
     table.add_row("circles of folders", str(len(circles(arrows))))
+    moving = [text for text in texts.values() if MOTION.search(text)]
+    table.add_row("files with motion arithmetic", str(len(moving)))
     table.add_row("lines of code", str(sum(map(code_lines, texts.values()))))
     for file, text in texts.items():
         is_kernel = file.stem.endswith("_kernels")

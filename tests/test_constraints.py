@@ -169,9 +169,7 @@ def test_a_floating_part_starts_where_it_rests() -> None:
 
 def test_boxes_are_simulated_apart() -> None:
     packing = packed(cuboid((0, 0, 0), (20, 20, 20)), cuboid((0, 0, 0), (20, 20, 20)))
-    both = replace(
-        packing, objective="bins", placements=(Placement(0, np.eye(4)), Placement(1, np.eye(4), 1))
-    )
+    both = replace(packing, objective="bins", placements=(Placement(0), Placement(1, box=1)))
     motions = stage_motions(both, (1, 0), (0.1, 0.1))
     assert [(one.part, one.distance < 0.5) for one in motions] == [(0, True), (1, True)]
 

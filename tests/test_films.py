@@ -68,9 +68,9 @@ def test_every_item_goes_from_its_stand_to_its_place() -> None:
     inside = Layout.packed(box.placed, np.ones(3))
     for layout, poses in ((layouts[0], outside.poses), (layouts[-1], inside.poses)):
         for pose, wanted in zip(layout.poses, poses, strict=True):
-            assert np.array_equal(pose.position, wanted.position) and pose.wxyz == wanted.wxyz
+            assert np.array_equal(pose.translation, wanted.translation) and pose.wxyz == wanted.wxyz
     for n in range(3):
-        centers = np.array([layout.poses[n].position for layout in layouts])
+        centers = np.array([layout.poses[n].translation for layout in layouts])
         moving = np.flatnonzero((np.diff(centers, axis=0) != 0).any(axis=1))
         start = (PACE.rest + n * PACE.gap) * PACE.fps
         assert start - 1 <= moving[0] <= start + 1
@@ -81,7 +81,7 @@ def test_every_item_goes_from_its_stand_to_its_place() -> None:
 def test_nothing_jumps_and_it_starts_and_ends_gently() -> None:
     layouts = [layout for _, layout in packing(packed(), pace=Pace(50, 2.0, 1.0, 0.5))]
     for n in range(3):
-        centers = np.array([layout.poses[n].position for layout in layouts])
+        centers = np.array([layout.poses[n].translation for layout in layouts])
         steps = np.linalg.norm(np.diff(centers, axis=0), axis=1)
         assert steps.max() < 2.5 * steps.sum() / 100
         assert np.abs(np.diff(steps)).max() < steps.max() / 8
@@ -97,11 +97,11 @@ def test_an_item_comes_from_outside_and_is_turned_before_it_is_in() -> None:
         final = np.array(layouts[-1].poses[n].wxyz)
         for layout in layouts:
             pose = layout.poses[n]
-            if ((pose.position > 0) & (pose.position < 1)).all():
+            if ((pose.translation > 0) & (pose.translation < 1)).all():
                 assert abs(abs(np.array(pose.wxyz) @ final) - 1) < 1e-6
                 others = [a for a in range(3) if a != axis]
-                assert np.allclose(pose.position[others], placed.center[others], atol=1e-6)
-                assert side * (pose.position[axis] - placed.center[axis]) > -1e-9
+                assert np.allclose(pose.translation[others], placed.center[others], atol=1e-6)
+                assert side * (pose.translation[axis] - placed.center[axis]) > -1e-9
 
 
 def test_every_frame_has_the_same_view_and_all_stays_in_it() -> None:

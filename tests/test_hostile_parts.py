@@ -16,7 +16,7 @@ from trimesh import creation
 
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, PackItError
 from packit_sim.game.datasets.pack_files import read_packs
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parts.filling.packed import PackedParts
@@ -228,7 +228,7 @@ def test_links_to_devices_are_not_read_as_data(cube: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("wxyz", [(1, 0, 1e308, 0), (0, 0, 0, 0), (2, 0, 0, 0)])
 def test_a_rotation_is_a_unit_quaternion(wxyz: tuple[float, float, float, float]) -> None:
     with pytest.raises(ArgumentError, match="is no rotation: it must be 1"):
-        Pose((0, 0, 0), wxyz)
+        Motion.from_wxyz(wxyz)
 
 
 def test_the_workbench_answers_whatever_it_is_asked(cube: Path) -> None:

@@ -130,7 +130,7 @@ def test_parts_without_a_way_in_and_several_boxes_are_said(tmp_path: Path) -> No
     both = replace(
         packing,
         objective="bins",
-        placements=(*packing.placements, Placement(0, np.eye(4), 1)),
+        placements=(*packing.placements, Placement(0, box=1)),
     )
     page = packing_instructions(tmp_path / "a.html", [("Crate", both)]).read_text(encoding="utf-8")
     assert "<h1>Crate, 1 of 2</h1>" in page and "<h1>Crate, 2 of 2</h1>" in page

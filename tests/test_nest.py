@@ -137,12 +137,12 @@ def check(packing: Packing) -> None:
         item_type = packing.types[placement.type]
         turns = matrices("cube" if item_type.rotations == "free" else item_type.rotations)
         if item_type.rotations != "free":
-            assert np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2)).min() < 1e-9
+            assert np.abs(turns - placement.pose.rotation).max(axis=(1, 2)).min() < 1e-9
 
 
 def text(packing: Packing) -> bytes:
     return b"".join(
-        bytes(f"{p.type} {p.box} ", "ascii") + p.pose.tobytes() for p in packing.placements
+        bytes(f"{p.type} {p.box} ", "ascii") + p.matrix.tobytes() for p in packing.placements
     )
 
 
@@ -210,7 +210,7 @@ def test_a_tilted_plate_is_searched_as_it_is(thickness) -> None:
     plate = of(tilted(creation.box((1, 1, thickness)), 0), rotations="free")
     packing = nest([plate, of(ball(), rotations="free")], (3, 3, OPEN), settings=quick(3))
     check(packing)
-    assert np.isin(np.abs(packing.placements[0].pose[:3, :3]).round(12), (0, 1)).all()
+    assert np.isin(np.abs(packing.placements[0].pose.rotation).round(12), (0, 1)).all()
 
 
 def test_knapsacks_are_valid_and_gain_value() -> None:
@@ -421,8 +421,8 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         settings=replace(quick(1), start=former),
     )
     check(again)
-    assert {p.pose.round(9).tobytes() for p in first[0].placements} >= {
-        p.pose.round(9).tobytes() for p in former.placements
+    assert {p.matrix.round(9).tobytes() for p in first[0].placements} >= {
+        p.matrix.round(9).tobytes() for p in former.placements
     }
     if objective == "bins":
         return
@@ -434,8 +434,8 @@ def test_a_search_begins_with_a_former_packing(objective, size) -> None:
         settings=replace(quick(1), start=former),
     )
     check(moved)
-    kept = {p.pose.tobytes() for p in moved.placements} & {
-        p.pose.tobytes() for p in first[0].placements
+    kept = {p.matrix.tobytes() for p in moved.placements} & {
+        p.matrix.tobytes() for p in first[0].placements
     }
     assert kept and len(kept) < len(former.placements)
 

@@ -11,7 +11,8 @@ from trimesh import creation
 
 from packit_sim import Item, Shape
 from packit_sim.core.errors import ArgumentError, MeshError
-from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry import rotations
+from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -160,10 +161,8 @@ def test_a_container_that_is_not_possible_is_refused(size, message) -> None:
         BoxContainer(size)
 
 
-def moved(z: float) -> Floats:
-    pose = np.eye(4)
-    pose[:3, 3] = 0.5, 1, z
-    return pose
+def moved(z: float) -> Motion:
+    return Motion.shift((0.5, 1, z))
 
 
 def test_a_packing_is_measured() -> None:
@@ -199,8 +198,8 @@ def test_a_changed_type_has_the_same_mesh() -> None:
         ({"objective": "least"}, "objective 'least' is not known: choose from strip, knapsack"),
         ({"objective": "bins"}, "objective 'bins' needs a box with a height"),
         ({"clearance": -0.1}, "clearance -0.1 is not possible: at least 0"),
-        ({"placements": (Placement(1, np.eye(4)),)}, "placement 0 is of type 1: .* types 0 to 0"),
-        ({"placements": (Placement(0, np.eye(4), -1),)}, "placement 0 is in box -1"),
+        ({"placements": (Placement(1),)}, "placement 0 is of type 1: .* types 0 to 0"),
+        ({"placements": (Placement(0, box=-1),)}, "placement 0 is in box -1"),
     ],
 )
 def test_a_packing_that_is_not_possible_is_refused(settings, message) -> None:
@@ -222,4 +221,32 @@ def test_a_packing_that_is_not_possible_is_refused(settings, message) -> None:
 )
 def test_a_pose_that_is_not_possible_is_refused(pose, message) -> None:
     with pytest.raises(ArgumentError, match=f"the pose of an item of type 0 .*{message}"):
-        Placement(0, pose)
+        Placement.from_matrix(0, pose)
+
+
+def test_a_placement_has_a_motion() -> None:
+    with pytest.raises(ArgumentError, match="of type ndarray: it must be a Motion"):
+        Placement(0, np.eye(4))
+    with pytest.raises(ArgumentError, match="the pose of an item of type 0 is not finite"):
+        Placement(0, Motion.shift((math.nan, 0, 0)))
+    with pytest.raises(ArgumentError, match="item type 0: scale 0 is not possible: above 0"):
+        Placement(0, IDENTITY, scale=0)
+
+
+def test_a_matrix_of_a_file_may_have_a_scale() -> None:
+    turn = rotations.MATRICES[7]
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack((2.5 * turn, (1, 2, 3)))
+    placement = Placement.from_matrix(0, matrix)
+    assert placement.scale == pytest.approx(2.5) and np.allclose(placement.pose.rotation, turn)
+    assert np.allclose(placement.matrix, matrix)
+    assert np.allclose(placement.apply(np.ones(3)), turn @ np.full(3, 2.5) + (1, 2, 3))
+    matrix[:3, 3] = 4, 5, 6
+    assert placement.pose.translation.tolist() == [1, 2, 3]
+
+
+def test_a_type_may_be_given_its_volume() -> None:
+    mesh = trimesh.creation.box((1, 2, 3))
+    assert ItemType("a", mesh.vertices, mesh.faces).volume == pytest.approx(6)
+    known = ItemType("a", mesh.vertices, mesh.faces, known_volume=5.5)
+    assert known.volume == known.changed(demand=2).volume == 5.5

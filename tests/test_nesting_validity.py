@@ -42,7 +42,7 @@ def turn_of(rng: np.random.Generator) -> Floats:
 
 def packed(*items: tuple[trimesh.Trimesh, Floats], clearance: float = 0.0) -> Packing:
     types = tuple(of(mesh) for mesh, _ in items)
-    places = tuple(Placement(n, pose) for n, (_, pose) in enumerate(items))
+    places = tuple(Placement.from_matrix(n, pose) for n, (_, pose) in enumerate(items))
     return Packing(types, OPEN_STRIP, places, clearance)
 
 
@@ -271,14 +271,17 @@ def test_walls_count_and_a_strip_has_no_top() -> None:
         ]
     assert packed((cube, at(1 - 9e-4, 1, 1))).problems() == []
     box = Packing(
-        (of(cube),), BoxContainer((2, 2, 2)), (Placement(0, at(1, 1, 1.1)),), objective="knapsack"
+        (of(cube),),
+        BoxContainer((2, 2, 2)),
+        (Placement.from_matrix(0, at(1, 1, 1.1)),),
+        objective="knapsack",
     )
     assert box.problems() == ["item 0 ('item') reaches 0.1 beyond the box's top wall"]
 
 
 def test_items_in_different_boxes_never_conflict() -> None:
     cube = of(creation.box((2, 2, 2)), demand=3)
-    places = tuple(Placement(0, at(1, 1, 1), box) for box in (0, 1, 1))
+    places = tuple(Placement.from_matrix(0, at(1, 1, 1), box) for box in (0, 1, 1))
     packing = Packing((cube,), BoxContainer((2, 2, 2)), places, objective="bins")
     assert packing.problems() == ["item 2 ('item') crosses item 1 ('item')"]
     assert (packing.boxes, packing.left_out) == (2, (0,))
@@ -292,7 +295,7 @@ def test_many_detailed_items_are_checked_at_once() -> None:
     types = tuple(ItemType.from_item(Item(shape, 0.02)) for shape in shapes)
     places, x = [], 0.0
     for n, kind in enumerate(types):
-        places.append(Placement(n, at(*(np.array((x, 0, 0)) - kind.low))))
+        places.append(Placement.from_matrix(n, at(*(np.array((x, 0, 0)) - kind.low))))
         x += kind.extents[0] + 0.01
     packing = Packing(types, BoxContainer((x, 1, 1)), tuple(places), 0.01, "knapsack")
     assert packing.problems() == []
@@ -308,7 +311,11 @@ def test_a_packing_is_written_and_verified(tmp_path) -> None:
     cube.export(tmp_path / "cube.stl")
     ball = creation.icosphere(subdivisions=1, radius=1 / 3)
     types = ItemType.from_file(tmp_path / "cube.stl", 2), of(ball, "ball"), of(ball, "unused")
-    places = [Placement(0, at(1, 1, 1)), Placement(0, at(3, 1, 1)), Placement(1, at(1, 1, 2.4))]
+    places = [
+        Placement.from_matrix(0, at(1, 1, 1)),
+        Placement.from_matrix(0, at(3, 1, 1)),
+        Placement.from_matrix(1, at(1, 1, 2.4)),
+    ]
     packing = Packing(types, OPEN_STRIP, tuple(places), 0.0)
     packing.write(tmp_path / "packing.json")
     content = json.loads((tmp_path / "packing.json").read_text())
@@ -332,7 +339,9 @@ def test_a_mesh_in_another_folder_is_written_next_to_the_packing(tmp_path) -> No
     (tmp_path / "out").mkdir()
     creation.box((2, 2, 2)).export(tmp_path / "meshes" / "cube.stl")
     kind = ItemType.from_file(tmp_path / "meshes" / "cube.stl")
-    Packing((kind,), OPEN_STRIP, (Placement(0, at(1, 1, 1)),)).write(tmp_path / "out" / "a.json")
+    Packing((kind,), OPEN_STRIP, (Placement.from_matrix(0, at(1, 1, 1)),)).write(
+        tmp_path / "out" / "a.json"
+    )
     (tmp_path / "meshes" / "cube.stl").unlink()
     assert verify_packing(tmp_path / "out" / "a.json").holds
 

@@ -171,9 +171,9 @@ def moved(packed: PackedParts, shift: tuple[float, float, float]) -> PackedParts
     """The last part of the first box moved."""
     (box, *rest) = packed.packings
     *others, last = box.placements
-    pose = np.array(last.pose)
+    pose = last.matrix
     pose[:3, 3] += shift
-    box = replace(box, placements=(*others, Placement(last.type, pose)))
+    box = replace(box, placements=(*others, Placement.from_matrix(last.type, pose)))
     return replace(packed, packings=(box, *rest))
 
 
@@ -194,7 +194,9 @@ def test_a_closed_part_inside_another_is_found() -> None:
     for pose in poses:
         pose[:3, 3] = 20
     packing = Packing(
-        task.types, task.boxes[0].container, [Placement(n, p) for n, p in enumerate(poses)]
+        task.types,
+        task.boxes[0].container,
+        [Placement.from_matrix(n, p) for n, p in enumerate(poses)],
     )
     packed = pack([cube(30, "large"), cube(5, "small")], (40, 40, 40), settings=QUICK)
     inside = replace(packed, packings=(packing,))
@@ -409,7 +411,7 @@ def test_nothing_rests_on_parts_that_carry_nothing_and_loads_are_limited() -> No
 def test_parts_are_in_an_order_in_which_they_can_be_put_in() -> None:
     settings = replace(QUICK, insertable=True)
     packed = pack([cube(count=8)], (20, 20, 20), settings=settings)
-    heights = [one.pose[2, 3] for _, one in packed.placements]
+    heights = [one.pose.translation[2] for _, one in packed.placements]
     assert packed.count == 8 and heights == sorted(heights)
 
 
@@ -425,7 +427,7 @@ def test_an_earlier_packing_is_kept_until_a_better_one_is_found(tmp_path, monkey
         settings=QUICK,
     )
     assert (first.count, again.count, seen, again.searches) == (8, 8, [8], 2)
-    poses = [packed.placements[3][1].pose for packed in (first, again)]
+    poses = [packed.placements[3][1].matrix for packed in (first, again)]
     assert poses[0] == pytest.approx(poses[1])
 
 

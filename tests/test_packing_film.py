@@ -48,17 +48,17 @@ def test_parts_come_in_by_straight_moves_and_end_in_their_places(tmp_path, monke
     assert first[0] is not None and first[1] is not None  # fixed, and stuck below it
     assert first[3] is None
     end = contents(packing, range(4))
-    by_name = {tuple(one.pose.position.round(6)) for one in end.placed}
-    assert {tuple(pose.position.round(6)) for pose in frames[-1].poses if pose} == by_name
+    by_name = {tuple(one.pose.translation.round(6)) for one in end.placed}
+    assert {tuple(pose.translation.round(6)) for pose in frames[-1].poses if pose} == by_name
     assert order[:2] == (2, 0)
     for n in range(4):
-        places = np.array([one.poses[n].position for one in frames if one.poses[n] is not None])
+        places = np.array([one.poses[n].translation for one in frames if one.poses[n] is not None])
         steps = np.abs(np.diff(places, axis=0))
         turned = (np.sort(steps, axis=1)[:, 1] > 1e-9).sum()
         assert turned <= 2  # only frames at a corner of the way move along two axes
         assert (places[0, 2] > 4) == (n >= 2)
     n = order.index(3)
-    under = np.array([one.poses[n].position for one in frames if one.poses[n] is not None])
+    under = np.array([one.poses[n].translation for one in frames if one.poses[n] is not None])
     assert np.ptp(under[:, :2], axis=0).max() > 0.3  # the fixed roof is above it: from the side
 
 

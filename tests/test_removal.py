@@ -115,7 +115,7 @@ def test_boxes_do_not_see_each_other() -> None:
     both = Packing(
         packing.types,
         BoxContainer((100, 100, 100)),
-        (packing.placements[0], Placement(1, np.eye(4), 1)),
+        (packing.placements[0], Placement(1, box=1)),
         objective="bins",
     )
     assert removable(both, fixed=(1,)).order == (0,)
@@ -136,7 +136,7 @@ def test_free_rotations_and_scales_are_swept_as_they_are() -> None:
     packing = Packing(
         (item, ring),
         BoxContainer((100, 100, math.inf)),
-        tuple(Placement(n, pose) for n, pose in enumerate(poses)),
+        tuple(Placement.from_matrix(n, pose) for n, pose in enumerate(poses)),
     )
     sweeps = PartSweeps(packing)
     assert all(sweeps.meets(0, 1, direction) for direction in AXES)

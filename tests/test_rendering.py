@@ -122,11 +122,11 @@ def test_exploded_items_keep_their_directions(factor: float, seed: int) -> None:
     size = np.ones(3)
     packed, apart = (Layout.packed(placed, size, f) for f in (0.0, factor))
     for one, two in ((0, 1), (1, 2), (0, 2)):
-        before = packed.poses[one].position - packed.poses[two].position
-        after = apart.poses[one].position - apart.poses[two].position
+        before = packed.poses[one].translation - packed.poses[two].translation
+        after = apart.poses[one].translation - apart.poses[two].translation
         assert np.allclose(after, (1 + factor) * before)
     assert all(
-        pose.position[2] >= p.item.extents[2] / 2 - 1e-9
+        pose.translation[2] >= p.item.extents[2] / 2 - 1e-9
         for pose, p in zip(apart.poses, placed, strict=True)
     )
 
@@ -150,7 +150,7 @@ def test_items_are_apart_on_the_floor_next_to_the_box(count, seed, size) -> None
     items = [Item(ZOO[rng.integers(len(ZOO))], rng.uniform(0.01, 0.5)) for _ in range(count)]
     layout = Layout.standing(items, size)
     extents = np.array([item.extents for item in items]).reshape(-1, 3)
-    centers = np.array([pose.position for pose in layout.poses]).reshape(-1, 3)
+    centers = np.array([pose.translation for pose in layout.poses]).reshape(-1, 3)
     assert np.allclose(centers[:, 2], extents[:, 2] / 2)
     if size is not None:
         assert (centers[:, 0] - extents[:, 0] / 2 >= size[0] + ITEM_GAP).all()
@@ -335,7 +335,7 @@ def test_a_layout_puts_items_anywhere_or_nowhere() -> None:
     assert set(np.unique(whole.segmentation)) == {-1, 0, 1, 2}
     assert set(np.unique(less.segmentation)) == {-1, 0, 2}
     middles = [np.argwhere(whole.segmentation == n).mean(axis=0) for n in range(3)]
-    at = seen(whole.projection, np.array([pose.position for pose in layout.poses]))
+    at = seen(whole.projection, np.array([pose.translation for pose in layout.poses]))
     assert np.allclose(np.array(middles)[:, ::-1], at, atol=3)
 
 

@@ -20,7 +20,7 @@ from packit_sim.box import Box
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.bullet_meshes import convex_pieces
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import BoxState, PosedItem
 from packit_sim.render import bullet, renderers
@@ -55,7 +55,7 @@ def depth(one: Item, other: Item, offset: tuple[float, float, float]) -> float:
     """How deep two items interpenetrate with one's centre at an offset from the other's."""
     middle = np.full(3, 0.5)
     poses = (
-        Pose.from_rotation(center, item.rotation)
+        Motion.turn(item.rotation, center)
         for item, center in ((one, middle), (other, middle + offset))
     )
     pair = tuple(map(PosedItem.at, (one, other), poses))
@@ -468,7 +468,7 @@ def test_egl_frees_its_memory() -> None:
 GROWTH = """
 import ctypes, gc
 import numpy as np, trimesh
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import IDENTITY
 from packit_sim.render.bullet import EglWorld
 
 class MemoryInUse(ctypes.Structure):
@@ -482,7 +482,7 @@ used = []
 for _ in range(5):
     world = EglWorld()
     for scale in (0.1, 0.2, 0.3, 0.4):
-        world.add_body(world.add_visual(ball, scale, (1, 0, 0)), Pose(np.zeros(3)))
+        world.add_body(world.add_visual(ball, scale, (1, 0, 0)), IDENTITY)
     world.close()
     gc.collect()
     used.append(mallinfo2().uordblks)
@@ -500,7 +500,7 @@ def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> N
         (world,) = worlds.returned
         assert isinstance(world, bullet.EglWorld)
         empty = trimesh.Trimesh(np.zeros((0, 3)), np.zeros((0, 3), int), process=False)
-        world.add_body(world.add_visual(empty, 1.0, (1, 0, 0)), Pose(np.zeros(3)))
+        world.add_body(world.add_visual(empty, 1.0, (1, 0, 0)), IDENTITY)
         assert np.array_equal(scene.snapshot(64, 64).image, before)
 
 

@@ -17,6 +17,7 @@ from packit_sim.box import Box
 from packit_sim.core.errors import PhysicsError
 from packit_sim.game.datasets.pack_files import dataset_file
 from packit_sim.geometry.lattice import STEP, Triple
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.physics import settling, world
 from packit_sim.physics.convex import disk_cache
@@ -119,7 +120,7 @@ def test_a_ball_in_a_bowl_comes_to_rest_at_the_bottom() -> None:
     bowl_now, ball_now = found.items
     assert found.at_rest and bowl_now.inside
     assert ball_now.items == (0,) and not ball_now.walls
-    middle, end = (item.pose.position for item in (bowl_now, ball_now))
+    middle, end = (item.pose.translation for item in (bowl_now, ball_now))
     assert np.linalg.norm(end[:2] - middle[:2]) < 0.05 < np.linalg.norm(start[:2] - middle[:2])
     assert end[2] < start[2]
     depth = bowl_now.vertices[:, 2].min()
@@ -137,8 +138,8 @@ def test_a_fall_takes_its_time() -> None:
         for _ in range(24):
             fallen.step()
         (move,) = fallen.moves
-        assert np.allclose(move[:3, :3], np.eye(3)) and np.allclose(move[:2, 3], 0)
-        assert -move[2, 3] == pytest.approx(9.81 * 0.1**2 / 2 / 0.5, rel=0.05)
+        assert np.allclose(move.rotation, np.eye(3)) and np.allclose(move.translation[:2], 0)
+        assert -move.translation[2] == pytest.approx(9.81 * 0.1**2 / 2 / 0.5, rel=0.05)
         assert fallen.speeds[0] == pytest.approx(9.81 * 0.1, rel=1e-3)
         assert fallen.energy == pytest.approx(energy, rel=0.01)
 
@@ -154,7 +155,7 @@ def test_a_bounce_returns_what_restitution_says(restitution: float) -> None:
         bounced.add([piece_of(ball, *start)], 1.0)
         for _ in range(100):
             bounced.step()
-            heights.append(0.5 + (bounced.moves[0][:3] @ (*start, 1) - start)[2])
+            heights.append(0.5 + (bounced.moves[0].apply(start) - start)[2])
     landed = int(np.argmin(heights))
     assert 40 < landed < 60  # sqrt(2 h / g) is 0.226 s
     assert max(heights[landed:]) == pytest.approx(restitution**2 * 0.5, abs=0.03)
@@ -175,7 +176,7 @@ def test_friction_prevents_or_allows_sliding() -> None:
             tilted.add([load], 1.0)
             for _ in range(60):
                 tilted.step()
-            slid[friction] = float(np.linalg.norm(tilted.moves[1][:3, 3]))
+            slid[friction] = float(np.linalg.norm(tilted.moves[1].translation))
     assert slid[0.5] < STILL
     expected = 9.81 * (math.sin(math.radians(15)) - 0.1 * math.cos(math.radians(15))) * 0.25**2 / 2
     assert slid[0.1] == pytest.approx(expected / 0.5, rel=0.1)
@@ -221,7 +222,7 @@ def test_what_falls_loses_energy_and_ends_through_nothing(settled_zoo: Settled) 
 
 def as_tuples(found: Settled) -> list[tuple[object, ...]]:
     return [(found.seconds, found.energy, found.cut)] + [
-        (item.move.tobytes(), item.displacement, item.farthest, item.items, item.walls)
+        (item.move.matrix.tobytes(), item.displacement, item.farthest, item.items, item.walls)
         for item in found.items
     ]
 
@@ -299,8 +300,7 @@ def shifted(box: Box, *shifts: tuple[float, float, float]) -> Settled:
     """As if items had ended that far from their places."""
     items = []
     for placed, shift in zip(box.placed, shifts, strict=True):
-        move = np.eye(4)
-        move[:3, 3] = shift
+        move = Motion.shift(shift)
         inside = settling.is_inside(placed, move, box.size)
         items.append(SettledItem(placed, move, (), (), inside))
     return Settled(tuple(items), box.size, 0.0, True, (0.0, 0.0), 0.0)

@@ -82,7 +82,7 @@ class Results:
     def add(self, search: Search, result: dict[str, Any], packing: Packing) -> None:
         """Add a finished search and its packing."""
         self.packings.mkdir(parents=True, exist_ok=True)
-        placements = [[p.type, p.box, *p.pose[:3].ravel().tolist()] for p in packing.placements]
+        placements = [[p.type, p.box, *p.matrix[:3].ravel().tolist()] for p in packing.placements]
         text = json.dumps({"search": asdict(search), "placements": placements})
         (self.packings / search.file).write_bytes(gzip.compress(text.encode(), mtime=0))
         runs = {**self.read(), search.key: {**asdict(search), **result}}
@@ -102,7 +102,7 @@ class Results:
         placements = []
         for item_type, box, *numbers in content["placements"]:
             pose = np.vstack((np.reshape(numbers, (3, 4)), (0, 0, 0, 1)))
-            placements.append(Placement(item_type, pose, box))
+            placements.append(Placement.from_matrix(item_type, pose, box))
         case = CASES[search.kind](search.name, search.rotations)
         return replace(_empty(case), placements=tuple(placements))
 

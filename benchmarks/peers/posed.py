@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from packit_sim.game.datasets.packs import Task
 from packit_sim.geometry import rotations
+from packit_sim.geometry.motions import affine
 from packit_sim.geometry.shapes import Item
 
 AXIS_ORDERS: tuple[int, ...] = tuple(
@@ -30,10 +31,7 @@ class Posed:
     @property
     def pose(self) -> npt.NDArray[np.float64]:
         """Matrix (4, 4) from shape to box coordinates."""
-        pose = np.eye(4)
-        pose[:3, :3] = self.item.linear
-        pose[:3, 3] = self.centre
-        return pose
+        return affine(self.item.linear, self.centre)
 
 
 class Peer(Protocol):

@@ -45,7 +45,7 @@ class QualityScores:
         x, y, z = (side * CELL for side in cells)
         container = BoxContainer((x, y, z))
         bodies = [
-            Body("", _item_type(posed.item.shape), Placement(0, posed.pose), 1.0)
+            Body("", _item_type(posed.item.shape), Placement.from_matrix(0, posed.pose), 1.0)
             for posed in packing
         ]
         beyond = [n for n, body in enumerate(bodies) if any(outside(body, container))]

@@ -21,6 +21,7 @@ from packit_sim.game.datasets.pack_files import dataset_library, read_packs, wri
 from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.evaluation.results import check_results, read_results
 from packit_sim.geometry.items import PlacedItem
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.packings.instances import ITEM_ORIGINS, read_instance, read_solution
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.rules import Rules
@@ -112,8 +113,7 @@ def _read_original(data: bytes) -> None:
 
 
 def _packings() -> list[bytes]:
-    pose = np.eye(4)
-    pose[:3, 3] = 2.0
+    pose = Motion.shift((2, 2, 2)).matrix
     other = pose.copy()
     other[0, 3] = 5.0
     items = [{"mesh": "parts/box.stl", "pose": one.tolist()} for one in (pose, other)]

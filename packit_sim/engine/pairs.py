@@ -39,8 +39,8 @@ class Pair(NamedTuple):
         """Compute the pair of an item on the grid and one on the grid or off it."""
         if isinstance(other, PlacedItem):
             return cls.at_offset(*canonical(placed, other))
-        turn = other.matrix[:3, :3] / np.cbrt(other.item.scale)
-        return cls(placed.item, other.item, other.matrix[:3, 3] - placed.center, turn)
+        shift = other.center - placed.center
+        return cls(placed.item, other.item, shift, np.ascontiguousarray(other.pose.rotation))
 
     @classmethod
     def at_offset(cls, a: Item, b: Item, offset: Triple) -> Pair:

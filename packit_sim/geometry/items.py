@@ -11,7 +11,7 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.lattice import CELL, STEP, Triple
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion, affine, split
 from packit_sim.geometry.shapes import Item
 
 
@@ -26,8 +26,10 @@ class ItemInBox(Protocol):
         Centre of its shape's bounding box, in box units.
     matrix : ndarray of float64, shape (4, 4)
         The shape-to-box matrix: maps the canonical mesh, `item.shape.mesh`, into the box.
-    pose : Pose
-        The same without the item's scale.
+    pose : Motion
+        The same without the item's scale, `box_from_item`.
+    linear : ndarray of float64, shape (3, 3)
+        The linear part of that matrix: the item's scale and a rotation.
     vertices : ndarray of float64, shape (n, 3)
         The vertices of its mesh, in box units.
     counts : bool
@@ -42,7 +44,9 @@ class ItemInBox(Protocol):
     @property
     def matrix(self) -> Floats: ...
     @property
-    def pose(self) -> Pose: ...
+    def linear(self) -> Floats: ...
+    @property
+    def pose(self) -> Motion: ...
     @property
     def vertices(self) -> Floats: ...
     @property
@@ -123,15 +127,17 @@ class PlacedItem:
     @cached_property
     def matrix(self) -> Floats:
         """Shape-to-box matrix (4, 4): maps the canonical mesh, `item.shape.mesh`, into the box."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.item.linear
-        matrix[:3, 3] = self.center
-        return matrix
+        return affine(self.item.linear, self.center)
 
     @property
-    def pose(self) -> Pose:
+    def linear(self) -> Floats:
+        """The linear part (3, 3) of that matrix."""
+        return split(self.matrix)[0]
+
+    @property
+    def pose(self) -> Motion:
         """The shape-to-box matrix without the item's scale."""
-        return Pose.from_rotation(self.center, self.item.rotation)
+        return Motion.turn(self.item.rotation, self.center)
 
     @property
     def vertices(self) -> Floats:
@@ -165,27 +171,33 @@ class PosedItem:
         return cls(placed.item, placed.matrix)
 
     @classmethod
-    def at(cls, item: Item, pose: Pose) -> PosedItem:
+    def at(cls, item: Item, box_from_item: Motion) -> PosedItem:
         """Put an item anywhere, in any rotation."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = pose.axes * np.cbrt(item.scale)
-        matrix[:3, 3] = pose.position
-        return cls(item, matrix)
+        return cls(item, box_from_item.scaled(np.cbrt(item.scale)))
+
+    def moved(self, motion: Motion) -> PosedItem:
+        """Return the item after a motion."""
+        return PosedItem(self.item, motion.matrix @ self.matrix)
 
     @property
     def center(self) -> Floats:
         """Centre of the shape's bounding box, (3,) in box units."""
-        return np.asarray(self.matrix[:3, 3])
+        return split(self.matrix)[1]
 
     @property
-    def pose(self) -> Pose:
+    def linear(self) -> Floats:
+        """The linear part (3, 3) of the shape-to-box matrix."""
+        return split(self.matrix)[0]
+
+    @cached_property
+    def pose(self) -> Motion:
         """The shape-to-box matrix without the item's scale."""
-        return Pose.from_matrix(self.matrix, np.cbrt(self.item.scale))
+        return Motion.from_matrix(self.matrix, np.cbrt(self.item.scale))
 
     @cached_property
     def vertices(self) -> Floats:
         """Vertices of the item's mesh, (n, 3) in box units."""
-        return np.asarray(self.item.shape.mesh.vertices @ self.matrix[:3, :3].T + self.center)
+        return np.asarray(self.item.shape.mesh.vertices @ self.linear.T + self.center)
 
     @property
     def counts(self) -> bool:

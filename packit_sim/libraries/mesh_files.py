@@ -23,6 +23,7 @@ from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM
+from packit_sim.geometry.motions import split
 from packit_sim.libraries import mesh_limits
 from packit_sim.libraries.obj_faces import simple_faces
 
@@ -209,7 +210,7 @@ class _Scene:
             if len(nodes) == 1:
                 matrix, geometry = graph[nodes[0]]
                 own = self.scene.geometry[geometry]
-                linear = np.round(matrix[:3, :3], 9) + 0.0
+                linear = np.round(split(matrix)[0], 9) + 0.0
                 key = own.vertices.tobytes(), own.faces.tobytes(), linear.tobytes()
             if key in found:
                 found[key] = replace(found[key], count=found[key].count + 1)

@@ -9,7 +9,8 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.items import PosedItem
+from packit_sim.geometry.items import ItemInBox, PosedItem
+from packit_sim.geometry.motions import split
 from packit_sim.physics.convex.solids import Solid
 from packit_sim.physics.settling import Settled, SettledItem
 from packit_sim.placement import LooseMesh
@@ -98,10 +99,10 @@ class _ReturnPath:
 
     def __init__(self, one: SettledItem, other: SettledItem) -> None:
         self._item, self._here = one.item, one.pose
-        self._start = PosedItem(one.item, other.move @ one.start.matrix).pose
+        self._start = PosedItem(one.item, one.start.matrix).moved(other.move).pose
         cosine = min(abs(float(np.dot(self._here.wxyz, self._start.wxyz))), 1.0)
         radius = float(np.linalg.norm(self._item.extents)) / 2
-        shift = float(np.linalg.norm(self._start.position - self._here.position))
+        shift = float(np.linalg.norm(self._start.translation - self._here.translation))
         self._length = shift + 2 * math.acos(cosine) * radius
 
     def vertices(self, length: float) -> Floats | None:
@@ -121,18 +122,18 @@ def _is_in(one: _SettledMesh, other: _SettledMesh) -> bool:
     Voxels decide it, and they may close the opening of a hollow: an item that was packed in the
     hollow is not counted.
     """
-    shape, packed = other.item.item.shape, other.item.start.matrix
+    shape = other.item.item.shape
     half = shape.extents / 2
-    corners = _in_frame(other.item.move @ packed, one.vertices)
+    corners = _in_shape(other.item, one.vertices)
     if (np.abs(corners) > half).any():
         return False
-    before = _in_frame(packed, one.item.start.vertices)
+    before = _in_shape(other.item.start, one.item.start.vertices)
     before = before[(np.abs(before) <= half).all(axis=1)]
     solid = Solid(shape)
     return bool(solid.encloses(corners).any() and not solid.encloses(before).any())
 
 
-def _in_frame(pose: Floats, points: Floats) -> Floats:
-    """Map points (n, 3) by the inverse of a pose (4, 4)."""
-    inward = np.linalg.inv(pose)
-    return points @ inward[:3, :3].T + inward[:3, 3]
+def _in_shape(placed: ItemInBox, points: Floats) -> Floats:
+    """Map points (n, 3) from the box to the canonical frame of an item's shape."""
+    linear, shift = split(np.asarray(np.linalg.inv(placed.matrix), dtype=np.float64))
+    return points @ linear.T + shift

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +12,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, ItemInBox, PosedItem, triangles
 from packit_sim.geometry.lattice import CELL
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.physics.convex.decomposition import Decomposition, decompose
 from packit_sim.physics.convex.fitting import MeasuredPiece, fitted
@@ -30,8 +29,8 @@ class SettledItem:
     ----------
     start : ItemInBox
         The item where it was released.
-    move : ndarray of float64, shape (4, 4)
-        The rigid motion from there to where it ended, in box units.
+    move : Motion
+        The motion from there to where it ended, in box units.
     items : tuple of int
         Numbers of the items with which it is in contact at the end.
     walls : tuple of str
@@ -43,7 +42,7 @@ class SettledItem:
     """
 
     start: ItemInBox
-    move: Floats
+    move: Motion
     items: tuple[int, ...]
     walls: tuple[str, ...]
     inside: bool
@@ -52,7 +51,7 @@ class SettledItem:
     @cached_property
     def posed(self) -> PosedItem:
         """Item where it ended."""
-        return PosedItem(self.item, self.move @ self.start.matrix)
+        return PosedItem(self.item, self.start.matrix).moved(self.move)
 
     @property
     def item(self) -> Item:
@@ -70,7 +69,12 @@ class SettledItem:
         return self.posed.matrix
 
     @property
-    def pose(self) -> Pose:
+    def linear(self) -> Floats:
+        """Linear part (3, 3) of that matrix."""
+        return self.posed.linear
+
+    @property
+    def pose(self) -> Motion:
         """Shape-to-box matrix without the item's scale."""
         return self.posed.pose
 
@@ -82,19 +86,17 @@ class SettledItem:
     @property
     def displacement(self) -> float:
         """Distance by which the centre of its bounding box moved, in box units."""
-        center = self.move[:3, :3] @ self.start.center + self.move[:3, 3]
-        return float(np.linalg.norm(center - self.start.center))
+        return float(np.linalg.norm(self.move.apply(self.start.center) - self.start.center))
 
     @cached_property
     def farthest(self) -> float:
         """Largest distance by which a point of its mesh moved, in box units."""
-        return _farthest(self.start.vertices, _moved(self.start, self.move))
+        return _farthest(self.start.vertices, self.move.apply(self.start.vertices))
 
     @property
     def rotation(self) -> float:
         """Angle of the motion, in degrees."""
-        cosine = (np.trace(self.move[:3, :3]) - 1) / 2
-        return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+        return self.move.angle
 
     @cached_property
     def drift(self) -> float:
@@ -249,7 +251,7 @@ def fitted_pieces(
 def _parts(placed: ItemInBox, decomposition: Decomposition) -> list[MeasuredPiece]:
     size = float(np.cbrt(placed.item.scale))
     return [
-        (piece.moved(placed.matrix[:3, :3], placed.matrix[:3, 3]), out * size)
+        (piece.moved(placed.linear, placed.center), out * size)
         for piece, out in zip(decomposition.pieces, decomposition.distances, strict=True)
     ]
 
@@ -289,12 +291,7 @@ def _farthest(before: Floats, after: Floats) -> float:
     return float(np.linalg.norm(after - before, axis=1).max())
 
 
-def is_inside(start: ItemInBox, move: Floats, size: Floats) -> bool:
-    """Decide whether an item is inside a box of extents (3,) after a motion (4, 4)."""
-    vertices = _moved(start, move)
+def is_inside(start: ItemInBox, move: Motion, size: Floats) -> bool:
+    """Decide whether an item is inside a box of extents (3,) after a motion."""
+    vertices = move.apply(start.vertices)
     return bool((vertices > -INSIDE).all() and (vertices < size + INSIDE).all())
-
-
-def _moved(start: ItemInBox, move: Floats) -> Floats:
-    """Move the vertices (n, 3) of an item's mesh, in box units."""
-    return start.vertices @ move[:3, :3].T + move[:3, 3]

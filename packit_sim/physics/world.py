@@ -20,7 +20,7 @@ from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bullet_meshes import UNIT, obj
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.physics.convex.pieces import MassProperties, Piece
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -132,7 +132,7 @@ class World:
             shape = self._pybullet.createCollisionShape(
                 self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client
             )
-        number = self._create_body(shape, mass, Pose.from_axes(properties.center, properties.axes))
+        number = self._create_body(shape, mass, Motion(properties.axes, properties.center))
         if mass:
             self._pybullet.changeDynamics(
                 number,
@@ -184,15 +184,15 @@ class World:
         return np.array(found)
 
     @property
-    def moves(self) -> list[Floats]:
-        """Rigid motion of each item since it was added: (4, 4) matrices, in box units."""
+    def moves(self) -> list[Motion]:
+        """Motion of each item since it was added, in box units."""
         found = []
         for item in self._items:
-            pose = self._pose(item)
-            move = np.eye(4)
-            move[:3, :3] = pose.axes @ item.properties.axes.T
-            move[:3, 3] = pose.position - move[:3, :3] @ item.properties.center
-            found.append(move)
+            box_from_axes = self._box_from_axes(item)
+            turned = Motion(box_from_axes.rotation @ item.properties.axes.T)
+            found.append(
+                turned.at(box_from_axes.translation - turned.direction(item.properties.center))
+            )
         return found
 
     @property
@@ -215,10 +215,10 @@ class World:
         """Kinetic and potential energy of the items that can move, in J."""
         total = 0.0
         for item in self._items:
-            pose = self._pose(item)
+            box_from_axes = self._box_from_axes(item)
             linear, angular = (np.array(v) for v in self._velocity(item))
-            spin = item.properties.moments * UNIT**2 @ (pose.axes.T @ angular) ** 2
-            height = pose.position[2] * self._settings.side
+            spin = item.properties.moments * UNIT**2 @ (box_from_axes.rotation.T @ angular) ** 2
+            height = box_from_axes.translation[2] * self._settings.side
             total += item.mass * (
                 (linear @ linear + spin) / self._scale**2 / 2 + self._settings.gravity * height
             )
@@ -254,17 +254,17 @@ class World:
                     halfExtents=(half * UNIT).tolist(),
                     physicsClientId=self._client,
                 )
-                walls.append(self._create_body(shape, 0.0, Pose(center)))
+                walls.append(self._create_body(shape, 0.0, Motion.shift(center)))
         ground = self._pybullet.createCollisionShape(
             self._pybullet.GEOM_PLANE, physicsClientId=self._client
         )
-        return [*walls, self._create_body(ground, 0.0, Pose(np.zeros(3)))]
+        return [*walls, self._create_body(ground, 0.0, IDENTITY)]
 
-    def _create_body(self, shape: int, mass: float, pose: Pose) -> int:
+    def _create_body(self, shape: int, mass: float, pose: Motion) -> int:
         number: int = self._pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
-            basePosition=(pose.position * UNIT).tolist(),
+            basePosition=(pose.translation * UNIT).tolist(),
             baseOrientation=pose.xyzw,
             useMaximalCoordinates=1,
             physicsClientId=self._client,
@@ -287,12 +287,12 @@ class World:
         )
         return number
 
-    def _pose(self, item: _SimulatedItem) -> Pose:
+    def _box_from_axes(self, item: _SimulatedItem) -> Motion:
         """Look up the pose of the centre of mass and the principal axes, in box units."""
         position, xyzw = self._pybullet.getBasePositionAndOrientation(
             item.number, physicsClientId=self._client
         )
-        return Pose.from_xyzw(np.array(position) / UNIT, xyzw)
+        return Motion.from_xyzw(xyzw, np.array(position) / UNIT)
 
     def _velocity(self, item: _SimulatedItem) -> tuple[Sequence[float], Sequence[float]]:
         """Look up the linear and the angular velocity, the latter in radians per second."""

@@ -27,7 +27,7 @@ from packit_sim.core.extras import needed_for
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.bullet_meshes import UNIT, collada, convex_pieces, obj
 from packit_sim.geometry.items import ItemInBox
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.render.coloring import Color
 from packit_sim.render.worlds import AMBIENT, DIFFUSE, LIGHT, Pixels, View
@@ -131,6 +131,7 @@ class ContactWorld(BulletClient):
         """
         with quiet():
             pieces, mesh = self._pieces_of(one.item), self._mesh_of(other.item)
+        shift = other.pose.translation - one.pose.translation
         points = self._pybullet.getClosestPoints(
             bodyA=-1,
             bodyB=-1,
@@ -138,7 +139,7 @@ class ContactWorld(BulletClient):
             collisionShapeA=pieces,
             collisionShapeB=mesh,
             collisionShapePositionA=(0, 0, 0),
-            collisionShapePositionB=((other.pose.position - one.pose.position) * UNIT).tolist(),
+            collisionShapePositionB=(shift * UNIT).tolist(),
             collisionShapeOrientationA=one.pose.xyzw,
             collisionShapeOrientationB=other.pose.xyzw,
             physicsClientId=self.number,
@@ -245,12 +246,12 @@ class EglWorld(BulletClient):
         )
         return number
 
-    def add_body(self, visual: int, pose: Pose) -> int:
+    def add_body(self, visual: int, pose: Motion) -> int:
         """Create a static body of a visual shape and return its number."""
         number: int = self._pybullet.createMultiBody(
             baseMass=0,
             baseVisualShapeIndex=visual,
-            basePosition=(pose.position * UNIT).tolist(),
+            basePosition=(pose.translation * UNIT).tolist(),
             baseOrientation=pose.xyzw,
             physicsClientId=self.number,
         )
@@ -260,10 +261,10 @@ class EglWorld(BulletClient):
         """Remove a body."""
         self._pybullet.removeBody(body, physicsClientId=self.number)
 
-    def move(self, body: int, pose: Pose) -> None:
+    def move(self, body: int, pose: Motion) -> None:
         """Set the pose of a body."""
         self._pybullet.resetBasePositionAndOrientation(
-            body, (pose.position * UNIT).tolist(), pose.xyzw, physicsClientId=self.number
+            body, (pose.translation * UNIT).tolist(), pose.xyzw, physicsClientId=self.number
         )
 
     def paint(self, body: int, color: Color) -> None:

@@ -14,7 +14,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.render.cameras import turntable
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.layouts import ITEM_GAP, Layout
@@ -198,7 +198,7 @@ class _Flight:
 
     Attributes
     ----------
-    start, end : Pose
+    start, end : Motion
         The item's poses at both ends.
     path : ndarray of float64, shape (n, 3)
         Positions of its centre, at equal distances.
@@ -208,33 +208,33 @@ class _Flight:
         Positions of its top.
     """
 
-    start: Pose
-    end: Pose
+    start: Motion
+    end: Motion
     path: Floats
     entry: float
     reach: Floats
 
     @classmethod
     def of(
-        cls, placed: PlacedItem, start: Pose, end: Pose, side: tuple[int, int], size: Floats
+        cls, placed: PlacedItem, start: Motion, end: Motion, side: tuple[int, int], size: Floats
     ) -> _Flight:
         """Plan a path: up, over the box unless the item stands at its side, and straight in."""
         axis, sign = side
         half = placed.item.extents / 2
-        turn = end.position.copy()
+        turn = end.translation.copy()
         turn[axis] = (size[axis] if sign > 0 else 0.0) + sign * (half[axis] + ITEM_GAP + _BEND)
-        over = max(size[2] + half[2] + ITEM_GAP, turn[2], start.position[2] + _RISE)
+        over = max(size[2] + half[2] + ITEM_GAP, turn[2], start.translation[2] + _RISE)
         if axis == 0 and sign > 0:
-            over = max(turn[2], start.position[2] + _RISE)
-        ways = [np.array((*way[:2], over)) for way in (start.position, turn)]
-        points, corner = _rounded([start.position, *ways, turn, end.position])
+            over = max(turn[2], start.translation[2] + _RISE)
+        ways = [np.array((*way[:2], over)) for way in (start.translation, turn)]
+        points, corner = _rounded([start.translation, *ways, turn, end.translation])
         way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
         even = np.linspace(0, way[-1], _POINTS)
         path = np.stack([np.interp(even, way, channel) for channel in points.T], axis=1)
         reach = path + np.array((0.0, 0.0, half[2]))
         return cls(start, end, path, float(way[corner] / way[-1]), reach)
 
-    def at(self, share: float) -> Pose:
+    def at(self, share: float) -> Motion:
         """Compute the item's pose at a share of its path; it has its rotation before it enters."""
         if share <= 0:
             return self.start
@@ -242,9 +242,7 @@ class _Flight:
             return self.end
         places = np.linspace(0, 1, len(self.path))
         center = np.array([np.interp(share, places, channel) for channel in self.path.T])
-        return replace(
-            self.start.interpolate(self.end, _eased(share / self.entry)), position=center
-        )
+        return self.start.interpolate(self.end, _eased(share / self.entry)).at(center)
 
 
 def _rounded(ways: Sequence[Floats]) -> tuple[Floats, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import ItemInBox, PosedItem
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 
 ITEM_GAP = 0.06
@@ -22,13 +22,13 @@ class Layout:
 
     Attributes
     ----------
-    poses : tuple[Pose or None, ...]
+    poses : tuple[Motion or None, ...]
         One for each item, in order of placing; None hides the item.
     points : ndarray of float64, shape (n, 3)
         Points that a picture contains in addition to the box, in box units.
     """
 
-    poses: tuple[Pose | None, ...]
+    poses: tuple[Motion | None, ...]
     points: Floats
 
     @classmethod
@@ -51,7 +51,7 @@ class Layout:
         """
         middle = size * (0.5, 0.5, 0.0)
         poses = [p.pose for p in placed]
-        moved = [replace(p, position=p.position + explode * (p.position - middle)) for p in poses]
+        moved = [p.shifted(explode * (p.translation - middle)) for p in poses]
         return cls(tuple(moved), _corners([p.item for p in placed], moved))
 
     @classmethod
@@ -79,7 +79,7 @@ class Layout:
         """
         upright = [item.turned(0) for item in items]
         centers = _rows(np.array([item.extents for item in upright]).reshape(-1, 3), size)
-        poses = [Pose(center) for center in centers]
+        poses = [Motion.shift(center) for center in centers]
         return cls(tuple(poses), _corners(upright, poses))
 
     def posed(self, items: Sequence[Item]) -> tuple[PosedItem, ...]:
@@ -124,7 +124,7 @@ def _rows(extents: Floats, size: Floats | None) -> list[Floats]:
     return centers
 
 
-def _corners(items: Sequence[Item], poses: Sequence[Pose]) -> Floats:
+def _corners(items: Sequence[Item], poses: Sequence[Motion]) -> Floats:
     """Compute the corners (8n, 3) of items' bounding boxes, rotated with them."""
     signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
     boxes = [

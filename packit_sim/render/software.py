@@ -8,7 +8,7 @@ from itertools import count
 import numpy as np
 import trimesh
 
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shading import ShadedMesh
 from packit_sim.render.coloring import Color
 from packit_sim.render.raster_kernels import draw_triangles
@@ -20,7 +20,7 @@ class _Body:
     """A visual shape at a pose."""
 
     mesh: ShadedMesh
-    pose: Pose
+    pose: Motion
     color: Color
 
 
@@ -50,7 +50,7 @@ class SoftwareWorld:
         self.triangles += len(mesh.faces)
         return len(self._visuals) - 1
 
-    def add_body(self, visual: int, pose: Pose) -> int:
+    def add_body(self, visual: int, pose: Motion) -> int:
         """Add a body of a visual shape and return its number."""
         mesh, color = self._visuals[visual]
         number = next(self._numbers)
@@ -61,7 +61,7 @@ class SoftwareWorld:
         """Remove a body."""
         del self._bodies[body]
 
-    def move(self, body: int, pose: Pose) -> None:
+    def move(self, body: int, pose: Motion) -> None:
         """Set the pose of a body."""
         self._bodies[body].pose = pose
 
@@ -86,7 +86,7 @@ class SoftwareWorld:
             points = np.zeros((len(depth), 3))
             np.divide(homogeneous, depth[:, None], out=points, where=shown[:, None])
             points[shown, 2] = 1 / depth[shown]
-            facing = mesh.normals @ (body.pose.axes.T @ light)
+            facing = mesh.normals @ (body.pose.rotation.T @ light)
             lights = AMBIENT + DIFFUSE * np.stack((facing, -facing), axis=1).clip(min=0)
             sides = np.stack((mesh.fronts, mesh.backs), axis=1)
             red, green, blue = (255 * channel for channel in body.color)

@@ -10,7 +10,7 @@ from trimesh import creation
 
 from packit_sim.core.errors import RenderError
 from packit_sim.geometry.items import ItemInBox, PlacedItem
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.render.cameras import Points
 from packit_sim.render.coloring import Color
 from packit_sim.render.layouts import Layout
@@ -22,8 +22,8 @@ _EDGE_RADIUS = 0.004
 """Radius of the box's edges, as a share of its longest side."""
 
 _WHITE = (1.0, 1.0, 1.0)
-_AWAY = np.array((0.0, 0.0, -1e4))
-"""Position of bodies that are hidden."""
+_AWAY = Motion.shift(np.array((0.0, 0.0, -1e4)))
+"""Where bodies are that are hidden."""
 
 
 class BodyStager:
@@ -45,7 +45,7 @@ class BodyStager:
     def __init__(self, world: DrawnWorld) -> None:
         self._world = world
         self.triangles = 0
-        self._poses: dict[int, Pose] = {}
+        self._poses: dict[int, Motion] = {}
         self._colors: dict[int, Color] = {}
         self._size: Points | None = None
         self._edges = self._floor = -1
@@ -95,7 +95,7 @@ class BodyStager:
             self._paint(body, color)
             indices[body] = n
             for part, light in zip(parts or (), (1.0, BRIGHTNESS), strict=False):
-                self._put(part, pose and Pose(pose.position))
+                self._put(part, pose and Motion.shift(pose.translation))
                 self._paint(part, _lit(color, light))
                 indices[part] = n
         return indices
@@ -105,7 +105,7 @@ class BodyStager:
             self.remove(body for body in (self._edges, self._floor) if body >= 0)
             self._edges, self._floor = map(self._add, _box(size))
             self._size = size
-        there = Pose(np.zeros(3)) if look.box == "edges" else None
+        there = IDENTITY if look.box == "edges" else None
         self._put(self._edges, there)
         self._put(self._floor, there)
         edges, floor = _box_colors(look.background)
@@ -131,17 +131,14 @@ class BodyStager:
     def _add(self, mesh: trimesh.Trimesh) -> int:
         """Create a body of a mesh in box units, with its origin in the world's."""
         self.triangles += len(mesh.faces)
-        return self._world.add_body(self._world.add_visual(mesh, 1.0, _WHITE), Pose(np.zeros(3)))
+        return self._world.add_body(self._world.add_visual(mesh, 1.0, _WHITE), IDENTITY)
 
-    def _put(self, body: int, pose: Pose | None) -> None:
+    def _put(self, body: int, pose: Motion | None) -> None:
         """Move a body, out of sight where the pose is None."""
-        pose = pose or Pose(_AWAY)
-        known = self._poses.get(body)
-        same = known is not None and known.wxyz == pose.wxyz
-        if same and known is not None and np.array_equal(known.position, pose.position):
-            return
-        self._world.move(body, pose)
-        self._poses[body] = pose
+        pose = pose or _AWAY
+        if self._poses.get(body) != pose:
+            self._world.move(body, pose)
+            self._poses[body] = pose
 
     def _paint(self, body: int, color: Color) -> None:
         if self._colors.get(body) != color:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.render.cameras import Camera, Points
 from packit_sim.render.coloring import Color
 
@@ -70,13 +70,13 @@ class DrawnWorld(Protocol):
     def add_visual(self, mesh: trimesh.Trimesh, scale: float, color: Color) -> int:
         """Add a visual shape, a mesh in box units scaled in volume, and return its number."""
 
-    def add_body(self, visual: int, pose: Pose) -> int:
+    def add_body(self, visual: int, pose: Motion) -> int:
         """Add a body of a visual shape and return its number."""
 
     def remove(self, body: int) -> None:
         """Remove a body."""
 
-    def move(self, body: int, pose: Pose) -> None:
+    def move(self, body: int, pose: Motion) -> None:
         """Set the pose of a body."""
 
     def paint(self, body: int, color: Color) -> None:

@@ -12,7 +12,7 @@ import trimesh
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import Contents, ItemInBox, PlacedItem
 from packit_sim.geometry.lattice import CELL, Triple
-from packit_sim.geometry.poses import UPRIGHT, Pose
+from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.render.coloring import Color, by_item
 from packit_sim.render.layouts import Layout
 from packit_sim.render.looks import Cut
@@ -163,7 +163,7 @@ class BoxView:
         self._cut = cut
 
     def _show_item(
-        self, key: tuple[int, ItemInBox], pose: Pose, color: Color, display: DisplaySettings
+        self, key: tuple[int, ItemInBox], pose: Motion, color: Color, display: DisplaySettings
     ) -> None:
         number, placed = key
         inside = display.step is None or number < display.step
@@ -175,7 +175,7 @@ class BoxView:
         glass = display.focus is not None and number not in display.focus
         opacity = _GLASS if glass else display.solid
         for handle in (self._items[key], *self._parts.get(key, ())):
-            handle.position = pose.position
+            handle.position = pose.translation
             handle.opacity = None if opacity >= 1 else opacity
             handle.cast_shadow = not glass
         for handle in self._parts.get(key, ()):
@@ -198,7 +198,7 @@ class BoxView:
             )
         return self._parts[key]
 
-    def _add_item(self, key: tuple[int, ItemInBox], pose: Pose, color: Color) -> MeshHandle:
+    def _add_item(self, key: tuple[int, ItemInBox], pose: Motion, color: Color) -> MeshHandle:
         number, placed = key
         mesh = self._surfaces[key] = surface(placed.item.shape)
         scale = float(np.cbrt(placed.item.scale))
@@ -210,7 +210,7 @@ class BoxView:
         mesh: trimesh.Trimesh,
         color: Color,
         number: int,
-        pose: Pose | None = None,
+        pose: Motion = IDENTITY,
         scale: float = 1.0,
     ) -> MeshHandle:
         handle = self._server.scene.add_mesh_simple(
@@ -221,8 +221,8 @@ class BoxView:
             side="double",
             receive_shadow=False,
             scale=scale,
-            wxyz=UPRIGHT if pose is None else pose.wxyz,
-            position=np.zeros(3) if pose is None else pose.position,
+            wxyz=pose.wxyz,
+            position=pose.translation,
         )
         if self._on_click is not None:
             clicked = self._on_click

@@ -21,7 +21,7 @@ from packit_sim.core import typed_json
 from packit_sim.core.errors import PackFormatError, located
 from packit_sim.geometry import rotations
 from packit_sim.geometry.lattice import CELL
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.libraries.data_files import read_bytes
 
 SMALLEST, LARGEST = CELL, 1.75
@@ -210,7 +210,7 @@ def _rotation(recorded: _Quaternion, field: str) -> int:
     length = math.hypot(*quaternion)
     if abs(length - 1) <= SKEW:
         x, y, z, w = (part / length for part in quaternion)
-        unity = Pose.from_xyzw(np.zeros(3), (x, y, z, w)).axes
+        unity = Motion.from_xyzw((x, y, z, w)).rotation
         errors = np.abs(rotations.MATRICES - _UNITY_TO_OURS @ unity @ _UNITY_TO_OURS.T)
         worst = errors.max(axis=(1, 2))
         nearest = int(worst.argmin())

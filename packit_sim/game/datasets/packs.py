@@ -22,7 +22,7 @@ from packit_sim.game.datasets import format_1
 from packit_sim.game.datasets.provenance import UNKNOWN_PROVENANCE, Provenance, RotationIndex
 from packit_sim.geometry.items import BoxState, ItemInBox, PlacedItem, PosedItem
 from packit_sim.geometry.lattice import CELL, CELLS_PER_UNIT, MAX_CELLS, Triple, box_cells
-from packit_sim.geometry.poses import Pose, Quaternion
+from packit_sim.geometry.motions import Motion, Quaternion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.placement import checked_location
@@ -73,7 +73,7 @@ class LibraryRef:
 class PoseRecord(Struct, frozen=True):
     """A rigid pose off the grid, as recorded.
 
-    It has a `Pose`'s fields in JSON's types: a `Pose` has an array, which JSON does not know.
+    It is a `Motion` in JSON's types, which have no arrays.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         fields = item.shape.id, item.scale, item.rotation
         if isinstance(inside, PlacedItem):
             return cls(*fields, inside.location)
-        x, y, z = inside.pose.position.tolist()
+        x, y, z = inside.pose.translation.tolist()
         return cls(*fields, None, PoseRecord((x, y, z), inside.pose.wxyz), bool(inside.counts))
 
     def placed(self, item: Item) -> PlacedItem | PosedItem:
@@ -142,7 +142,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
         if self.location is not None:
             return PlacedItem(item, self.location)
         assert self.pose is not None
-        return PosedItem.at(item, Pose(np.array(self.pose.position), self.pose.wxyz))
+        return PosedItem.at(item, Motion.from_wxyz(self.pose.wxyz, np.array(self.pose.position)))
 
 
 @dataclass(frozen=True)

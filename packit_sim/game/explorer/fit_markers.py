@@ -10,7 +10,6 @@ import numpy.typing as npt
 from packit_sim.game.explorer.fit_query import FitQuery
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import Triple
-from packit_sim.geometry.poses import Pose
 from packit_sim.render.coloring import PALETTE, Color
 from packit_sim.web.box_view import rgb
 from packit_sim.web.surfaces import surface
@@ -79,7 +78,7 @@ class FitMarkers:
             cast_shadow=False,
             receive_shadow=False,
             scale=float(np.cbrt(placed.item.scale)),
-            wxyz=Pose.from_rotation(placed.center, placed.item.rotation).wxyz,
+            wxyz=placed.pose.wxyz,
         )
 
     def _add_dots(

@@ -20,7 +20,7 @@ from packit_sim.game.evaluation.results import Rollout
 from packit_sim.geometry import rotations
 from packit_sim.geometry.items import BoxState, Contents, ItemInBox
 from packit_sim.geometry.lattice import BOX_CELLS, CELL, STEP
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
@@ -273,13 +273,13 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
     pitch = 1.25 * float(item.extents.max())
     rows = rotations.COUNT // _TURNS_A_ROW
     poses = tuple(
-        Pose.from_rotation(
-            pitch * np.array((-(n % _TURNS_A_ROW), 0.0, rows - n // _TURNS_A_ROW)), one.rotation
+        Motion.turn(
+            one.rotation, pitch * np.array((-(n % _TURNS_A_ROW), 0.0, rows - n // _TURNS_A_ROW))
         )
         for n, one in enumerate(turned)
     )
     points = np.array(
-        [p.position + np.array((s, 0, s)) * pitch / 2 for p in poses for s in (-1, 1)]
+        [p.translation + np.array((s, 0, s)) * pitch / 2 for p in poses for s in (-1, 1)]
     )
     camera = Camera(azimuth=90, elevation=14, fov=12)
     look = replace(_WHITE, camera=camera, box="none", coloring=Highlight(chosen))

@@ -65,7 +65,8 @@ class PackedParts:
 
     def pose(self, placement: Placement) -> Floats:
         """Return the matrix (4, 4) from the coordinates in a part's file to those of its box."""
-        return np.asarray(placement.pose @ self.part(placement).frame)
+        part = self.part(placement)
+        return (placement.pose @ part.part.user_from_file).scaled(part.scale)
 
     def stem(self, box: int) -> str:
         """Return the name, without suffix, of the files of a box, by its number from 0."""
@@ -178,5 +179,5 @@ class PackedParts:
             part = self.part(one)
             mass = part.mass if self.mass is not None else None
             weights.append(part.volume if mass is None else mass)
-            centres.append(one.pose[:3, :3] @ part.centre + one.pose[:3, 3])
+            centres.append(one.pose.apply(part.centre))
         return np.average(centres, axis=0, weights=weights)

@@ -16,6 +16,7 @@ import numpy as np
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
@@ -243,10 +244,9 @@ class PackingSearch:
     ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self._task.boxes if each.name == packing.container.name)
-        shift = np.eye(4)
-        shift[:3, 3] = -self._task.margin
+        inner_from_box = Motion.shift(np.full(3, -self._task.margin))
         placements = [
-            Placement(numbers.index(one.type), shift @ one.pose)
+            replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
             if one.type in numbers
         ]
@@ -255,11 +255,11 @@ class PackingSearch:
     def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
-        shift = np.eye(4)
-        shift[:3, 3] = self._task.margin
+        box_from_inner = Motion.shift(np.full(3, self._task.margin))
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
-            found.setdefault(one.box, []).append(Placement(one.type, shift @ one.pose))
+            moved = replace(one, pose=box_from_inner @ one.pose, box=0)
+            found.setdefault(one.box, []).append(moved)
         return [
             Packing(
                 self._task.types,
@@ -290,7 +290,10 @@ class PackingSearch:
     def _obstacles(self) -> tuple[ItemType, ...]:
         """The obstacles of the task, in the coordinates of the inner container."""
         own = (each.item_type for each in self._task.obstacles)
-        return tuple(replace(each, vertices=each.vertices - self._task.margin) for each in own)
+        return tuple(
+            replace(each, vertices=each.vertices - self._task.margin, known_volume=each.volume)
+            for each in own
+        )
 
     def _fits(self, number: int, box: BoxType | None = None) -> bool:
         own = self._task.parts[number].sides

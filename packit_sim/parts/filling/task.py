@@ -264,7 +264,7 @@ class PackTask:
     def with_fixed(self, packing: Packing) -> Packing:
         """Return a packing of this task with the fixed parts as its first placements."""
         first = len(self.parts)
-        fixed = [Placement(first + n, np.eye(4)) for n in range(len(self.fixed))]
+        fixed = [Placement(first + n) for n in range(len(self.fixed))]
         container = replace(packing.container, obstacles=())
         placements = (*fixed, *packing.placements)
         return replace(packing, container=container, placements=placements)

@@ -9,6 +9,7 @@ import numpy as np
 
 from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.handling.supports import stacking_of
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.packings.packing import Packing
@@ -143,9 +144,7 @@ def stages(
     size = np.array(packing.sides) / unit
     whole, items = posed(packing), []
     for n, drop in zip(order, stacking_of(sweeps, order, fixed=fixed).drops, strict=True):
-        matrix = whole[n].matrix.copy()
-        matrix[2, 3] -= drop / unit
-        items.append(replace(whole[n], matrix=matrix))
+        items.append(whole[n].moved(Motion.shift((0, 0, -drop / unit))))
     pieces, _ = fitted_pieces(items, settings)
     least = max(settings.min_mass_ratio * max((masses[n] for n in order), default=0.0), LEAST_MASS)
     for stage in range(first, len(order) + 1):
@@ -163,7 +162,6 @@ def stages(
         )
 
 
-def _farthest(corners: Floats, move: Floats) -> float:
-    """Compute the largest distance that a motion (4, 4) moves points (n, 3)."""
-    moved = corners @ move[:3, :3].T + move[:3, 3]
-    return float(np.linalg.norm(moved - corners, axis=1).max())
+def _farthest(corners: Floats, move: Motion) -> float:
+    """Compute the largest distance that a motion moves points (n, 3)."""
+    return float(np.linalg.norm(move.apply(corners) - corners, axis=1).max())

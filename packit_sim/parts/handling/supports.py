@@ -190,9 +190,7 @@ def lowered(packing: Packing, fixed: Collection[int] = ()) -> Packing:
     found = stacking(packing, fixed=fixed)
     placements = []
     for placement, drop in zip(packing.placements, found.drops, strict=True):
-        pose = placement.pose.copy()
-        pose[2, 3] -= drop
-        placements.append(replace(placement, pose=pose))
+        placements.append(replace(placement, pose=placement.pose.shifted((0, 0, -drop))))
     return replace(packing, placements=tuple(placements))
 
 

@@ -79,7 +79,7 @@ class PartSweeps:
         longest = [p.scale * float(types[p.type].extents.max()) / self.unit for p in placed]
         self._tolerances = [tolerance(1.0, side) for side in longest]
         self._centres = [self._centre(n) for n in range(len(placed))]
-        self._surfaces: dict[tuple[int, bytes, float, AxisNumber], Surface] = {}
+        self._surfaces: dict[tuple[int, bytes, float, float, AxisNumber], Surface] = {}
         self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}
         self._meetings: dict[tuple[int, int, AxisNumber, bytes], bool] = {}
         self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
@@ -191,15 +191,13 @@ class PartSweeps:
         """Return where the centre of the bounding box of a part's mesh is."""
         placement = self.packing.placements[number]
         item_type = self.packing.types[placement.type]
-        pose = placement.pose
-        middle = (item_type.low + item_type.high) / 2
-        return np.asarray((pose[:3, :3] @ middle + pose[:3, 3]) / self.unit)
+        return np.asarray(placement.apply(item_type.middle) / self.unit)
 
     def _surface(self, number: int, drawn_in: float, axis: AxisNumber) -> Surface:
         """Look up a part's mesh from its centre, this axis last; equal poses share it."""
         placement = self.packing.placements[number]
-        linear = placement.pose[:3, :3]
-        key = placement.type, linear.tobytes(), drawn_in, axis
+        turn = placement.pose.rotation.tobytes()
+        key = placement.type, turn, placement.scale, drawn_in, axis
         if key not in self._surfaces:
             if axis != 2:
                 upright, turned = self._surface(number, drawn_in, 2), cyclic(axis)
@@ -213,7 +211,7 @@ class PartSweeps:
                 extents = item_type.extents * placement.scale / self.unit
                 shrink = np.maximum(extents - drawn_in, 0) / extents
                 own = (item_type.vertices - (item_type.low + item_type.high) / 2) * shrink
-                vertices = own @ linear.T / self.unit
+                vertices = placement.pose.direction(own * placement.scale) / self.unit
                 mesh = trimesh.Trimesh(vertices, item_type.faces, process=False)
                 self._surfaces[key] = Surface.of(mesh)
         return self._surfaces[key]

@@ -16,6 +16,7 @@ from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import SearchBackend, search_workers
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import ROTATION_SLACK, Motion
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.nesting.bins import BinsSearch
 from packit_sim.parts.nesting.build import SLACK
@@ -38,7 +39,7 @@ from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
-from packit_sim.parts.packings.placements import POSE_SLACK, Placement
+from packit_sim.parts.packings.placements import Placement
 
 _log = plain_logger("packit_sim.parts.nesting")
 
@@ -249,13 +250,13 @@ def _poses(start: Packing, problem: Problem, task: SearchTask, empty: Packing) -
         free = np.flatnonzero((task.numbers[: task.count] == a) & (poses.inside[: task.count] == 0))
         own = problem.allowed[a, : problem.allowed_counts[a]]
         turns = problem.lookup.turns[own] @ search_frame(empty.types[a])
-        errors = np.abs(turns - placement.pose[:3, :3]).max(axis=(1, 2))
-        if len(free) == 0 or errors.min() > POSE_SLACK:
+        errors = np.abs(turns - placement.pose.rotation * placement.scale).max(axis=(1, 2))
+        if len(free) == 0 or errors.min() > ROTATION_SLACK:
             continue
         i = int(free[0])
         centre = _centre(empty.types[a])
         poses.turned[i] = own[errors.argmin()]
-        poses.places[i] = placement.pose[:3, :3] @ centre + placement.pose[:3, 3]
+        poses.places[i] = placement.apply(centre)
         poses.places[i, 0] += boxes[placement.box, 0]
         poses.inside[i] = 1
     return poses
@@ -328,10 +329,9 @@ def _packing(problem: Problem, task: SearchTask, solution: Solution, empty: Pack
         a = int(task.numbers[i])
         item_type = empty.types[a]
         box = box_of(boxes, poses.places[i, 0])
-        pose = np.eye(4)
-        pose[:3, :3] = problem.lookup.turns[poses.turned[i]] @ search_frame(item_type)
-        pose[:3, 3] = poses.places[i] - pose[:3, :3] @ _centre(item_type) - (boxes[box, 0], 0, 0)
-        placements.append(Placement(a, pose, int(box)))
+        turned = Motion(problem.lookup.turns[poses.turned[i]] @ search_frame(item_type))
+        shift = poses.places[i] - turned.direction(_centre(item_type)) - (boxes[box, 0], 0, 0)
+        placements.append(Placement(a, turned.at(shift), int(box)))
     containers = [BoxContainer(tuple(sides)) for sides in boxes[:, 1:].tolist()]
     several = tuple(containers) if len(task.sizes) > 1 else ()
     return replace(empty, placements=tuple(placements), containers=several)

@@ -10,6 +10,7 @@ import trimesh
 from cachetools import cached
 
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import split
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.rotation_sets import FREE, matrices
 
@@ -86,8 +87,8 @@ def _framed(item_type: ItemType) -> tuple[Floats, ItemType]:
         item_type.demand,
         "cube",
         item_type.value,
+        known_volume=item_type.volume,
     )
-    vars(turned)["volume"] = item_type.volume
     return turn, turned
 
 
@@ -99,5 +100,5 @@ def _to_smallest_box(item_type: ItemType) -> Floats:
     to_box, sides = trimesh.bounds.oriented_bounds(vertices)
     if sides.prod() > SMALLER * item_type.extents.prod():
         return np.eye(3)
-    left, _, right = np.linalg.svd(to_box[:3, :3])
+    left, _, right = np.linalg.svd(split(to_box)[0])
     return np.asarray(left @ right)

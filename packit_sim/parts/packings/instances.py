@@ -20,6 +20,7 @@ from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import split
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
@@ -137,8 +138,9 @@ def read_solution(path: Path | str, rotations: str = "cube") -> Packing:
         number = by_name[item.name].pop(0)
         try:
             pose = np.array(item.transformation.matrix).T  # column by column, as glm stores it
-            pose[:3, 3] -= pose[:3, :3] @ _origin(types[number], solution.item_origin)
-            placements.append(Placement(number, pose))
+            linear, place = split(pose)
+            place -= linear @ _origin(types[number], solution.item_origin)
+            placements.append(Placement.from_matrix(number, pose))
         except ArgumentError as error:
             raise PackFormatError(f"{path}: field 'items[{n}].transformation': {error}") from None
     return Packing(types, container, tuple(placements))
@@ -164,13 +166,13 @@ def write_solution(packing: Packing, path: Path | str, instance: str = "") -> No
     items = []
     for placement in packing.placements:
         item_type, pose = packing.types[placement.type], placement.pose
-        yaw, pitch, roll = _angles(pose[:3, :3])
+        yaw, pitch, roll = _angles(pose.rotation)
         transformation = {
-            "position": pose[:3, 3].tolist(),
+            "position": pose.translation.tolist(),
             "yaw": yaw,
             "pitch": pitch,
             "roll": roll,
-            "matrix": pose.T.tolist(),
+            "matrix": placement.matrix.T.tolist(),
         }
         name = item_type.name if item_type.file is None else item_type.file.name
         items.append({"name": name, "transformation": transformation})

@@ -6,7 +6,7 @@ import hashlib
 import math
 import operator
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,13 @@ class ItemType:
         Its value in a knapsack, at least 0; by default its volume.
     file : Path, optional
         The mesh file that holds the same mesh, in the same coordinates.
+    known_volume : float, optional
+        Its volume, if it is known better than from the mesh.
+
+    Attributes
+    ----------
+    volume : float
+        The volume: as given, of the closed body, or else of the solid by voxels (see `Shape`).
 
     Raises
     ------
@@ -59,13 +66,18 @@ class ItemType:
     rotations: str = "cube"
     value: float | None = None
     file: Path | None = None
+    known_volume: InitVar[float | None] = None
+    volume: float = field(init=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, known_volume: float | None) -> None:
         self._check_settings()
         vertices, faces = _cleaned(self.vertices, self.faces, self.name)
         for name, array in (("vertices", vertices), ("faces", faces)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if known_volume is None:
+            known_volume = self.shape.volume * float(np.linalg.norm(self.extents)) ** 3
+        object.__setattr__(self, "volume", known_volume)
 
     def _check_settings(self) -> None:
         try:
@@ -143,9 +155,15 @@ class ItemType:
             Named after the shape, and of the item's volume.
         """
         mesh = item.mesh
-        made = cls(item.shape.id, mesh.vertices, mesh.faces, demand, rotations, value)
-        vars(made)["volume"] = item.volume
-        return made
+        return cls(
+            item.shape.id,
+            mesh.vertices,
+            mesh.faces,
+            demand,
+            rotations,
+            value,
+            known_volume=item.volume,
+        )
 
     def changed(
         self, demand: int | None = None, rotations: str | None = None, value: float | None = None
@@ -190,14 +208,14 @@ class ItemType:
         return np.asarray(self.vertices.max(axis=0))
 
     @property
+    def middle(self) -> Floats:
+        """The middle (3,) of the bounding box."""
+        return np.asarray((self.low + self.high) / 2)
+
+    @property
     def extents(self) -> Floats:
         """The extents (3,) of the bounding box."""
         return self.high - self.low
-
-    @cached_property
-    def volume(self) -> float:
-        """The volume: of the closed body, or else of the solid by voxels (see `Shape`)."""
-        return self.shape.volume * float(np.linalg.norm(self.extents)) ** 3
 
     @cached_property
     def shape(self) -> Shape:

@@ -85,8 +85,7 @@ class Packing:
 
     def vertices(self, placement: Placement) -> Floats:
         """Return the vertices (n, 3) of a placed item, in the container's coordinates."""
-        pose = placement.pose
-        return self.types[placement.type].vertices @ pose[:3, :3].T + pose[:3, 3]
+        return placement.apply(self.types[placement.type].vertices)
 
     @property
     def height(self) -> float:
@@ -161,8 +160,7 @@ class Packing:
             for own in [self.types[placement.type]]
         ]
         obstacles = [
-            validity.Body(each.name, each, Placement(0, np.eye(4)), unit)
-            for each in container.obstacles
+            validity.Body(each.name, each, Placement(0), unit) for each in container.obstacles
         ]
         return validity.problems(bodies, container, self.clearance, obstacles)
 

@@ -18,13 +18,14 @@ from packit_sim.core.errors import MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.geometry.motions import IDENTITY, matrix_fault
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.lengths import MAX_LENGTH, Extent, PoseRows
 from packit_sim.parts.packings.mesh_paths import is_inside
-from packit_sim.parts.packings.placements import Placement, pose_fault
+from packit_sim.parts.packings.placements import Placement
 
 
 def verify_packing(file: Path | str) -> Report:
@@ -84,14 +85,15 @@ def verify_packing(file: Path | str) -> Report:
         every.append((f"obstacle {n} ({obstacle.mesh!r})", obstacle, obstacles))
     for name, posed, kind in every:
         pose = np.array(posed.pose)
-        fault = pose_fault(pose)
+        fault = matrix_fault(pose)
         if fault:
             found.append(f"{name}: its pose {fault}")
             continue
         try:
             box = posed.box if isinstance(posed, _PackingItem) else 0
             longest = containers.get(box, container).longest
-            kind.append(validity.Body(name, load(posed.mesh), Placement(0, pose, box), longest))
+            placement = Placement.from_matrix(0, pose, box)
+            kind.append(validity.Body(name, load(posed.mesh), placement, longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
     used = sorted({item.box for item in packing.items})
@@ -149,7 +151,7 @@ def write_packing(
             "name": types[placement.type].name,
             "mesh": meshes[placement.type],
             "box": placement.box,
-            "pose": placement.pose.tolist(),
+            "pose": placement.matrix.tolist(),
         }
         for placement in placements
     ]
@@ -162,7 +164,7 @@ def write_packing(
     if containers:
         packing["boxes"] = [each.size for each in containers]
     if container.obstacles:
-        identity = np.eye(4).tolist()
+        identity = IDENTITY.matrix.tolist()
         packing["obstacles"] = [
             {"name": each.name, "mesh": _mesh_path(each, path), "pose": identity}
             for each in container.obstacles

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.core.checks import POSITIVE, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
-
-POSE_SLACK = 1e-6
-"""Largest relative error of a pose's rotation and scale: rounding of single precision."""
-
-LEAST_SCALE = 1e-30
-"""Smallest scale of a pose."""
+from packit_sim.geometry.motions import IDENTITY, Motion, matrix_fault, motion_and_scale
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Placement:
     """One item of a packing.
 
@@ -24,64 +20,70 @@ class Placement:
     ----------
     type : int
         The number of its type in the packing.
-    pose : ndarray of float64, shape (4, 4)
-        From the coordinates of the type's mesh to those of the container: a rotation, a translation
-        and one scale for all axes, which is 1 in every packing that `nest` finds.
+    pose : Motion
+        `container_from_item`: from the coordinates of the type's mesh to those of the container.
     box : int
         The number of its container, from 0.
+    scale : float
+        The scale of its mesh, before that motion: 1 in every packing that `nest` finds, others in
+        files.
 
     Raises
     ------
     ArgumentError
-        If the pose is no such matrix.
+        If the pose is no finite motion, or the scale is not above 0.
     """
 
     type: int
-    pose: Floats
+    pose: Motion = IDENTITY
     box: int = 0
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
-        pose = np.array(self.pose, dtype=float)
-        fault = pose_fault(pose)
+        if not isinstance(self.pose, Motion):
+            raise ArgumentError(
+                f"the pose of an item of type {self.type} is of type {type(self.pose).__name__}: "
+                "it must be a Motion; Placement.from_matrix takes matrices"
+            )
+        if not np.isfinite(self.pose.translation).all():
+            raise ArgumentError(f"the pose of an item of type {self.type} is not finite")
+        check_range(f"item type {self.type}: scale", self.scale, POSITIVE)
+
+    @classmethod
+    def from_matrix(cls, number: int, matrix: Floats, box: int = 0) -> Placement:
+        """Create a placement from a matrix of a file.
+
+        Parameters
+        ----------
+        number : int
+            The number of the item's type.
+        matrix : ndarray of float64, shape (4, 4)
+            One scale for all axes, a rotation and a translation, in this order.
+        box : int
+            The number of its container.
+
+        Returns
+        -------
+        Placement
+            The placement.
+
+        Raises
+        ------
+        ArgumentError
+            If it is no such matrix.
+        """
+        matrix = np.array(matrix, dtype=float)
+        fault = matrix_fault(matrix)
         if fault:
-            raise ArgumentError(f"the pose of an item of type {self.type} {fault}")
-        pose.setflags(write=False)
-        object.__setattr__(self, "pose", pose)
+            raise ArgumentError(f"the pose of an item of type {number} {fault}")
+        pose, scale = motion_and_scale(matrix)
+        return cls(number, pose, box, scale)
 
     @property
-    def scale(self) -> float:
-        """The scale of lengths."""
-        return float(np.cbrt(np.linalg.det(self.pose[:3, :3])))
+    def matrix(self) -> Floats:
+        """The scale and the pose as one matrix (4, 4), for files."""
+        return self.pose.scaled(self.scale)
 
-
-def pose_fault(pose: Floats) -> str | None:
-    """Return why a matrix is not a rotation with one scale and a translation, or None.
-
-    Parameters
-    ----------
-    pose : ndarray of float64
-        The matrix.
-
-    Returns
-    -------
-    str or None
-        What is wrong, after "the pose".
-    """
-    if pose.shape != (4, 4):
-        return f"has the shape {pose.shape}: it must be (4, 4)"
-    if not np.isfinite(pose).all():
-        return "is not finite"
-    if pose[3].tolist() != [0, 0, 0, 1]:
-        return f"has the last row {pose[3].tolist()}: it must be 0, 0, 0, 1"
-    linear = pose[:3, :3]
-    largest = np.abs(linear).max()
-    if largest < LEAST_SCALE:
-        return "leaves nothing of the mesh: its scale is 0"
-    linear = linear / largest
-    square = linear.T @ linear
-    scale = np.trace(square) / 3
-    if np.abs(square / scale - np.eye(3)).max() > POSE_SLACK:
-        return "shears the mesh, or scales its axes unlike"
-    if np.linalg.det(linear) < 0:
-        return "mirrors the mesh"
-    return None
+    def apply(self, points: Floats) -> Floats:
+        """Map points (n, 3), or one of shape (3,), of the type's mesh into the container."""
+        return self.pose.apply(points * self.scale)

@@ -32,13 +32,9 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
     for placement in packing.placements:
         item_type = packing.types[placement.type]
         diagonal = float(np.linalg.norm(item_type.extents))
-        pose = placement.pose
-        middle = (item_type.low + item_type.high) / 2
-        matrix = np.eye(4)
-        matrix[:3, :3] = pose[:3, :3] * (diagonal * scale)
-        matrix[:3, 3] = (pose[:3, :3] @ middle + pose[:3, 3]) * scale
-        volume = (diagonal * scale * placement.scale) ** 3
-        found.append(PosedItem(Item(item_type.shape, volume), matrix))
+        box_from_item = placement.pose.at(placement.apply(item_type.middle) * scale)
+        size = diagonal * scale * placement.scale
+        found.append(PosedItem(Item(item_type.shape, size**3), box_from_item.scaled(size)))
     return found
 
 

@@ -74,19 +74,17 @@ class Body:
         self.name = name
         self.item_type = item_type
         self.box = placement.box
-        linear, shift = placement.pose[:3, :3], placement.pose[:3, 3]
-        self.vertices = item_type.vertices @ linear.T + shift
+        self.vertices = placement.apply(item_type.vertices)
         self.low, self.high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         self.scale = float(f"{placement.scale:.7g}")  # of single precision: equal ones share meshes
         self.tolerance = tolerance(unit, self.scale * float(item_type.extents.max()))
         self.volume = item_type.volume * placement.scale**3
-        self.turn = linear / placement.scale
-        self.centre: Floats = linear @ ((item_type.low + item_type.high) / 2) + shift
+        self.box_from_item = placement.pose.at(placement.apply(item_type.middle))  # centred
 
     def seen_from(self, other: Body, unit: float) -> tuple[Floats, Floats]:
         """Return its rotation (3, 3) and, in a unit, its translation (3,) in another's frame."""
-        back = np.linalg.inv(other.turn)
-        return back @ self.turn, back @ (self.centre - other.centre) / unit
+        other_from_self = self.box_from_item.seen_from(other.box_from_item)
+        return other_from_self.rotation.copy(), other_from_self.translation / unit
 
 
 def outside(body: Body, container: Container) -> Iterator[str]:

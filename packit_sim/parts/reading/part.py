@@ -16,6 +16,7 @@ from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import UP_AXES
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.reading.units import check_unit, factor
@@ -134,14 +135,20 @@ class Part:
         with located(f"part {self.name!r}", ArgumentError):
             object.__setattr__(self, "rotations", rotation_set(self.rotations))
 
-    def frame(self, unit: Unit) -> Floats:
-        """Return the matrix (4, 4) from the file's coordinates to a unit of length with z up."""
-        matrix = np.eye(4)
-        scale = factor(self.unit, unit)
+    def scale(self, unit: Unit) -> float:
+        """Return how many of a unit of length the mesh's own unit has."""
         if self.unit_cm is not None:
-            scale = self.unit_cm / UNITS_CM[unit]
-        matrix[:3, :3] = np.array(_UP[self.up]) * scale
-        return matrix
+            return self.unit_cm / UNITS_CM[unit]
+        return factor(self.unit, unit)
+
+    @property
+    def user_from_file(self) -> Motion:
+        """The rotation of the file's up axis to z, after the scale to the user's unit."""
+        return Motion(np.array(_UP[self.up]))
+
+    def matrix(self, unit: Unit) -> Floats:
+        """Return the matrix (4, 4) from the file's coordinates to a unit of length with z up."""
+        return self.user_from_file.scaled(self.scale(unit))
 
     @cached_property
     def digest(self) -> str:
@@ -153,7 +160,7 @@ class Part:
             self.value,
             self.rotations,
             self.priority,
-            self.frame("mm").tolist(),
+            self.matrix("mm").tolist(),
         )
         loads = (self.mass, self.density, self.no_stack, self.max_load)
         sha.update(repr((self.name, settings, loads)).encode())

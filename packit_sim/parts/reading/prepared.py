@@ -52,8 +52,8 @@ class PreparedPart:
         The part.
     unit : str
         The user's unit.
-    frame : ndarray of float64, shape (4, 4)
-        From the file's coordinates to those of the type: the user's unit, with z up.
+    scale : float
+        How many of that unit the file's unit has; then `part.user_from_file` turns z up.
     item_type : ItemType
         Its collision mesh, its number and its rotations.
     deviation : float
@@ -67,7 +67,7 @@ class PreparedPart:
 
     part: Part
     unit: Unit
-    frame: Floats
+    scale: float
     item_type: ItemType
     deviation: float
     is_closed: bool
@@ -120,8 +120,8 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     MeshError
         If the mesh is empty, not finite, flat, or of an impossible size.
     """
-    frame = part.frame(unit)
-    vertices = np.asarray(part.mesh.vertices, dtype=float) @ frame[:3, :3].T
+    scale = part.scale(unit)
+    vertices = part.user_from_file.direction(np.asarray(part.mesh.vertices, dtype=float) * scale)
     faces = np.asarray(part.mesh.faces, dtype=np.int64)
     shape = Shape.from_mesh(trimesh.Trimesh(vertices, faces, process=False), part.name)
     low, high = _bounds(vertices, faces)
@@ -138,10 +138,16 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
                 f"{len(shape.mesh.faces):,} triangles reduced to {len(faces):,} for the search, "
                 f"at most {error:.3g} {unit} from the file's surface"
             )
-    item_type = ItemType(part.name, vertices, faces, part.count, part.rotations)
     volume, is_closed = _volume(shape)
-    vars(item_type)["volume"] = volume * diagonal**3
-    return PreparedPart(part, unit, frame, item_type, error, is_closed, simplification)
+    item_type = ItemType(
+        part.name,
+        vertices,
+        faces,
+        part.count,
+        part.rotations,
+        known_volume=volume * diagonal**3,
+    )
+    return PreparedPart(part, unit, scale, item_type, error, is_closed, simplification)
 
 
 def least_side(parts: Sequence[PreparedPart], gap: float) -> float:
@@ -169,8 +175,14 @@ def boxed(part: PreparedPart, least: float) -> PreparedPart:
     extents = own.extents + 2 * part.deviation
     extents[int(np.argmax(extents))] = least
     mesh = trimesh.creation.box(extents).apply_translation((own.low + own.high) / 2)
-    box = ItemType(own.name, mesh.vertices, mesh.faces, own.demand, own.rotations)
-    vars(box)["volume"] = own.volume
+    box = ItemType(
+        own.name,
+        mesh.vertices,
+        mesh.faces,
+        own.demand,
+        own.rotations,
+        known_volume=own.volume,
+    )
     sides = " x ".join(f"{side:.3g}" for side in extents)
     note = f"tiny among these parts: packed as a box of {sides} {unit}"
     return replace(part, item_type=box, deviation=0.0, simplification=note)

@@ -21,6 +21,7 @@ from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.caches import cached_property
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.parts import part_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
@@ -100,11 +101,11 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
     originals: dict[int, _Original] = {}
     placed = []
     for n, one in enumerate(packing.placements):
-        pose = packed.pose(one)
+        part = packed.part(one)
         if one.type not in originals:
-            scale = float(np.cbrt(np.linalg.det(pose[:3, :3])))
-            originals[one.type] = _Original(packed.part(one).part, scale, container.longest)
-        placed.append(_Placed(originals[one.type], pose, f"part {n} of box {number + 1}"))
+            originals[one.type] = _Original(part.part, part.scale, container.longest)
+        box_from_file = one.pose @ part.part.user_from_file
+        placed.append(_Placed(originals[one.type], box_from_file, f"part {n} of box {number + 1}"))
     for each in placed:
         problems += _outside(each, np.array(container.size), settings.wall_clearance)
     found, distance = _between(combinations(placed, 2), settings.clearance)
@@ -118,8 +119,7 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
 
 def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
     """Return an obstacle, whose file has the coordinates of the box."""
-    scale = float(np.cbrt(np.linalg.det(part.frame[:3, :3])))
-    return _Placed(_Original(part.part, scale, unit), part.frame, where)
+    return _Placed(_Original(part.part, part.scale, unit), part.part.user_from_file, where)
 
 
 def _has_manifold() -> bool:
@@ -164,11 +164,12 @@ class _Original:
         mesh = _read(part)
         used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.name = part.name
-        self.middle: Floats = (used.min(axis=0) + used.max(axis=0)) / 2
+        middle = (used.min(axis=0) + used.max(axis=0)) / 2
+        self.middle: Floats = middle * scale
         self.extents: Floats = np.ptp(used, axis=0) * scale
         self.unit = unit
         self.tolerance = validity.tolerance(unit, float(self.extents.max()))
-        self.mesh = trimesh.Trimesh((mesh.vertices - self.middle) * scale, mesh.faces)
+        self.mesh = trimesh.Trimesh((mesh.vertices - middle) * scale, mesh.faces)
 
     @cached_property
     def surface(self) -> LooseMesh:
@@ -203,23 +204,22 @@ class _Original:
 class _Placed:
     """A part at its pose."""
 
-    def __init__(self, original: _Original, pose: Floats, where: str) -> None:
+    def __init__(self, original: _Original, box_from_file: Motion, where: str) -> None:
         self.original = original
         self.name = f"{original.name} ({where})"
-        self.turn: Floats = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
-        self.centre: Floats = pose[:3, :3] @ original.middle + pose[:3, 3]
+        self.box_from_item = box_from_file.at(box_from_file.apply(original.middle))
         vertices = self.vertices
         self.low, self.high = vertices.min(axis=0), vertices.max(axis=0)
 
     @property
     def vertices(self) -> Floats:
         """The vertices (n, 3) in the box."""
-        return np.asarray(self.original.mesh.vertices @ self.turn.T + self.centre)
+        return self.box_from_item.apply(np.asarray(self.original.mesh.vertices))
 
     def seen_from(self, other: _Placed) -> tuple[Floats, Floats]:
         """Return translation and rotation in another part's frame, in FCL's numbers."""
-        shift = other.turn.T @ (self.centre - other.centre)
-        return shift * (SIZE / self.original.unit), other.turn.T @ self.turn
+        there = self.box_from_item.seen_from(other.box_from_item)
+        return there.translation * (SIZE / self.original.unit), there.rotation.copy()
 
 
 def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
@@ -265,7 +265,7 @@ def _is_inside(own: _Placed, around: _Placed) -> bool:
     """Return whether a connected part of a surface is inside a closed one; they don't cross."""
     triangles = np.ascontiguousarray(around.original.mesh.triangles)
     for samples in own.original.samples:
-        points = (samples @ own.turn.T + own.centre - around.centre) @ around.turn
+        points = own.box_from_item.seen_from(around.box_from_item).apply(samples)
         if np.median([abs(winding_number(triangles, point)) for point in points]) > 0.5:
             return True
     return False

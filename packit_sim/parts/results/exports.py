@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import trimesh
 from trimesh.visual import TextureVisuals
 
@@ -13,6 +12,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
@@ -122,24 +122,23 @@ def _scene(
     for n, (name, number, pose) in enumerate(_posed(packed, contents, unit)):
         part, own_type = packed.task.all_parts[number].part, packed.task.types[number]
         own = f"{number:03d} {plain(part.name)}"
-        middle = (own_type.low + own_type.high) / 2 * factor(packed.task.unit, unit)
-        pose[:3, 3] += pose[:3, :3] @ middle  # GLB has single precision: few digits far from 0
+        middle = own_type.middle * factor(packed.task.unit, unit)
+        # about its middle: GLB has single precision, with few digits far from 0
+        matrix = pose.shifted(pose.direction(middle)).matrix
         if own in scene.geometry:
-            scene.graph.update(frame_from=parent, frame_to=name, matrix=pose, geometry=own)
+            scene.graph.update(frame_from=parent, frame_to=name, matrix=matrix, geometry=own)
             continue
-        vertices = part.mesh.vertices @ part.frame(unit)[:3, :3].T - middle
+        vertices = part.user_from_file.direction(part.mesh.vertices * part.scale(unit)) - middle
         mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         if colors is not None:
             mesh.visual = TextureVisuals(material=material(colors[n]))
-        scene.add_geometry(mesh, name, own, parent_node_name=parent, transform=pose)
+        scene.add_geometry(mesh, name, own, parent_node_name=parent, transform=matrix)
     return scene
 
 
-def _posed(packed: PackedParts, contents: Packing, unit: Unit) -> Iterator[tuple[str, int, Floats]]:
+def _posed(packed: PackedParts, contents: Packing, unit: Unit) -> Iterator[tuple[str, int, Motion]]:
     """Yield each part's name and number, and its pose with lengths in a unit."""
     length = factor(packed.task.unit, unit)
     for name, one in zip(names(packed, contents), contents.placements, strict=True):
-        pose = np.array(one.pose)
-        pose[:3, 3] *= length
-        yield name, one.type, pose
+        yield name, one.type, one.pose.at(one.pose.translation * length)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import PosedItem
-from packit_sim.geometry.poses import Pose
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.order import ways_in
@@ -110,7 +109,7 @@ def film_packing(
 
 def _way(item: PosedItem, route: Route | None, scale: float) -> Floats:
     """Return the places (n, 3) through which an item comes to its own, the last."""
-    places = [item.pose.position]
+    places = [item.pose.translation]
     if route is not None:
         for direction, length in route.moves:
             axis, sign = AXES[direction]
@@ -124,7 +123,7 @@ def _layouts(items: list[PosedItem], ways: list[Floats], first: int) -> Iterator
     """Yield where the items are in each frame; the first ones are there from the start."""
     height = max(float(item.vertices[:, 2].max()) for item in items) + _ABOVE
     points = np.array([(0.0, 0.0, height)])
-    poses: list[Pose | None] = [item.pose if n < first else None for n, item in enumerate(items)]
+    poses: list[Motion | None] = [item.pose if n < first else None for n, item in enumerate(items)]
     for n, way in enumerate(ways[first:], start=first):
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
         reached = np.r_[0, np.cumsum(lengths)]
@@ -132,7 +131,7 @@ def _layouts(items: list[PosedItem], ways: list[Floats], first: int) -> Iterator
         for k in range(1, count + 1):
             there = np.sin(k / count * np.pi / 2) * reached[-1]
             place = np.array([np.interp(there, reached, way[:, axis]) for axis in range(3)])
-            poses[n] = replace(items[n].pose, position=place)
+            poses[n] = items[n].pose.at(place)
             yield Layout(tuple(poses), points)
         poses[n] = items[n].pose
     for _ in range(round(_REST * FPS)):

@@ -6,10 +6,9 @@ import base64
 import io
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
 from packit_sim.core import templates
@@ -17,6 +16,7 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import replace_text
 from packit_sim.core.version import __version__
 from packit_sim.geometry.items import BoxState, PosedItem
+from packit_sim.geometry.motions import IDENTITY
 from packit_sim.geometry.shapes import Item
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.handling.constraints import Constraints
@@ -216,7 +216,6 @@ def _box(
             scene.update(BoxState(whole.cells, whole.placed[: n + 1]))
             picture = _step_picture(scene, n)
             above = _data(scene.snapshot(*SMALL, Look(FROM_ABOVE, WHITE, coloring=_new)).image)
-            turn = placement.pose[:3, :3] / placement.scale
             file = _alone(scene, _as_in_file(item), alone)
             packed = _alone(scene, item, alone)
             way = (
@@ -228,7 +227,7 @@ def _box(
                 Step(
                     n + 1 - start,
                     packing.types[placement.type].name,
-                    turn_in_words(turn),
+                    turn_in_words(placement.pose.rotation),
                     way,
                     place_in_words(sweeps.low[part] * sweeps.unit, unit),
                     picture,
@@ -267,14 +266,12 @@ def _new(items: Sequence[Item]) -> Colors:
 
 def _as_in_file(item: PosedItem) -> PosedItem:
     """Return an item in the orientation of its file."""
-    matrix = np.eye(4)
-    matrix[:3, :3] *= np.cbrt(item.item.scale)
-    return replace(item, matrix=matrix)
+    return PosedItem.at(item.item, IDENTITY)
 
 
 def _alone(scene: Scene, item: PosedItem, known: dict[tuple[str, bytes], str]) -> str:
     """Draw a part alone, each orientation once."""
-    key = item.item.shape.digest, item.matrix[:3, :3].round(9).tobytes()
+    key = item.item.shape.digest, item.linear.round(9).tobytes()
     if key not in known:
         scene.update(BoxState((1, 1, 1), (item,)))
         look = Look(FROM_THE_FRONT, WHITE, "none", coloring=_new)

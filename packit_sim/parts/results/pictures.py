@@ -58,7 +58,7 @@ def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[Item
         Volumes that stay free, in the box's coordinates: they are grey.
     """
     first = len(packing.types)
-    volumes = (Placement(first + n, np.eye(4)) for n in range(len(keep_out)))
+    volumes = (Placement(first + n) for n in range(len(keep_out)))
     whole = replace(
         packing,
         types=(*packing.types, *keep_out),

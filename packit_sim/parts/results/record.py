@@ -123,7 +123,7 @@ def write_record(
         mesh = f"{MESHES}/{file.name}"
         taken.add(mesh)
         what = {"name": each.part.name, "is part": each in task.fixed}
-        obstacles.append({**what, "mesh": mesh, "pose": each.frame.tolist()})
+        obstacles.append({**what, "mesh": mesh, "pose": each.part.matrix(each.unit).tolist()})
     boxes = [packing.container for packing in packed.packings]
     record = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
@@ -277,11 +277,13 @@ def _packings(record: _RecordedBoxes, task: PackTask) -> tuple[Packing, ...]:
         raise PackFormatError("it has more boxes than there are")
     if {item.box for item in record.items} != set(range(len(record.box_names))):
         raise PackFormatError(f"its parts are not in each of its {len(record.box_names)} boxes")
-    back = [np.linalg.inv(each.frame) for each in task.parts]
+    file_from_user = [np.linalg.inv(each.part.matrix(each.unit)) for each in task.parts]
     placements: list[list[Placement]] = [[] for _ in record.box_names]
     for item in record.items:
         n = numbers[item.name]
-        placements[item.box].append(Placement(n, np.array(item.pose) @ back[n]))
+        placements[item.box].append(
+            Placement.from_matrix(n, np.array(item.pose) @ file_from_user[n])
+        )
     found = []
     for name, own in zip(record.box_names, placements, strict=True):
         container = task.container(types[name])

@@ -18,6 +18,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.geometry.motions import split
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.pack import pack
@@ -249,7 +250,8 @@ class Workbench:
             if not 0 <= n < len(placements):
                 raise ArgumentError(f"there is no part {n} to lock")
             part, pose = packed.part(placements[n]).part, packed.pose(placements[n])
-            vertices = part.mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+            linear, place = split(pose)
+            vertices = part.mesh.vertices @ linear.T + place
             mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
             name = self._locked[n].name if n < len(self._locked) else part.name
             fixed = Part(name, mesh, unit=packed.task.unit, mass=part.mass, density=part.density)
