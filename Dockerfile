@@ -25,7 +25,7 @@ USER 1000
 WORKDIR /work
 RUN umask 000 \
     && packit demo --generations 1 --out /tmp/demo && rm -r /tmp/demo \
-    && packit nest "Stoyan et al. 2005/Example1" --iterations 1 --workers 1
+    && packit nest cut-cube-8 --iterations 1 --workers 1
 
 ENTRYPOINT ["packit"]
 CMD ["--help"]

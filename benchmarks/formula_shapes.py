@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-Floats = npt.NDArray[np.float64]
+from packit_sim.parts.packings.builtin_instances import gear, quads
 
-PER_TOOTH = 4
-"""Points of a gear's outline for each tooth: two at the root and two at the tip."""
+Floats = npt.NDArray[np.float64]
 
 
 def write_shapes(folder: Path, count: int, seed: int) -> None:
@@ -50,24 +49,6 @@ def superquadric(rng: np.random.Generator) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices * rng.uniform(0.4, 1.0, 3), ball.faces)
 
 
-def gear(rng: np.random.Generator) -> trimesh.Trimesh:
-    """Create a spur gear with trapezoidal teeth and a bore."""
-    teeth = int(rng.integers(6, 17))
-    root = rng.uniform(0.7, 0.88)
-    around = 2 * np.pi / teeth * np.add.outer(np.arange(teeth), (-0.35, -0.15, 0.15, 0.35)).ravel()
-    radii = np.tile((root, 1.0, 1.0, root), teeth)
-    outline = radii[:, None] * np.column_stack([np.cos(around), np.sin(around)])
-    bore = rng.uniform(0.2, 0.5) * outline / np.linalg.norm(outline, axis=1)[:, None]
-    height = rng.uniform(0.15, 0.6)
-    n = len(outline)
-    ring = np.concatenate([outline, bore])
-    vertices = np.concatenate([np.c_[ring, np.zeros(2 * n)], np.c_[ring, np.full(2 * n, height)]])
-    now, after = np.arange(n), (np.arange(n) + 1) % n
-    walls = [(0, 2 * n), (3 * n, n), (n, 0), (2 * n, 3 * n)]  # outside, bore, bottom and top
-    faces = [_strip(one + now, one + after, other + now, other + after) for one, other in walls]
-    return trimesh.Trimesh(vertices, np.concatenate(faces))
-
-
 def bracket(rng: np.random.Generator) -> trimesh.Trimesh:
     """Create an L, U, T or Z profile of plates."""
     wide, deep, high = rng.uniform(0.4, 1.0, 3)
@@ -97,7 +78,7 @@ def elbow(rng: np.random.Generator) -> trimesh.Trimesh:
     ends = np.array([rings[0].mean(axis=0), rings[-1].mean(axis=0)])
     now, after = np.arange(sides), (np.arange(sides) + 1) % sides
     faces = [
-        _strip(sides * k + after, sides * k + now, sides * (k + 1) + after, sides * (k + 1) + now)
+        quads(sides * k + after, sides * k + now, sides * (k + 1) + after, sides * (k + 1) + now)
         for k in range(steps - 1)
     ]
     last, first_end, last_end = sides * (steps - 1), sides * steps, sides * steps + 1
@@ -109,17 +90,6 @@ def elbow(rng: np.random.Generator) -> trimesh.Trimesh:
 def _power(values: Floats, exponent: float) -> Floats:
     """Raise absolute values to a power and keep their signs."""
     return np.sign(values) * np.abs(values) ** exponent
-
-
-def _strip(
-    one: npt.NDArray[np.int64],
-    one_after: npt.NDArray[np.int64],
-    other: npt.NDArray[np.int64],
-    other_after: npt.NDArray[np.int64],
-) -> npt.NDArray[np.int64]:
-    """Connect two rows of vertices by triangles."""
-    first = np.column_stack([one, one_after, other_after])
-    return np.concatenate([first, np.column_stack([one, other_after, other])])
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], trimesh.Trimesh]] = {

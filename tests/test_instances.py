@@ -1,6 +1,5 @@
-"""Strip-packing instances of the literature: complete, right, and read with clear errors."""
+"""Files of strip-packing instances and solutions: read with clear errors, written and found."""
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -11,117 +10,18 @@ import pytest
 import trimesh
 from trimesh import creation
 
-from packit_sim.core.assets import assets_folder
-from packit_sim.core.errors import MeshError, PackFormatError
+from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError
 from packit_sim.geometry import rotations
-from packit_sim.geometry.arrays import Floats
-from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.instances import (
-    builtin_instances,
+    instances_in,
     read_instance,
     read_solution,
+    write_instance,
     write_solution,
 )
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
-
-FOLDER = assets_folder() / "instances"
-MESHES = sorted(file for file in FOLDER.rglob("*.*") if file.suffix in (".obj", ".stl"))
-SOLUTION = FOLDER / "Stoyan et al. 2005" / "Solution1.json"
-
-ITEMS = {
-    "Egeblad et al. 2009/Merged1": 15,
-    "Egeblad et al. 2009/Merged3": 45,
-    "Egeblad et al. 2009/Merged5": 75,
-    "Liu et al. 2015/Experiment1": 36,
-    "Stoyan et al. 2004/Example1": 80,
-    "Stoyan et al. 2004/Example2": 20,
-    "Stoyan et al. 2004/Example3": 30,
-    "Stoyan et al. 2005/Example1": 7,
-    "Stoyan et al. 2005/Example2": 12,
-    "Stoyan et al. 2005/Example3": 25,
-}
-"""The number of items of each instance with published heights."""
-
-
-def test_the_bundled_instances_are_those_with_published_heights_and_small_ones() -> None:
-    found = builtin_instances()
-    assert {name for name in found if "Tollenaere" not in name} == set(ITEMS)
-    assert len(found) == len(ITEMS) + 66
-    with open(FOLDER / "published.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert {row["instance"].removesuffix(".json") for row in rows} == set(ITEMS)
-    for name, items in ITEMS.items():
-        types, container = read_instance(found[name])
-        assert sum(item_type.demand for item_type in types) == items
-        assert container.is_strip
-        heights = [float(row["best_10min"]) for row in rows if row["instance"] == f"{name}.json"]
-        volume = sum(item_type.demand * item_type.volume for item_type in types)
-        assert 0.3 < volume / (container.base * min(heights)) < 1
-
-
-def test_small_instances_hold_as_many_items_as_their_names_say() -> None:
-    for name, file in builtin_instances().items():
-        if "Tollenaere" in name:
-            content = json.loads(file.read_text())
-            demands = [entry["demand"] for entry in content["item-types"]]
-            assert sum(demands) == int(file.name[:2]), name
-            assert all((FOLDER / entry["path"]).is_file() for entry in content["item-types"])
-
-
-def polygons(file: Path) -> tuple[Floats, list[list[int]]]:
-    lines = [line.split("#")[0].split() for line in file.read_text().splitlines()]
-    vertices = [list(map(float, line[1:])) for line in lines if line[:1] == ["v"]]
-    faces = [[int(n) - 1 for n in line[1:]] for line in lines if line[:1] == ["f"]]
-    return np.array(vertices), faces
-
-
-@pytest.mark.parametrize("file", MESHES, ids=lambda f: f.relative_to(FOLDER).as_posix())
-def test_surfaces_are_those_of_the_polygons_in_the_file(file) -> None:
-    mesh = read(file).mesh
-    assert mesh.volume > 0
-    if file.suffix == ".stl":
-        return
-    vertices, faces = polygons(file)
-    normals = [np.cross(vertices[f], np.roll(vertices[f], -1, axis=0)).sum(axis=0) for f in faces]
-    area = sum(np.linalg.norm(normal) for normal in normals) / 2
-    centres = [vertices[f].mean(axis=0) for f in faces]
-    volume = sum(c @ n for c, n in zip(centres, normals, strict=True)) / 6
-    slack = 3e-3 if file.match("convex/polytope1.obj") else 1e-7  # it has a face that is not flat
-    assert mesh.area == pytest.approx(area, rel=slack)
-    assert mesh.volume == pytest.approx(volume, rel=slack)
-
-
-@pytest.mark.parametrize(
-    ("name", "volume"),
-    [
-        ("Stoyan et al. 2004/nonconvex/sanitized/polytope5.obj", 66),
-        ("Stoyan et al. 2004/convex/polytope1.obj", 788),
-        ("Liu et al. 2015/arrow.obj", 125),
-        ("Liu et al. 2015/ring.obj", 132),
-        ("Stoyan et al. 2005/polytope7.obj", 174.5),
-        ("Egeblad et al. 2009/Merged/Block1.stl", 256),
-    ],
-)
-def test_volumes(name, volume) -> None:
-    assert read(FOLDER / name).mesh.volume == pytest.approx(volume)
-
-
-def test_a_convex_polytope_is_convex_in_spite_of_its_spike() -> None:
-    """A face of convex/polytope1 goes to a corner and back: a line without area."""
-    mesh = read(FOLDER / "Stoyan et al. 2004/convex/polytope1.obj").mesh
-    used = np.unique(mesh.faces[mesh.area_faces > 0])
-    assert len(used) == 13
-    assert trimesh.convex.convex_hull(mesh.vertices[used]).volume == pytest.approx(mesh.volume)
-
-
-def test_a_published_solution_is_valid_and_as_high_as_it_says() -> None:
-    packing = read_solution(SOLUTION, "fixed")
-    assert packing.problems() == []
-    assert packing.height == pytest.approx(17.46306801)
-    assert packing.left_out == (0,) * 7
-    assert packing.height == pytest.approx(json.loads(SOLUTION.read_text())["totalHeight"])
 
 
 def instance(folder: Path, **changes: Any) -> Path:
@@ -143,6 +43,35 @@ def instance(folder: Path, **changes: Any) -> Path:
     path = folder / "below" / "two.json"
     path.write_text(json.dumps(content))
     return path
+
+
+def test_the_instances_of_a_folder_are_found_among_other_files(tmp_path) -> None:
+    file = instance(tmp_path)
+    write_solution(solved(file), tmp_path / "solution.json", "below/two.json")
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "meshes" / "list.json").write_text("[]")
+    assert instances_in(tmp_path) == [file]
+
+
+def test_an_instance_is_written_and_read_again(tmp_path) -> None:
+    types, container = read_instance(instance(tmp_path))
+    write_instance(types, container, tmp_path / "out" / "again.json")
+    again, strip = read_instance(tmp_path / "out" / "again.json")
+    assert strip == container
+    assert [t.name for t in again] == ["brick.obj", "ball.obj"]
+    assert [t.demand for t in again] == [3, 1]
+    for one, other in zip(types, again, strict=True):
+        assert np.array_equal(one.vertices, other.vertices)
+        assert np.array_equal(one.faces, other.faces)
+
+
+def test_an_instance_that_cannot_be_written_is_refused(tmp_path) -> None:
+    types, container = read_instance(instance(tmp_path))
+    with pytest.raises(ArgumentError, match="again is not possible for an instance"):
+        write_instance(types, container, tmp_path / "again")
+    with pytest.raises(ArgumentError, match=r"are not different: brick\.obj, brick\.obj"):
+        write_instance((types[0], types[0]), container, tmp_path / "again.json")
+    assert not (tmp_path / "again.json").exists()
 
 
 def test_any_file_of_the_format_is_read(tmp_path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from packit_sim.cli import nest_command
+from packit_sim.core.errors import PackItError
 from packit_sim.parts.packings.instances import read_solution
 from tests.runs import packit
 
@@ -42,11 +43,54 @@ def test_an_instance_is_packed_written_and_verified(instance) -> None:
     assert "density 1.000, 0 problems" in packit("verify", "packing.json")
 
 
-def test_a_built_in_instance_is_known_by_its_name(tmp_path) -> None:
-    out = tmp_path / "solution.json"
-    name = "Stoyan et al. 2005/Example1"
-    packit("nest", name, "--time", "0.001s", "--workers", 1, "--rotations", "axis-4", "--out", out)
-    assert json.loads(out.read_text())["instancePath"] == f"{name}.json"
+def test_a_built_in_instance_is_known_by_its_name_and_written_for_others(tmp_path) -> None:
+    out, file = tmp_path / "solution.json", tmp_path / "files" / "cut-cube-8.json"
+    run = ("nest", "cut-cube-8", "--iterations", 1, "--workers", 1, "--out", out)
+    packit(*run)
+    assert json.loads(out.read_text())["instancePath"] == "cut-cube-8.json"
+    packit(*run, "--instance-out", file)
+    assert json.loads(out.read_text())["instancePath"] == "files/cut-cube-8.json"
+    assert read_solution(out).problems() == []
+    packit("nest", file, "--iterations", 1, "--workers", 1)
+
+
+def test_a_folder_lists_its_instances(instance, tmp_path) -> None:
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "more cubes.json").write_text(json.dumps(INSTANCE))
+    (tmp_path / "below" / "notes.json").write_text("{}")
+    with pytest.raises(PackItError, match=r"is a folder: choose an instance in it") as found:
+        packit("nest", tmp_path)
+    message = " ".join(str(found.value).split())
+    assert "there are 2: 'below/more cubes.json', 'cubes.json'" in message
+    packit("nest", tmp_path / "below" / "more cubes.json", "--iterations", 1, "--workers", 1)
+    with pytest.raises(PackItError, match="is a folder without a strip-packing instance"):
+        packit("nest", tmp_path / "meshes")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"path": "absent.obj"}, r"cubes.json: field 'item-types\[0\].path' .* no such file"),
+        ({"path": "../cube.obj"}, r"cubes.json: field 'item-types\[0\].path' .* relative path"),
+    ],
+)
+def test_a_mesh_that_is_missing_or_elsewhere_is_one_error(instance, change, message) -> None:
+    item = INSTANCE["item-types"][0] | change
+    Path(instance).write_text(json.dumps({**INSTANCE, "item-types": [item]}))
+    with pytest.raises(PackItError, match=message):
+        packit("nest", instance)
+
+
+def test_what_is_no_instance_is_one_error(instance, tmp_path) -> None:
+    Path(instance).write_text("no JSON")
+    with pytest.raises(PackItError, match=r"cubes\.json: not JSON"):
+        packit("nest", instance)
+    with pytest.raises(PackItError, match=r".*absent\.json"):
+        packit("nest", "absent.json")
+    with pytest.raises(PackItError, match=r"no instance 'cubes': .* built-in .*: polytopes-20"):
+        packit("nest", "cubes")
+    with pytest.raises(PackItError, match=r"--instance-out folder is not possible"):
+        packit("nest", "cut-cube-8", "--instance-out", "folder")
 
 
 def test_ctrl_c_before_the_first_packing_ends_the_command(instance, monkeypatch) -> None:

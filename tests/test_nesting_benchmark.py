@@ -10,9 +10,13 @@ from trimesh import creation
 
 pytest.importorskip("matplotlib")
 from benchmarks.nesting import ablations, cases, report
+from benchmarks.nesting.__main__ import main
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
+from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.packings.builtin_instances import builtin_names
 from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.instances import write_instance
 from packit_sim.parts.packings.item_types import ItemType
 
 
@@ -21,7 +25,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every instance of the literature is four cubes in a strip."""
     box = creation.box((1, 1, 1))
 
-    def cubes(name: str, rotations: str) -> Case:
+    def cubes(name: str, rotations: str, data: Path | None) -> Case:
         types = (ItemType("cube", box.vertices, box.faces, 4, rotations),)
         strip = BoxContainer((2, 2, float("inf")))
         others = {"sparrow-3d, 60 s": 2.0, "sparrow-3d, 10 min": 1.0, "record before": 1.5}
@@ -35,14 +39,14 @@ def test_results_are_stored_once_verified_and_tabulated(
 ) -> None:
     monkeypatch.setattr(report, "PICTURED", (("literature", "four cubes", "fixed"),))
     searches = [Search("literature", "four cubes", "fixed", seed, 60) for seed in (0, 1)]
-    results = Results(tmp_path)
+    results = Results(tmp_path, tmp_path)
     run_all(searches, results, workers=1)
     assert results.verify() == []
     stored = results.read()
     assert [run["score"] for run in stored.values()] == pytest.approx([1, 1], abs=1e-3)
     run_all(searches, results, workers=1)
     assert results.read() == stored and capsys.readouterr().out.count("done before") == 2
-    report.write_report(stored, tmp_path)
+    report.write_report(stored, tmp_path, tmp_path)
     page = (tmp_path / "nesting.md").read_text()
     row = "| `four cubes` | fixed | 1.00 (2) | 1.00 | - | 2.00 | 1.00 | 1.50 | 0.500 | - | yes |"
     assert row in page and (tmp_path / "nesting.png").stat().st_size > 0
@@ -51,7 +55,7 @@ def test_results_are_stored_once_verified_and_tabulated(
 
 
 def test_a_packing_that_was_changed_is_found(small, tmp_path) -> None:
-    results = Results(tmp_path)
+    results = Results(tmp_path, tmp_path)
     search = Search("literature", "four cubes", "fixed", 0, 60)
     run_all([search], results, workers=1)
     file: Path = results.packings / search.file
@@ -67,18 +71,65 @@ def test_a_packing_that_was_changed_is_found(small, tmp_path) -> None:
 
 
 def test_the_cases_are_those_that_others_packed() -> None:
-    assert len(names("literature")) == 10 and len(names("strips")) == 6
-    case = cases.strips("0", "cube")
+    assert len(names("literature", None)) == 10 and len(names("strips", None)) == 6
+    case = cases.strips("0", "cube", None)
     assert sum(each.volume for each in case.types) == pytest.approx(1.148, abs=5e-4)
-    liu = cases.literature("Liu et al. 2015/Experiment1", "axis-8")
-    assert liu.others["sparrow-3d, 60 s"] == 24.35
+    assert cases.published()["Liu et al. 2015/Experiment1", "axis-8"]["sparrow-3d, 60 s"] == 24.35
+
+
+def literatures(folder: Path) -> Path:
+    """Writes four cubes in place of one of the literature's instances."""
+    box = creation.box((1, 1, 1))
+    types = (ItemType("cube.obj", box.vertices, box.faces, 4),)
+    file = folder / "data" / "Stoyan et al. 2005" / "Example1.json"
+    write_instance(types, BoxContainer((2, 2, float("inf"))), file)
+    return folder / "data"
+
+
+def test_the_literature_needs_a_folder_of_its_meshes(tmp_path, capsys, monkeypatch) -> None:
+    name = "Stoyan et al. 2005/Example1"
+    with pytest.raises(ArgumentError, match=r"'Stoyan.*' are not part of this project: give"):
+        cases.literature(name, "cube", None)
+    folder = literatures(tmp_path)
+    case = cases.literature(name, "cube", folder)
+    assert sum(each.demand for each in case.types) == 4 and case.others["record before"] == 16
+    results = Results(tmp_path, folder)
+    run_all([Search("literature", name, "cube", 0, 1)], results, workers=1)
+    assert results.verify() == []
+    own = ["nesting", "--out", str(tmp_path), "--verify"]
+    monkeypatch.setattr("sys.argv", own)
+    main()
+    output = capsys.readouterr().out
+    assert "0 packings, 0 problems" in output
+    assert "1 packings not verified: give --data, folder of the literature's" in output
+    monkeypatch.setattr("sys.argv", [*own, "--data", str(folder)])
+    main()
+    assert "1 packings, 0 problems" in capsys.readouterr().out
+    monkeypatch.setattr("sys.argv", ["nesting", "literature", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "literature needs --data: folder of" in capsys.readouterr().err
+
+
+def test_without_the_literature_the_built_in_instances_are_measured(tmp_path) -> None:
+    for kind in ("speed", "clearance"):
+        assert set(names(kind, None)) <= set(builtin_names())
+        assert set(names(kind, tmp_path)) <= set(names("literature", None))
+    assert cases.clearance("gears-12", "cube", None).clearance == pytest.approx(0.1)
+    results = Results(tmp_path)
+    run_all([Search("builtin", "cut-cube-8", "cube", 0, 0.5)], results, workers=1)
+    (found,) = results.read().values()
+    assert found["others"]["optimum"] == pytest.approx(10) and results.verify() == []
+    report.write_report(results.read(), tmp_path)
+    assert "| `cut-cube-8` | cube | 0.5 s | 0 |" in (tmp_path / "nesting.md").read_text()
+    assert (tmp_path / "nesting-builtin.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("variant", ["no construction", "overlap without sizes"])
 def test_a_variant_of_the_search_is_measured_once(
     variant, small, tmp_path, monkeypatch, capsys
 ) -> None:
-    monkeypatch.setattr(ablations, "STRIPS", (("literature", "four cubes", "fixed"),))
+    monkeypatch.setattr(ablations, "BUILTIN_STRIPS", (("literature", "four cubes", "fixed"),))
     monkeypatch.setattr(ablations, "WARM_UP", 0)
     ablations.VARIANTS[variant]()
     try:

@@ -4,6 +4,7 @@ import dataclasses
 import inspect
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,7 @@ from gymnasium import spaces
 from safetensors import safe_open
 
 from benchmarks.leaderboard import Board
+from benchmarks.nesting import cases
 from packit_sim import (
     EvolutionSettings,
     PackItEnv,
@@ -101,7 +103,7 @@ def test_instances_lists_the_fields_of_its_files() -> None:
 
 @pytest.mark.parametrize("name", ["published", "two-task-strips"])
 def test_instances_has_the_figures_of_the_tables(name) -> None:
-    lines = (assets_folder() / "instances" / f"{name}.csv").read_text().splitlines()[1:]
+    lines = Path(cases.__file__).with_name(f"{name}.csv").read_text().splitlines()[1:]
     shown = {re.sub(r"[`| ]", "", line) for line in read(INSTANCES).splitlines()}
     for line in lines:
         cells = line.split(",")

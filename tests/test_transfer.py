@@ -9,6 +9,8 @@ import pytest
 from benchmarks import transfer
 from benchmarks.formula_shapes import FAMILIES, write_shapes
 from packit_sim import ShapeLibrary
+from packit_sim.parts.packings.builtin_instances import builtin_instance
+from packit_sim.parts.packings.instances import write_instance
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -28,9 +30,19 @@ def test_the_same_seed_writes_the_same_shapes(tmp_path) -> None:
     assert [one[id].digest for id in one] == [again[id].digest for id in again]
 
 
-def test_the_literatures_polytopes_are_all_different(tmp_path) -> None:
-    library = transfer.polytopes(tmp_path)
+def test_the_items_of_the_built_in_instances_are_all_different(tmp_path) -> None:
+    library = transfer.builtin_items(tmp_path)
     assert len({library[id].digest for id in library}) == len(library) > 20
+
+
+def test_the_literatures_items_are_read_where_they_are(tmp_path, monkeypatch) -> None:
+    assert "polytopes of the literature" not in transfer.sets(None)
+    for name in ("one/first", "one/again", "other/first"):
+        types, container, _ = builtin_instance("gears-12")
+        write_instance(types, container, tmp_path / "data" / f"{name}.json")
+    monkeypatch.setattr(transfer, "literature_names", lambda: ["one/first", "one/again"])
+    open_library, _ = transfer.sets(tmp_path / "data")["polytopes of the literature"]
+    assert len(open_library(tmp_path / "shapes")) == 4
 
 
 @pytest.mark.slow
@@ -40,7 +52,7 @@ def test_the_benchmark_compares_each_set(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(sys, "argv", ["transfer", *options])
     transfer.main()
     found = json.loads((tmp_path / "transfer.json").read_text())["sets"]
-    assert list(found) == [*transfer.SETS, transfer.PUZZLES]
+    assert list(found) == [*transfer.sets(None), transfer.PUZZLES]
     for each in found.values():
         assert set(each["rewards"]) == {transfer.CHAMPION, *transfer.RULES}
         best, own = (each["rewards"][name]["mean"] for name in (each["best rule"], "champion"))

@@ -1,15 +1,19 @@
-"""Measure `packit_sim.nest`: the literature's strips, two tasks in a strip or box, and bins.
+"""Measure `packit_sim.nest`: strips of the literature and our own, tasks in a strip or box, bins.
 
-    .venv/bin/python -m benchmarks.nesting literature --rotations fixed --seeds 0 1 2
-    .venv/bin/python -m benchmarks.nesting literature --rotations fixed --seconds 600
+    .venv/bin/python -m benchmarks.nesting builtin --seconds 10
+    .venv/bin/python -m benchmarks.nesting literature --data ../shared/esicup --rotations fixed
     .venv/bin/python -m benchmarks.nesting strips --rotations cube axis-4
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
-    .venv/bin/python -m benchmarks.nesting clearance --rotations axis
+    .venv/bin/python -m benchmarks.nesting clearance --data ../shared/esicup --rotations axis
     .venv/bin/python -m benchmarks.nesting speed --workers 1 --seconds 20
     .venv/bin/python -m benchmarks.nesting.ablations
-    .venv/bin/python -m benchmarks.nesting --verify
-    .venv/bin/python -m benchmarks.nesting --table
+    .venv/bin/python -m benchmarks.nesting --verify --data ../shared/esicup
+    .venv/bin/python -m benchmarks.nesting --table --data ../shared/esicup
+
+The literature's meshes are not part of the project: `--data` is a folder of them
+(docs/reference/instances.md says where they are published). Without it, `clearance` and `speed`
+take our own instances, and `--verify` leaves out the packings of the literature's.
 
 Each result is written to `benchmarks/results/nesting.json` at once, and its packing to a file in
 `benchmarks/results/nesting/`: what has a result is not searched again. `--rotations axis` stands
@@ -20,9 +24,10 @@ again by their meshes. `--table` writes `docs/benchmarks/nesting.md` and its pic
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 from benchmarks.common import argument_parser
-from benchmarks.nesting.cases import CASES, names
+from benchmarks.nesting.cases import CASES, DATA_HELP, names, needs_data
 from benchmarks.nesting.report import write_report
 from benchmarks.nesting.runs import Results, Search, run_all
 
@@ -38,17 +43,20 @@ def main() -> None:
     parser.add_argument("--seconds", nargs="+", type=float, default=[60.0])
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--data", type=Path, help=DATA_HELP)
     parser.add_argument("--verify", action="store_true", help="check all packings again")
     parser.add_argument("--table", action="store_true", help="write the page and its picture")
     arguments = parser.parse_args()
     if not (arguments.kind or arguments.verify or arguments.table):
         parser.error("choose what is searched, --verify or --table")
-    results = Results(arguments.out)
+    results = Results(arguments.out, arguments.data)
     if arguments.kind:
-        known = names(arguments.kind)
+        known = names(arguments.kind, arguments.data)
         chosen = arguments.instances or known
         if unknown := sorted(set(chosen) - set(known)):
             parser.error(f"no instances {', '.join(unknown)}: choose from {', '.join(known)}")
+        if arguments.data is None and any(needs_data(arguments.kind, name) for name in chosen):
+            parser.error(f"{arguments.kind} needs --data: {DATA_HELP}")
         searches = [
             Search(arguments.kind, name, _rotations(name, rotations), seed, seconds)
             for seconds in arguments.seconds
@@ -58,14 +66,18 @@ def main() -> None:
         ]
         run_all(searches, results, arguments.workers)
     if arguments.verify:
+        searches = [Search.of(result) for result in results.read().values()]
+        readable = sum(map(results.is_readable, searches))
         problems = results.verify()
         for problem in problems:
             print(problem)
-        print(f"{len(results.read())} packings, {len(problems)} problems")
+        print(f"{readable} packings, {len(problems)} problems")
+        if readable < len(searches):
+            print(f"{len(searches) - readable} packings not verified: give --data, {DATA_HELP}")
         if problems:
             sys.exit(1)
     if arguments.table:
-        write_report(results.read(), arguments.out)
+        write_report(results.read(), arguments.out, arguments.data)
 
 
 def _rotations(name: str, rotations: str) -> str:

@@ -1,10 +1,11 @@
 """Measure what the parts of the search for strips give: the same searches without one of them.
 
-    .venv/bin/python -m benchmarks.nesting.ablations
+    .venv/bin/python -m benchmarks.nesting.ablations --data ../shared/esicup
 
-Each variant runs in its own process, which compiles its own kernels. The results are written
-to `benchmarks/results/nesting_ablations.json` one by one: what has a result is not searched again.
-`python -m benchmarks.nesting --table` puts them on the page.
+Without --data, the strips are built-in ones. Each variant runs in its own process, which compiles
+its own kernels. The results are written to `benchmarks/results/nesting_ablations.json` one by one:
+what has a result is not searched again. `python -m benchmarks.nesting --table` puts them on the
+page.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.common import argument_parser, machine, write_json
-from benchmarks.nesting.cases import CASES
+from benchmarks.nesting.cases import CASES, DATA_HELP
 from benchmarks.nesting.runs import Search, run
 from packit_sim import NestSettings, nest
 from packit_sim.parts.nesting import strips
@@ -39,6 +40,13 @@ STRIPS = (
     ("strips", "0", "cube"),
 )
 """Kind, name and rotation set of the strips."""
+
+BUILTIN_STRIPS = (
+    ("builtin", "polytopes-20", "axis-4"),
+    ("builtin", "brackets-24", "axis-4"),
+    ("strips", "0", "cube"),
+)
+"""The same without the literature's instances."""
 
 SECONDS = 60.0
 
@@ -106,10 +114,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--data", type=Path, help=DATA_HELP)
     arguments = parser.parse_args()
     if arguments.only:
         measure(
-            arguments.only, arguments.seconds, arguments.seeds, arguments.workers, arguments.out
+            arguments.only,
+            arguments.seconds,
+            arguments.seeds,
+            arguments.workers,
+            arguments.out,
+            arguments.data,
         )
         return
     for name in VARIANTS:
@@ -128,26 +142,34 @@ def main() -> None:
             )
 
 
-def measure(variant: str, seconds: float, seeds: list[int], workers: int, out: Path) -> None:
+def measure(
+    variant: str,
+    seconds: float,
+    seeds: list[int],
+    workers: int,
+    out: Path,
+    data: Path | None = None,
+) -> None:
     """Search all strips that have no result yet, as this process's variant does."""
     search = VARIANTS[variant]()
+    chosen = STRIPS if data else BUILTIN_STRIPS
     todo = [
         Search(*strip, seed, seconds)
         for seed in seeds
-        for strip in STRIPS
+        for strip in chosen
         if _key(variant, Search(*strip, seed, seconds)) not in read(out)
     ]
     for n in range(WARM_UP if todo else 0):
-        for kind, name, rotations in STRIPS:
-            case = CASES[kind](name, rotations)
+        for kind, name, rotations in chosen:
+            case = CASES[kind](name, rotations, data)
             settings = NestSettings(workers=workers, clock="processor", search=search)
             nest(case.types, case.container, case.objective, 2.0, n, settings=settings)
     for each in todo:
-        result, _ = run(each, workers, search)
+        result, _ = run(each, workers, search, data)
         runs = read(out)
         runs[_key(variant, each)] = {
             "variant": variant,
-            "name": f"`{each.name}`" if each.kind == "literature" else f"{each.kind} {each.name}",
+            "name": f"{each.kind} {each.name}" if each.kind == "strips" else f"`{each.name}`",
             "rotations": each.rotations,
             "seed": each.seed,
             "seconds": seconds,

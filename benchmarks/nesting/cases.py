@@ -1,4 +1,4 @@
-"""What is packed: the literature's strips, two tasks in a strip or a box, and library items."""
+"""The problems: strips of the literature and of our own, tasks in a strip or box, library items."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from packit_sim import Box, BoxContainer, Item, ItemType, ShapeLibrary, load_tasks
-from packit_sim.core.assets import assets_folder
+from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry import rotations as grid_rotations
-from packit_sim.parts.packings.instances import builtin_instances, read_instance
+from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
+from packit_sim.parts.packings.instances import read_instance
 from packit_sim.placement import PlacedItem
 
 DATASET, SPLIT = "everyday-v1", "test"
@@ -36,7 +38,16 @@ WITH_CLEARANCE = (
     "Liu et al. 2015/Experiment1",
     "Stoyan et al. 2005/Example3",
 )
-"""The instances that are packed with a clearance."""
+"""The literature's instances that are packed with a clearance."""
+
+BUILTIN_WITH_CLEARANCE = ("gears-12", "polytopes-20")
+"""The same of the built-in ones, where the literature's are missing."""
+
+DATA_HELP = "folder of the literature's instances: `3d_irregular` of github.com/ESICUP/datasets"
+"""The help of --data."""
+
+OF_INSTANCES = ("literature", "speed", "clearance")
+"""The kinds whose problems may be the literature's instances."""
 
 SETS_OF_ITEMS = 10
 
@@ -94,9 +105,14 @@ def literature_names() -> list[str]:
     return list(dict.fromkeys(name for name, _ in published()))
 
 
-def literature(name: str, rotations: str) -> Case:
+def needs_data(kind: str, name: str) -> bool:
+    """Return whether a problem is an instance of the literature, which --data must provide."""
+    return kind in OF_INSTANCES and name not in builtin_names()
+
+
+def literature(name: str, rotations: str, data: Path | None) -> Case:
     """Read an instance of the literature; for `cube` and `free`, others have `axis-n`."""
-    types, container = read_instance(builtin_instances()[name], rotations)
+    types, container = _instance(name, rotations, data)
     known = {own: heights for (each, own), heights in published().items() if each == name}
     others = known.get(rotations, {})
     if rotations in ("cube", "free"):
@@ -104,20 +120,27 @@ def literature(name: str, rotations: str) -> Case:
     return Case("literature", name, rotations, types, container, "strip", others)
 
 
-def speed(name: str, rotations: str) -> Case:
-    """Read an instance of the literature, to count what one process computes."""
-    types, container = read_instance(builtin_instances()[name], rotations)
+def builtin(name: str, rotations: str, data: Path | None) -> Case:
+    """Build one of our own instances."""
+    types, container, optimal = builtin_instance(name, rotations)
+    others = {} if optimal is None else {"optimum": optimal.height}
+    return Case("builtin", name, rotations, types, container, "strip", others)
+
+
+def speed(name: str, rotations: str, data: Path | None) -> Case:
+    """Take an instance, to count what one process computes."""
+    types, container = _instance(name, rotations, data)
     return Case("speed", name, rotations, types, container, "strip")
 
 
-def clearance(name: str, rotations: str) -> Case:
-    """Read an instance of the literature, with a clearance of 1% of the base's longer side."""
-    types, container = read_instance(builtin_instances()[name], rotations)
+def clearance(name: str, rotations: str, data: Path | None) -> Case:
+    """Take an instance, with a clearance of 1% of the base's longer side."""
+    types, container = _instance(name, rotations, data)
     distance = CLEARANCE * max(container.size[:2])
     return Case("clearance", name, rotations, types, container, "strip", clearance=distance)
 
 
-def strips(name: str, rotations: str) -> Case:
+def strips(name: str, rotations: str, data: Path | None) -> Case:
     """Put the items of two test tasks into a strip."""
     row = next(row for row in _rows("two-task-strips.csv") if row["box"] == name)
     others = {
@@ -128,13 +151,13 @@ def strips(name: str, rotations: str) -> Case:
     return Case("strips", name, rotations, types, UNIT_STRIP, "strip", others)
 
 
-def knapsacks(name: str, rotations: str) -> Case:
+def knapsacks(name: str, rotations: str, data: Path | None) -> Case:
     """Put the items of two test tasks into the unit box."""
     types = _types(_two_tasks(int(name)), rotations)
     return Case("knapsacks", name, rotations, types, UNIT_BOX, "knapsack")
 
 
-def bins(name: str, rotations: str) -> Case:
+def bins(name: str, rotations: str, data: Path | None) -> Case:
     """Draw items of the test tasks for unit boxes; the greedy rule packs them as well."""
     items = [item for task in _tasks() for item in task]
     drawn = np.random.default_rng(int(name)).choice(len(items), BIN_ITEMS, replace=False)
@@ -143,7 +166,7 @@ def bins(name: str, rotations: str) -> Case:
     return Case("bins", name, rotations, _types(chosen, rotations), UNIT_BOX, "bins", others)
 
 
-def library(name: str, rotations: str) -> Case:
+def library(name: str, rotations: str, data: Path | None) -> Case:
     """Draw shapes of the built-in library, as many as the name says, of different sizes."""
     known = ShapeLibrary.open("everyday")
     rng = np.random.default_rng(0)
@@ -152,8 +175,9 @@ def library(name: str, rotations: str) -> Case:
     return Case("library", name, rotations, _types(items, rotations), UNIT_STRIP, "strip")
 
 
-CASES: dict[str, Callable[[str, str], Case]] = {
+CASES: dict[str, Callable[[str, str, Path | None], Case]] = {
     "literature": literature,
+    "builtin": builtin,
     "strips": strips,
     "knapsacks": knapsacks,
     "bins": bins,
@@ -161,15 +185,17 @@ CASES: dict[str, Callable[[str, str], Case]] = {
     "clearance": clearance,
     "library": library,
 }
-"""The kinds of problems, by name."""
+"""What takes a problem's name, rotation set and the folder of --data, by the kinds of problems."""
 
 
-def names(kind: str) -> list[str]:
-    """List the problems of a kind."""
-    if kind in ("literature", "speed"):
+def names(kind: str, data: Path | None) -> list[str]:
+    """List the problems of a kind; without the literature's data, our own instances."""
+    if kind == "literature" or (kind == "speed" and data):
         return literature_names()
+    if kind in ("builtin", "speed"):
+        return list(builtin_names())
     if kind == "clearance":
-        return list(WITH_CLEARANCE)
+        return list(WITH_CLEARANCE if data else BUILTIN_WITH_CLEARANCE)
     if kind == "library":
         return [str(LIBRARY_SHAPES)]
     return [str(n) for n in range(SETS_OF_ITEMS if kind == "bins" else BOXES)]
@@ -206,6 +232,18 @@ def _lowest(box: Box, item: Item) -> tuple[Box, Item, tuple[int, int, int]] | No
     return best
 
 
+def _instance(
+    name: str, rotations: str, data: Path | None
+) -> tuple[tuple[ItemType, ...], BoxContainer]:
+    if name in builtin_names():
+        return builtin_instance(name, rotations)[:2]
+    if data is None:
+        raise ArgumentError(
+            f"the meshes of {name!r} are not part of this project: give --data with the {DATA_HELP}"
+        )
+    return read_instance(data / f"{name}.json", rotations)
+
+
 @cache
 def _tasks() -> tuple[tuple[Item, ...], ...]:
     library = ShapeLibrary.open("everyday")
@@ -222,5 +260,5 @@ def _types(items: Sequence[Item], rotations: str) -> tuple[ItemType, ...]:
 
 
 def _rows(file: str) -> list[dict[str, str]]:
-    with (assets_folder() / "instances" / file).open(encoding="utf-8", newline="") as lines:
+    with Path(__file__).with_name(file).open(encoding="utf-8", newline="") as lines:
         return list(csv.DictReader(lines))

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.common import RESULTS, plot_file
 from benchmarks.nesting import ablations
+from benchmarks.nesting.builtin_report import PICTURE, builtin, draw_builtin
 from benchmarks.nesting.runs import Results, Search
 from packit_sim.core.files import replace_text
 from packit_sim.parts.results import pictures
@@ -56,8 +57,10 @@ Runs = Sequence[dict[str, Any]]
 HEAD = """# Nesting
 
 Written by `python -m benchmarks.nesting --table` from `benchmarks/results/nesting.json`. The
-packings are in `benchmarks/results/nesting/`, and `python -m benchmarks.nesting --verify` checks
-all of them again by their meshes. The [guide](../guides/nesting.md) explains the rotation sets.
+packings are in `benchmarks/results/nesting/`, and `python -m benchmarks.nesting --verify --data
+FOLDER` checks all of them again by their meshes. FOLDER has
+[the literature's](../reference/instances.md). The [guide](../guides/nesting.md) explains the
+rotation sets.
 
 Two searches run side by side, on two cores. Times are processor seconds of each search, so that
 other work on the machine does not count. The strips' results after 600 s and those of the search's
@@ -66,8 +69,8 @@ are searched for earlier.
 """
 
 
-def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
-    """Write the page and its picture.
+def write_report(runs: dict[str, dict[str, Any]], out: Path, data: Path | None = None) -> None:
+    """Write the page and its pictures.
 
     Parameters
     ----------
@@ -75,7 +78,11 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
         The results by their keys.
     out : Path
         The folder of the results; with the default folder, the page is the documentation's.
+    data : Path, optional
+        The folder of the literature's instances. Without it, the pictures of their packings stay
+        as they are.
     """
+    results = Results(out, data)
     by_kind = defaultdict(list)
     for run in runs.values():
         by_kind[run["kind"]].append(run)
@@ -83,11 +90,14 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path) -> None:
     literature = by_kind["literature"]
     if literature:
         draw(literature, picture)
+    if by_kind["builtin"]:
+        draw_builtin(results, picture.with_name(PICTURE))
     parts = [
         HEAD,
         *_literature(literature),
         f"![Heights over time](../images/{picture.name})\n" if literature else "",
-        *_pictures(Results(out), picture.parent),
+        *_pictures(results, picture.parent),
+        *builtin(by_kind["builtin"]),
         *_tasks("Two tasks in a strip", by_kind["strips"], {}),
         *_tasks("Two tasks in a box", by_kind["knapsacks"], KNAPSACKS_OF_OTHERS),
         *_bins(by_kind["bins"]),
@@ -113,7 +123,10 @@ def _pictures(results: Results, folder: Path) -> Iterator[str]:
             continue
         best = min(own, key=lambda run: float(run["score"]))
         file = folder / f"nesting-{kind}-{name.rpartition('/')[2]}.png".lower()
-        pictures.draw(results.packing(Search.of(best)), file)
+        if results.is_readable(Search.of(best)):
+            pictures.draw(results.packing(Search.of(best)), file)
+        elif not file.exists():
+            continue
         title = f"{name if kind == 'literature' else f'{kind} {name}'}, {rotations}"
         yield f"![{title}](../images/{file.name})\n\n*{title}: height {best['score']:.2f}*\n"
 

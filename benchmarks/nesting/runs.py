@@ -16,7 +16,7 @@ from trimesh import Trimesh
 from trimesh.collision import CollisionManager
 
 from benchmarks.common import machine, write_json
-from benchmarks.nesting.cases import CASES, Case
+from benchmarks.nesting.cases import CASES, Case, needs_data
 from packit_sim import NestSettings, Packing, nest
 from packit_sim.parts.nesting.rounds import Problems
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
@@ -66,11 +66,14 @@ class Results:
     ----------
     folder : Path
         The folder.
+    data : Path, optional
+        The folder of the literature's instances, whose packings can't be read without it.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, data: Path | None = None) -> None:
         self.file = folder / "nesting.json"
         self.packings = folder / "nesting"
+        self.data = data
 
     def read(self) -> dict[str, dict[str, Any]]:
         """Return the finished searches by their keys."""
@@ -90,11 +93,16 @@ class Results:
         write_json(self.file, {**content, "runs": dict(sorted(runs.items()))})
 
     def verify(self) -> list[str]:
-        """Check all packings again by their meshes; return a sentence for each problem."""
+        """Check the readable packings again by their meshes; return a sentence for each problem."""
         found = []
         for key, run in self.read().items():
-            found += [f"{key}: {problem}" for problem in self._problems(Search.of(run), run)]
+            if self.is_readable(Search.of(run)):
+                found += [f"{key}: {problem}" for problem in self._problems(Search.of(run), run)]
         return found
+
+    def is_readable(self, search: Search) -> bool:
+        """Return whether the meshes of a search are there."""
+        return self.data is not None or not needs_data(search.kind, search.name)
 
     def packing(self, search: Search) -> Packing:
         """Read the packing of a finished search; raise OSError if its file is missing."""
@@ -103,7 +111,7 @@ class Results:
         for item_type, box, *numbers in content["placements"]:
             pose = np.vstack((np.reshape(numbers, (3, 4)), (0, 0, 0, 1)))
             placements.append(Placement.from_matrix(item_type, pose, box))
-        case = CASES[search.kind](search.name, search.rotations)
+        case = CASES[search.kind](search.name, search.rotations, self.data)
         return replace(_empty(case), placements=tuple(placements))
 
     def _problems(self, search: Search, run: dict[str, Any]) -> list[str]:
@@ -125,7 +133,10 @@ def score(packing: Packing) -> float:
 
 
 def run(
-    search: Search, workers: int, settings: SearchSettings = DEFAULT_SETTINGS
+    search: Search,
+    workers: int,
+    settings: SearchSettings = DEFAULT_SETTINGS,
+    data: Path | None = None,
 ) -> tuple[dict[str, Any], Packing]:
     """Search.
 
@@ -137,6 +148,8 @@ def run(
         The number of processes.
     settings : SearchSettings
         The settings of the search.
+    data : Path, optional
+        The folder of the literature's instances.
 
     Returns
     -------
@@ -146,7 +159,7 @@ def run(
     packing : Packing
         The packing.
     """
-    case = CASES[search.kind](search.name, search.rotations)
+    case = CASES[search.kind](search.name, search.rotations, data)
     curve: list[tuple[float, float]] = []
     before = time.perf_counter()
     packing = nest(
@@ -186,7 +199,7 @@ def run_all(searches: Sequence[Search], results: Results, workers: int) -> None:
         if search.key in results.read():
             print(f"{search.key}: done before")
             continue
-        result, packing = run(search, workers)
+        result, packing = run(search, workers, data=results.data)
         results.add(search, result, packing)
         others = ", ".join(f"{name} {value:g}" for name, value in result["others"].items())
         print(f"{search.key}: {result['score']:.4f} (density {result['density']:.3f}); {others}")

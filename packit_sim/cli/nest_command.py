@@ -23,12 +23,17 @@ from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.nesting.nest import NestSettings, nest
 from packit_sim.parts.packings import rotation_sets
-from packit_sim.parts.packings.instances import builtin_instances, read_instance, write_solution
+from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
+from packit_sim.parts.packings.containers import BoxContainer
+from packit_sim.parts.packings.instances import (
+    instances_in,
+    read_instance,
+    write_instance,
+    write_solution,
+)
+from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.mesh_paths import MAX_LEVELS
 from packit_sim.parts.packings.packing import Packing
-
-EXAMPLE = "Liu et al. 2015/Experiment1"
-"""A built-in instance that messages name."""
 
 
 def nest_command(
@@ -36,7 +41,8 @@ def nest_command(
         str,
         typer.Argument(
             metavar="INSTANCE",
-            help="Strip-packing instance: a .json file, or the name of a built-in one.",
+            help="Strip-packing instance: a .json file, or the name of a built-in one: "
+            f"{', '.join(builtin_names())}.",
         ),
     ],
     rotations: Annotated[
@@ -61,6 +67,10 @@ def nest_command(
         Path | None,
         typer.Option("--out", "-o", help="File for the solution, in the instances' format."),
     ] = None,
+    instance_out: Annotated[
+        Path | None,
+        typer.Option(help="File for the instance itself (.json), with its meshes next to it."),
+    ] = None,
     packing: Annotated[
         Path | None,
         typer.Option(help="File for the packing, as `packit verify` reads it (.json)."),
@@ -71,25 +81,25 @@ def nest_command(
     The packing is checked by its meshes before it is printed or written. Ctrl-C ends the search
     early and keeps the best packing so far.
 
-    The instances' format and the names of the built-in instances are described at
-    https://packit-sim.readthedocs.io (Reference, Strip-packing instances). In Python,
-    `packit_sim.nest` also fills one box or several.
+    The format is that of the ESICUP data sets. It, the built-in instances, and where those of the
+    literature are published, are described at https://packit-sim.readthedocs.io (Reference,
+    Strip-packing instances). In Python, `packit_sim.nest` also fills one box or several.
 
-    Example: packit nest "Stoyan et al. 2005/Example1" --rotations axis-4 --time 10
+    Example: packit nest cut-cube-8 --time 10
 
     Example: packit nest parts.json --clearance 1 --out solution.json --packing packing.json
     """
     rotation_sets.check(rotations)
     seconds = read_seconds(time)
-    for file in (out, packing):
+    for file in (out, instance_out, packing):
         if file is not None:
             if file.is_dir():
                 raise ArgumentError(f"{file} is a folder: choose a file to write")
             prepare_folder(file)
-    if packing is not None and packing.suffix != ".json":
-        raise ArgumentError(f"--packing {packing} is not possible: choose a .json file")
-    path = _instance_file(instance)
-    types, container = read_instance(path, rotations)
+    for option, json_file in (("--packing", packing), ("--instance-out", instance_out)):
+        if json_file is not None and json_file.suffix != ".json":
+            raise ArgumentError(f"{option} {json_file} is not possible: choose a .json file")
+    types, container = _read(instance, rotations)
     settings = NestSettings(workers, backend, address, iterations)
     start = clock.perf_counter()
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
@@ -117,31 +127,45 @@ def nest_command(
         "no" if found.problems() else "yes",
     )
     console.print(table)
+    if instance_out is not None:
+        write_instance(types, container, instance_out)
+        print_written(instance_out)
     if out is not None:
-        write_solution(found, out, _instance_path(instance, path, out))
+        name = f"{instance}.json"  # of a built-in one that is not written
+        if instance_out is not None or instance not in builtin_names():
+            name = _instance_path(instance_out or Path(instance), out)
+        write_solution(found, out, name)
         print_written(out)
     if packing is not None:
         found.write(packing)
         print_written(packing)
 
 
-def _instance_file(instance: str) -> Path:
-    """Return the file of an instance: a path, or the name of a built-in one."""
-    known = builtin_instances()
-    if Path(instance).is_file() or instance not in known:
-        if Path(instance).suffix == ".json":
-            return Path(instance)
+def _read(instance: str, rotations: str) -> tuple[tuple[ItemType, ...], BoxContainer]:
+    """Read an instance: a path, or the name of a built-in one."""
+    if instance in builtin_names():
+        built_in = builtin_instance(instance, rotations)
+        return built_in.types, built_in.container
+    path = Path(instance)
+    if path.is_dir():
+        found = instances_in(path)
+        if not found:
+            raise ArgumentError(f"{path} is a folder without a strip-packing instance")
+        names = ", ".join(repr(file.relative_to(path).as_posix()) for file in found)
         raise ArgumentError(
-            f"no instance {instance!r}: choose a .json file, or one of the {len(known)} built-in "
-            f"instances, such as {EXAMPLE!r} (they are listed in the reference)"
+            f"{path} is a folder: choose an instance in it, such as {str(found[0])!r}; there are "
+            f"{len(found)}: {names}"
         )
-    return known[instance]
+    if path.suffix != ".json":
+        raise ArgumentError(
+            f"no instance {instance!r}: choose a .json file, or a built-in instance: "
+            f"{', '.join(builtin_names())}"
+        )
+    return read_instance(path, rotations)
 
 
-def _instance_path(instance: str, path: Path, out: Path) -> str:
+def _instance_path(path: Path, out: Path) -> str:
     """Return the path of an instance as its solution stores it."""
-    if path != Path(instance):
-        return f"{instance}.json"
     folders = out.absolute().parents[: MAX_LEVELS + 1]
     near = (folder for folder in folders if path.absolute().is_relative_to(folder))
     folder = next(near, path.absolute().parent)

@@ -1,4 +1,4 @@
-"""Strip-packing instances of the literature, and their solutions, in the format of ESICUP's data.
+"""Files of strip-packing instances and their solutions, in the format of ESICUP's data.
 
 Both are JSON. An instance has a base and mesh files with demands; no rotations, which each paper
 chooses. A solution is what sparrow-3d writes.
@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import defaultdict
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -16,7 +20,6 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
 from packit_sim.core.files import replace_text
 from packit_sim.geometry.arrays import Floats
@@ -27,17 +30,22 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.lengths import Extent, PoseRows
 from packit_sim.parts.packings.mesh_paths import is_inside, root_of
 from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import obj_text
 from packit_sim.parts.packings.placements import Placement
 
 __all__ = [
-    "builtin_instances",
+    "instances_in",
     "read_instance",
     "read_solution",
+    "write_instance",
     "write_solution",
 ]
 
 MAX_ITEMS = 100_000
 """Most items of an instance."""
+
+MAX_FILES = 10_000
+"""Most files of a folder that are searched for instances."""
 
 ItemOrigin = Literal["Original", "AlignToMinimum", "AlignToCenter"]
 
@@ -45,12 +53,25 @@ ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 """The points of a mesh that may be the origin for its poses in a solution."""
 
 
-def builtin_instances() -> dict[str, Path]:
-    """Return the bundled instances by name, such as "Stoyan et al. 2005/Example1"."""
-    folder = assets_folder() / "instances"
-    files = sorted(folder.rglob("*.json"))
-    names = {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
-    return {name: file for name, file in names.items() if "Solution" not in file.name}
+def instances_in(folder: Path | str) -> list[Path]:
+    """Find the instances in a folder and the folders in it.
+
+    Parameters
+    ----------
+    folder : Path or str
+        The folder.
+
+    Returns
+    -------
+    list of Path
+        The files, sorted; JSON files of anything else are left out.
+    """
+    found = []
+    for file in sorted(islice(Path(folder).rglob("*.json"), MAX_FILES)):
+        with suppress(PackFormatError):
+            typed_json.decode(read_bytes(file), _Instance, PackFormatError, "an instance")
+            found.append(file)
+    return found
 
 
 def read_instance(
@@ -144,6 +165,49 @@ def read_solution(path: Path | str, rotations: str = "cube") -> Packing:
         except ArgumentError as error:
             raise PackFormatError(f"{path}: field 'items[{n}].transformation': {error}") from None
     return Packing(types, container, tuple(placements))
+
+
+def write_instance(types: Sequence[ItemType], container: BoxContainer, path: Path | str) -> None:
+    """Write an instance, and its meshes in a folder of the same name next to it.
+
+    Parameters
+    ----------
+    types : sequence of ItemType
+        The types of items. Their meshes are written as OBJ, without rounding, each in a file of
+        the type's name.
+    container : BoxContainer
+        The strip.
+    path : Path or str
+        The JSON file, NAME.json; it is written last.
+
+    Raises
+    ------
+    ArgumentError
+        If the file's name does not end in .json, or two types have the same name, apart from its
+        suffix.
+    OSError
+        If a file can't be written.
+    """
+    path = Path(path)
+    if path.suffix != ".json":
+        raise ArgumentError(f"{path} is not possible for an instance: choose a .json file")
+    names = [re.sub(r"[^\w.-]", "-", Path(each.name).stem) + ".obj" for each in types]
+    if len(set(names)) < len(names):
+        raise ArgumentError(f"the names of item types are not different: {', '.join(names)}")
+    folder = path.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, item_type in zip(names, types, strict=True):
+        replace_text(folder / name, obj_text(item_type.vertices, item_type.faces))
+    x, y, _ = container.size
+    instance = {
+        "name": path.stem,
+        "container": {"size-x": x, "size-y": y},
+        "item-types": [
+            {"path": f"{folder.name}/{name}", "demand": item_type.demand}
+            for name, item_type in zip(names, types, strict=True)
+        ],
+    }
+    replace_text(path, json.dumps(instance, indent=1, ensure_ascii=False) + "\n")
 
 
 def write_solution(packing: Packing, path: Path | str, instance: str = "") -> None:
