@@ -17,8 +17,8 @@ from packit_sim.render.lettering import font_of
 
 PICTURE = "nesting-builtin.png"
 
-COLUMNS, TILE = 4, (480, 360)
-"""Packings in a row, and the pixels of each."""
+COLUMNS, TILE, LABEL = 4, (480, 360), 36
+"""Packings in a row, and the pixels of each and of its label's height."""
 
 FONT = 22
 
@@ -47,16 +47,16 @@ def draw_builtin(results: Results, file: Path) -> None:
     shown = [name for name in builtin_names() if any(run["name"] == name for run in own)]
     wide, high = TILE
     rows = -(-len(shown) // COLUMNS)
-    whole = Image.new("RGB", (COLUMNS * wide, rows * high), "white")
+    whole = Image.new("RGB", (COLUMNS * wide, rows * (high + LABEL)), "white")
     pen = ImageDraw.Draw(whole)
     with tempfile.TemporaryDirectory() as folder:
         for number, name in enumerate(shown):
             best = min((run for run in own if run["name"] == name), key=lambda run: run["score"])
             drawn = Path(folder) / "packing.png"
             pictures.draw(results.packing(Search.of(best)), drawn)
-            corner = number % COLUMNS * wide, number // COLUMNS * high
+            left, top = number % COLUMNS * wide, number // COLUMNS * (high + LABEL)
             with Image.open(drawn) as picture:
-                whole.paste(picture.convert("RGB").resize(TILE), corner)
+                whole.paste(picture.convert("RGB").resize(TILE), (left, top + LABEL))
             text = f"{name}, height {best['score']:.2f}"
-            pen.text((corner[0] + 12, corner[1] + 8), text, "black", font_of(FONT))
+            pen.text((left + 12, top + 6), text, "black", font_of(FONT))
     whole.save(file)
