@@ -203,9 +203,15 @@ def quads(one: Ints, one_after: Ints, other: Ints, other_after: Ints) -> Ints:
 
     Parameters
     ----------
-    one, one_after, other, other_after : ndarray of int64, shape (n,)
-        The vertices of each row, and the next of each; anticlockwise from outside, a quadrilateral
-        is `one`, `one_after`, `other_after`, `other`.
+    one : ndarray of int64, shape (n,)
+        The vertices of a row. A quadrilateral is `one`, `one_after`, `other_after`, `other`,
+        anticlockwise from outside.
+    one_after : ndarray of int64, shape (n,)
+        The next vertex of each.
+    other : ndarray of int64, shape (n,)
+        The vertices of the other row.
+    other_after : ndarray of int64, shape (n,)
+        The next vertex of each.
 
     Returns
     -------
