@@ -120,7 +120,7 @@ def test_a_file_with_an_impossible_unit_stops_no_other(cube: Path, unit: str) ->
     file.write_text(changed)
     found = find_parts([file, cube])
     assert [part.name for part in found.parts] == ["cube"]
-    assert "its unit of length is" in found.problems[0].reason
+    assert "its unit of length is" in found.unread[0].reason
 
 
 @pytest.mark.parametrize("text", ["1" * 20_000 + "!", "x".join(["11"] * 40) + "!"])
@@ -207,7 +207,7 @@ def test_a_mesh_file_that_never_ends_is_refused(device: str, cube: Path, tmp_pat
     with pytest.raises(MeshError, match=r"endless\.stl: it is not a regular file"):
         mesh_files.read(endless)
     found = find_parts([endless, cube])
-    assert [part.name for part in found.parts] == ["cube"] and len(found.problems) == 1
+    assert [part.name for part in found.parts] == ["cube"] and len(found.unread) == 1
 
 
 def test_links_to_devices_are_not_read_as_data(cube: Path, tmp_path: Path) -> None:

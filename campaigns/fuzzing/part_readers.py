@@ -51,8 +51,8 @@ def _read_manifest(suffix: str, data: bytes) -> None:
         assert plain_line(part.name) == part.name
         part.digest.encode()
         assert "/" not in part.file_name and len(part.file_name.encode()) < 200
-    for problem in found.problems:
-        str(problem).encode("utf-8", "surrogatepass")
+    for unread in found.unread:
+        str(unread).encode("utf-8", "surrogatepass")
 
 
 @cache

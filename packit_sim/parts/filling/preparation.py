@@ -55,7 +55,7 @@ def prepared_task(
     check_objective(objective, boxes)
     check_margin(settings.wall_clearance, boxes, unit)
     reading = find_parts(parts, settings.reading)
-    prepared, unread = [], list(reading.problems)
+    prepared, unread = [], list(reading.unread)
     for part in reading.parts:
         try:
             prepared.append(prepare(part, unit, settings.accuracy))
@@ -89,8 +89,8 @@ def _in_place(
         found = find_parts(sources, reading)
     except ArgumentError as error:
         raise ArgumentError(f"{name}: {error}") from None
-    if found.problems:
-        first = found.problems[0]
+    if found.unread:
+        first = found.unread[0]
         raise ArgumentError(f"{name}: {first.source}: {first.reason}")
     for each in found.parts:
         if each.count > 1:

@@ -51,14 +51,14 @@ class Reading:
     ----------
     parts : tuple of Part
         The parts, with names that differ.
-    problems : tuple of UnreadFile
-        The files that can't be packed.
+    unread : tuple of UnreadFile
+        The files that could not be read.
     notes : tuple of str
         What the user should know about how files were understood.
     """
 
     parts: tuple[Part, ...]
-    problems: tuple[UnreadFile, ...] = ()
+    unread: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -119,7 +119,7 @@ def find_parts(
     if isinstance(sources, (Part, Path, str)):
         sources = [sources]
     parts: list[Part] = []
-    problems: list[UnreadFile] = []
+    unread: list[UnreadFile] = []
     notes: list[str] = []
     read_once = cache(_raw_parts)  # a manifest may name a file many times
     for source in sources:
@@ -131,21 +131,21 @@ def find_parts(
                 parts += _parts(row, settings, notes, read_once)
             except (MeshError, OSError) as error:
                 reason = str(error).removeprefix(f"{row.file}: ")
-                problems.append(UnreadFile(str(row.file), reason))
+                unread.append(UnreadFile(str(row.file), reason))
     if not parts:
-        if not problems:
+        if not unread:
             raise ArgumentError(
                 "no parts: name mesh files, a folder or a manifest, with counts of at least 1"
             )
-        first = problems[0]
-        others = len(problems) - 1
+        first = unread[0]
+        others = len(unread) - 1
         more = f" (and {others} other file{'s' * (others > 1)})" if others else ""
         raise ArgumentError(f"no part can be read: {first.source}: {first.reason}{more}")
     assumed = {each.file for each in parts if each.file and not _defines_unit(each.file)}
     if assumed:
         files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
         notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
-    return Reading(tuple(with_own_names(parts)), tuple(problems), tuple(notes))
+    return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(notes))
 
 
 def _defines_unit(file: Path) -> bool:
