@@ -49,6 +49,13 @@ def test_importing_the_package_loads_nothing_of_it_and_no_heavy_library() -> Non
     assert len(loaded) < 120  # 69 with Python 3.11, of which 33 are loaded without any import
 
 
+def test_a_module_of_parts_does_not_load_the_others() -> None:
+    own = "packit_sim.parts.reading.units"
+    loaded = modules_after(f"import json, sys, {own}; print(json.dumps(sorted(sys.modules)))")
+    parts = {name for name in loaded if name.startswith("packit_sim.parts")}
+    assert parts == {"packit_sim.parts", "packit_sim.parts.reading", own}
+
+
 ORDERS = {
     "package first": "import packit_sim, gymnasium",
     "gymnasium first": "import gymnasium, packit_sim",

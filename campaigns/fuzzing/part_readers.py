@@ -1,4 +1,4 @@
-"""Readers of user-supplied parts: manifests, records of packings, and workbench orders."""
+"""Readers of user-supplied parts: manifests, records of packings, and workbench jobs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.record import RECORD, read_earlier, write_record
-from packit_sim.parts.workbench.workbench import _Order
+from packit_sim.parts.workbench.workbench import PackingJob
 
 if TYPE_CHECKING:
     from packit_sim.parts.filling.packed import PackedParts
@@ -84,7 +84,7 @@ def _orders() -> list[bytes]:
 
 
 def _read_order(data: bytes) -> None:
-    order = typed_json.decode(data, _Order, ArgumentError, "the request")
+    order = typed_json.decode(data, PackingJob, ArgumentError, "the request")
     unit = check_unit(order.unit)
     box_types(order.box, unit, 1)
     for text in (order.clearance, order.wall_clearance):

@@ -63,7 +63,7 @@ def broken_constraints(packing: Packing, constraints: Constraints) -> list[Broke
     MissingPackageError
         If `stable` is required, and PyBullet is missing.
     """
-    constraints.require_for(packing)
+    constraints.check_numbers(packing)
     sweeps = sweeps_of(packing)
     kept = range(len(sweeps))
     found = broken_by_geometry(sweeps, kept, constraints)

@@ -100,7 +100,7 @@ class Constraints:
         masses = self.masses or (0.0,) * len(packing.types)
         return [masses[placement.type] for placement in packing.placements]
 
-    def require_for(self, packing: Packing) -> None:
+    def check_numbers(self, packing: Packing) -> None:
         """Raise ArgumentError if they name types or placements that a packing does not have."""
         for name, numbers, count in (
             ("no_stack", self.no_stack, len(packing.types)),

@@ -85,7 +85,7 @@ def filter_packing(packing: Packing, constraints: Constraints) -> FilteredPackin
     nothing any more. After that, gravity decides stage by stage: if a part moves too far, the part
     that was put in last is left out. The result is not proven to be the most valuable one.
     """
-    constraints.require_for(packing)
+    constraints.check_numbers(packing)
     sweeps = sweeps_of(packing)
     reasons: dict[int, BrokenConstraint] = {}
     kept = _met(sweeps, list(range(len(sweeps))), constraints, reasons)

@@ -66,8 +66,8 @@ class _Asked(Struct, forbid_unknown_fields=True):
     rotations: str
 
 
-class _Order(Struct, forbid_unknown_fields=True):
-    """An order of packing, as the page sends it."""
+class PackingJob(Struct, forbid_unknown_fields=True):
+    """A job of packing, as the page sends it."""
 
     box: str
     unit: str
@@ -120,7 +120,7 @@ class Workbench:
     def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="packit-workbench-"))
         self._uploads = Uploads(self._folder / "parts")
-        self._ordering = threading.Lock()
+        self._starting = threading.Lock()
         self._changed = threading.Lock()
         self._version = 0
         self._message = ""
@@ -190,23 +190,23 @@ class Workbench:
         return WebAnswer.of_json({})
 
     def _pack(self, request: WebRequest) -> WebAnswer:
-        order = _read(request, _Order)
-        with self._ordering:
+        job = _read(request, PackingJob)
+        with self._starting:
             if self._is_busy:
                 raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
-            locked = self._locked_parts(order.locked)
+            locked = self._locked_parts(job.locked)
             self._stop = threading.Event()
-            parts = self._parts(order, Counter(each.name for each in locked))
+            parts = self._parts(job, Counter(each.name for each in locked))
             settings = PackSettings(
-                clearance=_length(order.clearance, order.unit),
-                wall_clearance=_length(order.wall_clearance, order.unit),
-                unit=check_unit(order.unit),
-                reading=ReadSettings(check_unit(order.unit)),
+                clearance=_length(job.clearance, job.unit),
+                wall_clearance=_length(job.wall_clearance, job.unit),
+                unit=check_unit(job.unit),
+                reading=ReadSettings(check_unit(job.unit)),
                 fixed=[each.part for each in locked],
                 stop=self._stop,
             )
             self._search = threading.Thread(
-                target=self._run, args=(order, parts, settings, locked), daemon=True
+                target=self._run, args=(job, parts, settings, locked), daemon=True
             )
             self._is_busy = True
             self._note("preparing the parts")
@@ -217,23 +217,23 @@ class Workbench:
         self._stop.set()
         return WebAnswer.of_json({})
 
-    def _parts(self, order: _Order, locked: Counter[str]) -> list[Part]:
-        """Read the parts of an order, less those that are locked."""
+    def _parts(self, job: PackingJob, locked: Counter[str]) -> list[Part]:
+        """Read the parts of a job, less those that are locked."""
         found = []
-        for asked in order.files:
+        for asked in job.files:
             upload = self._uploads.files.get(asked.number)
             if upload is None:
                 raise ArgumentError(f"there is no file {asked.number}")
             parts = upload.parts
-            if upload.unit != order.unit:
-                parts = find_parts([upload.file], ReadSettings(check_unit(order.unit))).parts
+            if upload.unit != job.unit:
+                parts = find_parts([upload.file], ReadSettings(check_unit(job.unit))).parts
             for part, known in zip(parts, upload.parts, strict=True):
                 count = asked.count * part.count - locked[known.name]
                 if count > 0:
                     own = replace(part, name=known.name, count=count, rotations=asked.rotations)
                     found.append(own)
         if not found:
-            what = "all parts are locked" if order.files else "there are no parts: send mesh files"
+            what = "all parts are locked" if job.files else "there are no parts: send mesh files"
             raise ArgumentError(what)
         return found
 
@@ -260,7 +260,7 @@ class Workbench:
 
     def _run(
         self,
-        order: _Order,
+        job: PackingJob,
         parts: list[Part],
         settings: PackSettings,
         locked: tuple[_Locked, ...],
@@ -280,10 +280,10 @@ class Workbench:
         try:
             packed = pack(
                 parts,
-                order.box,
-                order.objective,
-                order.seconds,
-                order.seed,
+                job.box,
+                job.objective,
+                job.seconds,
+                job.seed,
                 callback=better,
                 settings=settings,
             )
@@ -292,7 +292,7 @@ class Workbench:
             self._note("checking the result and writing its files", packed, locked)
             shutil.rmtree(out, ignore_errors=True)
             files = export(packed, out)
-            if order.instructions:
+            if job.instructions:
                 self._note("writing the instructions", packed, locked)
                 files.append(write_instructions(packed, out / INSTRUCTIONS))
         except Exception as error:
