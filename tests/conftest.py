@@ -17,6 +17,7 @@ import typer.main
 import typer.testing
 from hypothesis import settings
 
+from packit_sim.core import debugging
 from packit_sim.libraries import importer
 from packit_sim.render import bullet, renderers
 from tests.runs import PoolOfNone
@@ -49,6 +50,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "mask_seed" in metafunc.fixturenames:
         masks, seed = (metafunc.config.getoption(name) for name in ("--masks", "--seed"))
         metafunc.parametrize("mask_seed", [(seed, n) for n in range(masks)], ids=str)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def checked_state() -> Iterator[None]:
+    """State that is updated in steps is compared with state from scratch, here and in children."""
+    with debugging.checking(os.environ.setdefault(debugging.CHECK_VARIABLE, "1") == "1"):
+        yield
 
 
 @pytest.fixture

@@ -150,7 +150,7 @@ def feasible_at(box: Box, item: Item, location: tuple[int, int, int]) -> bool:
     answers = {
         bool(box.feasible(item)[location]),
         placement.is_valid(box.cells, box.placed, candidate),
-        placement.is_feasible(box._occupancy, candidate),
+        box.is_feasible(item, location),
     }
     assert len(answers) == 1
     return answers.pop()

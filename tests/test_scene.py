@@ -23,7 +23,7 @@ from packit_sim.geometry.lattice import CONTACT_TOLERANCE, Triple
 from packit_sim.geometry.motions import IDENTITY, Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.placement import BoxState, PosedItem
-from packit_sim.render import bullet, renderers
+from packit_sim.render import bullet, renderers, software
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
@@ -172,17 +172,21 @@ def test_a_world_is_replaced_before_it_has_too_many_triangles(
 ) -> None:
     monkeypatch.setattr("packit_sim.render.scene.MAX_TRIANGLES", 6000)
     worlds = Watched(monkeypatch, "packit_sim.render.scene", "open_world")
+    drawn_by = bullet.EglWorld if renderer == "egl" else software.SoftwareWorld
+    added = Watched(monkeypatch, drawn_by, "add_visual")
     with Scene(Box()) as scene:
         for scale in (0.1, 0.11, 0.12, 0.13):
             box = Box()
             box.place(Item(BALL, scale), (5, 5, 0))
             scene.update(box)
             world = worlds.returned[-1]
-            assert world.triangles <= 2 * len(BALL.mesh.faces) <= 6000
+            shapes = [
+                mesh for drawn, mesh, *_ in added.calls if drawn is world and mesh is BALL.mesh
+            ]
+            assert len(shapes) <= 2 and world.triangles <= 6000
             assert set(np.unique(scene.snapshot(64, 64).segmentation)) == {-1, 0}
             if isinstance(world, bullet.EglWorld):
-                visuals = round(world.triangles / len(BALL.mesh.faces))
-                assert len(list(world.folder.iterdir())) == visuals + 2
+                assert len(list(world.folder.iterdir())) == len(shapes) + 2
 
 
 def test_more_triangles_than_egl_draws(monkeypatch: pytest.MonkeyPatch) -> None:

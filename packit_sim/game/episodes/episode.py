@@ -384,6 +384,7 @@ class Episode:
         """Place the chosen item and return the reward."""
         assert self.shape is not None and self.rotation is not None and self.location is not None
         item = self.task.items[self.shape].turned(self.rotation)
+        count = len(self.box.placed)
         try:
             gained = self.box.put(item, self.location)
         except InfeasibleError:
@@ -397,6 +398,7 @@ class Episode:
         if self.rules.physics is not None:  # items move, so that others may fit again
             self._fitting.clear()
         if is_checking():
+            assert len(self.box.placed) == count + 1
             self._assert_same_as_box()
         self._find_end()
         return reward
