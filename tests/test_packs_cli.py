@@ -121,7 +121,7 @@ def test_statistics_by_hand(blocks: ShapeLibrary, counted: Path) -> None:
     spreads = train.spreads()
     assert list(spreads) == ["items a pack", "density", "generation", "size factor"]
     items = spreads["items a pack"]
-    assert (items.mean.mean, items.median, items.least, items.most) == (2, 2, 1, 3)
+    assert (items.mean.mean, items.median, items.minimum, items.maximum) == (2, 2, 1, 3)
     assert items.mean.low is not None and 1 <= items.mean.low < 2 < items.mean.high <= 3
     densities = [CUBE * 0.15625 + BRICK * 0.25, CUBE * 0.216, CUBE + BRICK]
     assert spreads["density"].mean.mean == pytest.approx(np.mean(densities))

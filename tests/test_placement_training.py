@@ -15,7 +15,7 @@ from packit_agents.placements.champion_training import (
 from packit_agents.placements.network import PlacementNetwork
 from packit_agents.placements.placement_features import FEATURES
 from packit_agents.placements.playing import (
-    MOST_PLACEMENTS,
+    MAX_PLACEMENTS,
     Decision,
     Play,
     best_return,
@@ -89,7 +89,7 @@ def test_plays_of_a_task_begin_with_the_same_items(tasks) -> None:
     assert (again[0].features == first.decisions[0].features).all()
     for decision in again:
         count, width = decision.features.shape
-        assert decision.chosen < count <= MOST_PLACEMENTS and width == len(FEATURES)
+        assert decision.chosen < count <= MAX_PLACEMENTS and width == len(FEATURES)
 
 
 def test_hidden_layers_add_nothing_at_first(tasks) -> None:

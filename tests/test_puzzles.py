@@ -82,7 +82,7 @@ def test_the_pieces_fill_the_box_and_come_in_from_above(
 def test_many_seeds_give_puzzles(kind: PuzzleName) -> None:
     cutter = CUTTERS[kind]
     for seed in range(12):
-        for pieces in (cutter.fewest, 8, 16, 24, 32, cutter.most):
+        for pieces in (cutter.min_pieces, 8, 16, 24, 32, cutter.max_pieces):
             box = cut_puzzle(kind, pieces, seed)
             assert len(box.placed) == pieces and 0.995 < box.density < 1 + 1e-9
 
@@ -173,7 +173,7 @@ def test_cuboids_are_within_the_stated_limits(kind: PuzzleName) -> None:
     for seed in range(5):
         for piece in drawn(kind, 16, seed):
             sides = np.ptp(piece.vertices, axis=0) / 40_000
-            assert sides.min() >= cuboid_cuts.LEAST_SIDE
+            assert sides.min() >= cuboid_cuts.MIN_SIDE
             share = sides.prod() / NODES**3 * 16
             assert cuboid_cuts.SHARES[0] <= share <= cuboid_cuts.SHARES[1]
 

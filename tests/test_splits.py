@@ -56,5 +56,5 @@ def test_no_object_is_torn_apart_and_none_is_in_two(
 
 
 def test_a_split_of_no_shapes_is_refused() -> None:
-    with pytest.raises(ValueError, match="most 0"):
-        divide({"a": "b"}, {"a": "a"}, most=0)
+    with pytest.raises(ValueError, match="max_shapes 0"):
+        divide({"a": "b"}, {"a": "a"}, max_shapes=0)

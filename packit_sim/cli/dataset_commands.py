@@ -33,7 +33,7 @@ from packit_sim.game.reports import statistics_plot
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.render import plots
 
-MOST_ROWS = 40
+MAX_ROWS = 40
 """Maximum rows of the table of items without a shape; the report contains all."""
 
 app = typer.Typer(
@@ -227,8 +227,8 @@ def _statistics_table(counted: Sequence[DatasetStatistics]) -> Table:
 def _unresolved(found: Original) -> Table:
     table = simple_table(*Original.COLUMNS)
     rows = found.rows()
-    for row in rows[:MOST_ROWS]:
+    for row in rows[:MAX_ROWS]:
         table.add_row(*map(escape, row))
-    if len(rows) > MOST_ROWS:
-        table.caption = f"and {len(rows) - MOST_ROWS} more: --report writes all"
+    if len(rows) > MAX_ROWS:
+        table.caption = f"and {len(rows) - MAX_ROWS} more: --report writes all"
     return table

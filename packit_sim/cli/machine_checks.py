@@ -94,7 +94,7 @@ print(json.dumps(("", None)), file=out)
 MEMORY = Path("/proc/meminfo")
 """Where Linux reports the memory."""
 
-LEAST_MEMORY = 2 * 2**30
+MIN_MEMORY = 2 * 2**30
 """Bytes of free memory below which large shapes and several processes may not fit."""
 
 
@@ -242,7 +242,7 @@ def machine() -> list[MachineCheck]:
     fields = dict(re.findall(r"(\w+):\s+(\d+) kB", MEMORY.read_text()))
     total, free = (1024 * int(fields[name]) for name in ("MemTotal", "MemAvailable"))
     text = f"{size_text(free)} free of {size_text(total)}"
-    if free >= LEAST_MEMORY:
+    if free >= MIN_MEMORY:
         return [cores, MachineCheck("memory", "ok", text)]
     remedy = "end other programs, or choose --workers 1"
     return [cores, MachineCheck("memory", "problem", text, remedy)]

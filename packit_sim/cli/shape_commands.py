@@ -42,7 +42,7 @@ from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.render.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE
 
-MOST_ROWS = 40
+MAX_ROWS = 40
 """Maximum rows of the table that an import prints; its report contains all."""
 
 app = typer.Typer(help="Describe shape libraries, and import meshes.", no_args_is_help=True)
@@ -399,7 +399,7 @@ def _report_table(outcomes: Sequence[ImportOutcome]) -> Table:
     notable = [outcome for outcome in outcomes if outcome.problem is not None]
     kept = [outcome for outcome in outcomes if outcome.problem is None]
     notable += sorted(kept, key=lambda o: (o.parts == 1, not o.repairs))
-    for outcome in notable[:MOST_ROWS]:
+    for outcome in notable[:MAX_ROWS]:
         info = outcome.info
         if info is None:
             table.add_row(escape(outcome.name), "", "", "", f"[red]{escape(outcome.problem or '')}")
@@ -415,8 +415,8 @@ def _report_table(outcomes: Sequence[ImportOutcome]) -> Table:
             _yes(info.watertight),
             escape(", ".join(done) or "as it was"),
         )
-    if len(notable) > MOST_ROWS:
-        table.caption = f"and {len(notable) - MOST_ROWS} more in the report"
+    if len(notable) > MAX_ROWS:
+        table.caption = f"and {len(notable) - MAX_ROWS} more in the report"
     return table
 
 

@@ -48,7 +48,7 @@ CELL_ROUNDING = 1e-6
 """Excess, in cells, over a whole number of cells at which an extent is still rounded down: the
 rounding error of an extent that is meant to be whole."""
 
-_MOST_CELLS = 2**31
+_CELLS_LIMIT = 2**31
 """Cells along an axis of an item that is larger than any box; more might overflow."""
 
 Triple = tuple[int, int, int]
@@ -68,7 +68,7 @@ def cell_box(extents: npt.ArrayLike) -> Triple:
         Cells along each axis, from 1 to 2**31.
     """
     cells = np.ceil(np.asarray(extents, dtype=float) * CELLS_PER_UNIT - CELL_ROUNDING)
-    x, y, z = np.minimum(np.maximum(cells, 1), _MOST_CELLS).astype(int).tolist()
+    x, y, z = np.minimum(np.maximum(cells, 1), _CELLS_LIMIT).astype(int).tolist()
     return x, y, z
 
 

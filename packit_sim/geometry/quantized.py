@@ -99,11 +99,11 @@ class QuantizedMesh:
             takes is bounded by the size of the file, not by what the file says of itself.
         """
         try:
-            most = MAX_COMPRESSION * file.stat().st_size
+            max_bytes = MAX_COMPRESSION * file.stat().st_size
             with ZipFile(file) as archive:
-                vertices = _array(archive, "vertices", ("<u2",), (None, 3), most)
-                faces = _array(archive, "faces", ("<u2", "<u4"), (None, 3), most)
-                extents = _array(archive, "extents", ("<f8",), (3,), most)
+                vertices = _array(archive, "vertices", ("<u2",), (None, 3), max_bytes)
+                faces = _array(archive, "faces", ("<u2", "<u4"), (None, 3), max_bytes)
+                extents = _array(archive, "extents", ("<f8",), (3,), max_bytes)
         except Exception as error:  # numpy and zipfile raise any error for a damaged file
             raise MeshError(f"not a stored mesh: {error or type(error).__name__}") from error
         if not len(vertices) or not len(faces) or faces.max() >= len(vertices):
@@ -127,7 +127,11 @@ class QuantizedMesh:
 
 
 def _array(
-    archive: ZipFile, name: str, kinds: tuple[str, ...], shape: tuple[int | None, ...], most: int
+    archive: ZipFile,
+    name: str,
+    kinds: tuple[str, ...],
+    shape: tuple[int | None, ...],
+    max_bytes: int,
 ) -> npt.NDArray[Any]:
     """Read an array of a given type, shape (None is any length) and maximum size in bytes."""
     with archive.open(f"{name}.npy") as member:
@@ -140,7 +144,7 @@ def _array(
         if kind.str not in kinds or not fits or by_columns:
             raise ValueError(f"{name!r} is {kind} of shape {lengths}")
         size = math.prod(lengths) * kind.itemsize
-        if size > most:
+        if size > max_bytes:
             raise ValueError(f"{name!r} would take {size:,} bytes: the file is too small for that")
         data = member.read(size + 1)  # to the end, where the checksum is compared
     if len(data) != size:

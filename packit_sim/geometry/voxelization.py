@@ -113,9 +113,9 @@ def solid_volume_bounds(triangles: npt.NDArray[np.float64]) -> tuple[float, floa
 
     Returns
     -------
-    least : float
+    lower : float
         Volume of the enclosed voxels.
-    most : float
+    upper : float
         Volume of the enclosed and the touched voxels.
     """
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
@@ -125,5 +125,5 @@ def solid_volume_bounds(triangles: npt.NDArray[np.float64]) -> tuple[float, floa
     cells = np.ceil((high - low) / cell).astype(np.int64) + margin
     touched = touched_cells(triangles - (low + high) / 2, cells, cell, voxel * 1e-9)
     enclosed = ~(touched | reached_cells(touched))
-    least = int(np.bitwise_count(enclosed).sum())
-    return least * voxel**3, (least + int(np.bitwise_count(touched).sum())) * voxel**3
+    inside = int(np.bitwise_count(enclosed).sum())
+    return inside * voxel**3, (inside + int(np.bitwise_count(touched).sum())) * voxel**3

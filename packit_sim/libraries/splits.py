@@ -15,12 +15,15 @@ Split = Literal["train", "test", "validation"]
 SPLITS: tuple[str, ...] = get_args(Split)
 """The three splits of a library (paper, section 3)."""
 
-MOST = 100
+MAX_SHAPES = 100
 """Maximum number of shapes of a category in a split (paper, section 3)."""
 
 
 def divide(
-    categories: Mapping[str, str], groups: Mapping[str, str], seed: int = 0, most: int = MOST
+    categories: Mapping[str, str],
+    groups: Mapping[str, str],
+    seed: int = 0,
+    max_shapes: int = MAX_SHAPES,
 ) -> dict[str, tuple[str, ...]]:
     """Divide shapes into splits.
 
@@ -32,7 +35,7 @@ def divide(
         The group of each id; shapes of one group are the same object and go to the same split.
     seed : int, default: 0
         The seed of the choice, which is independent for each category.
-    most : int
+    max_shapes : int
         The maximum number of shapes of a category in a split.
 
     Returns
@@ -43,14 +46,14 @@ def divide(
     Raises
     ------
     ArgumentError
-        If `most` is less than 1.
+        If `max_shapes` is less than 1.
 
     Notes
     -----
-    Every split gets `most` shapes of each category, or an equal share of a category with fewer than
-    three times as many. A remainder goes to the splits with the fewest shapes in total.
+    Every split gets `max_shapes` shapes of each category, or an equal share of a category with
+    fewer than three times as many. A remainder goes to the splits with the fewest shapes in total.
     """
-    check_range("most", most, Range(1), "shape of a category in a split")
+    check_range("max_shapes", max_shapes, Range(1), "shape of a category in a split")
     members = defaultdict(list)
     for id in sorted(categories):
         members[groups[id]].append(id)
@@ -67,7 +70,7 @@ def divide(
         for group in sorted(order, key=lambda name: -len(members[name])):
             split = min(SPLITS, key=lambda name: (inside[name], totals[name]))
             size = len(members[group])
-            if inside[split] and inside[split] + size > most:
+            if inside[split] and inside[split] + size > max_shapes:
                 continue
             split_of[group] = split
             inside[split] += size

@@ -262,7 +262,7 @@ def divide(infos: Mapping[str, ShapeInfo], seed: int = 0) -> dict[str, tuple[str
         {id: info.category for id, info in infos.items()},
         {id: info.group for id, info in infos.items()},
         seed,
-        most=max(1, len(infos)),
+        max_shapes=max(1, len(infos)),
     )
 
 

@@ -30,7 +30,7 @@ from packit_sim.libraries.library import ShapeLibrary
 FIRST_WEIGHTS = {"log volume": 48.0, "contact": 24.0, "top": -6.0}
 """The rule to begin with, which prefers large items, much contact and low tops."""
 
-LEAST_SCALE = 0.05
+MIN_SCALE = 0.05
 """Least scale of a feature: those that hardly vary don't become large."""
 
 _log = plain_logger(__name__)
@@ -270,7 +270,7 @@ def first_network(tasks: Sequence[Task], width: int, seed: int) -> PlacementNetw
         if is_random:
             tensors[name][:] = rng.normal(size=shape) * np.sqrt(2 / shape[1])
     tensors["mean"] = features.mean(axis=0)
-    tensors["scale"] = features.std(axis=0) + np.float32(LEAST_SCALE)
+    tensors["scale"] = features.std(axis=0) + np.float32(MIN_SCALE)
     tensors["linear.weight"][0] = rule * tensors["scale"]
     return PlacementNetwork(tensors, {})
 

@@ -32,7 +32,7 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.geometry.voxels import Voxels
 from packit_sim.placement import Occupancy, PlacedItem, fits, location_counts
 
-MOST_NODES = 63
+MAX_NODES = 63
 """Grid nodes along y that a row has bits for."""
 
 ALL_ROTATIONS = tuple(range(rotations.COUNT))
@@ -41,8 +41,8 @@ TURNED_BUDGET = 512 * 2**20
 """Maximum size of all cached items in their rotations, in bytes."""
 
 _TABLES = [turning_swaps(rotation) for rotation in ALL_ROTATIONS]
-_MOST_SWAPS = max(map(len, _TABLES))
-_SWAPS = np.stack([np.pad(table, ((0, _MOST_SWAPS - len(table)), (0, 0))) for table in _TABLES])
+_MAX_SWAPS = max(map(len, _TABLES))
+_SWAPS = np.stack([np.pad(table, ((0, _MAX_SWAPS - len(table)), (0, 0))) for table in _TABLES])
 """The `turning_swaps` of each rotation, with rows of zeros at the end, which have no effect."""
 
 
@@ -195,10 +195,10 @@ class FreeSpace:
             If the box has more than 63 grid nodes along y.
         """
         ny = grid_nodes(cells)[1]
-        if ny > MOST_NODES:
+        if ny > MAX_NODES:
             raise ArgumentError(
                 f"a box with {ny} grid nodes along y is too long for this agent: at most "
-                f"{MOST_NODES}"
+                f"{MAX_NODES}"
             )
         turned = [turned_item(item, allowed, cells) for item in items]
         rows = [each.all_rows(cells) for each in turned]
@@ -276,6 +276,6 @@ class FreeSpace:
         if len(box.placed):
             remove_blocked(box.arrays, turned.arrays, whole, box.spans)
         assert not (rows & ~whole).any(), "no location becomes free again"
-        removed = (whole & ~rows)[..., None] >> np.arange(MOST_NODES, dtype=np.uint64) & 1
+        removed = (whole & ~rows)[..., None] >> np.arange(MAX_NODES, dtype=np.uint64) & 1
         for n, k, i, j in np.argwhere(removed).tolist():
             assert not box.is_feasible(turned.items[n], (i, j, k)), "the meshes exclude it"

@@ -20,10 +20,10 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.lattice import Triple
 from packit_sim.placement import PlacedItem
 
-MOST_ITEMS = 6
+MAX_ITEMS = 6
 """Items whose placements are compared: the largest that fit."""
 
-MOST_LOOKED_AT = 40
+MAX_EXAMINED = 40
 """Feasible placements from which one is chosen after which the most volume still fits."""
 
 PLACEMENT_FEATURES = (
@@ -143,7 +143,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
         Its free space.
     outside : ndarray
         Bool (n items,), the items to place. Of equal items the first counts, and of those that
-        fit the `MOST_ITEMS` largest.
+        fit the `MAX_ITEMS` largest.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
         turned = space.items[n]
         if id(turned) in known:
             continue
-        if len(items) == MOST_ITEMS:
+        if len(items) == MAX_ITEMS:
             break
         known.add(id(turned))
         own_rows = space.rows(n, box)
@@ -239,11 +239,11 @@ def choose(found: Placements, feasible: Iterable[int]) -> int | None:
     Returns
     -------
     int or None
-        The placement. If none of the first `MOST_LOOKED_AT` keeps all these items, it is the one
+        The placement. If none of the first `MAX_EXAMINED` keeps all these items, it is the one
         that loses the least volume; None if no placement is feasible.
     """
     chosen, least = None, np.inf
-    for number in itertools.islice(feasible, MOST_LOOKED_AT):
+    for number in itertools.islice(feasible, MAX_EXAMINED):
         lost = found.lost(number)
         if lost < least:
             chosen, least = number, lost

@@ -16,7 +16,7 @@ from packit_sim.rules import PACKIT
 TRAINING_BUDGET = 3 * 2**30
 """Maximum size of all cached items in their rotations while tasks are played again, in bytes."""
 
-MOST_PLACEMENTS = 64
+MAX_PLACEMENTS = 64
 """Placements of a state from which one is drawn: those with the highest scores."""
 
 
@@ -78,7 +78,7 @@ def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list
     decisions = []
     while len(found := layout.placements()):
         scores = scorer(found.features)
-        best = np.argsort(-scores, kind="stable")[:MOST_PLACEMENTS]
+        best = np.argsort(-scores, kind="stable")[:MAX_PLACEMENTS]
         drawn = best[np.argsort(-(scores[best] + rng.gumbel(size=len(best))), kind="stable")]
         chosen = layout.place(found, drawn.tolist())
         if chosen is not None:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from packit_agents.placements.network import LAYERS, PlacementNetwork
-from packit_agents.placements.playing import MOST_PLACEMENTS, Play
+from packit_agents.placements.playing import MAX_PLACEMENTS, Play
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _chosen(model: _Network, features: Tensor, valid: Tensor, chosen: Tensor) ->
 
 
 def _padded(all_features: list[npt.NDArray[np.float32]]) -> tuple[Tensor, Tensor]:
-    features = np.zeros((len(all_features), MOST_PLACEMENTS, all_features[0].shape[1]), np.float32)
+    features = np.zeros((len(all_features), MAX_PLACEMENTS, all_features[0].shape[1]), np.float32)
     valid = np.zeros(features.shape[:2], dtype=bool)
     for n, own in enumerate(all_features):
         features[n, : len(own)] = own

@@ -16,7 +16,7 @@ from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.game.episodes.policy_registry import UnknownPolicyError
 from packit_sim.placement import PlacedItem
 
-MOST_REMOVED = 6
+MAX_REMOVED = 6
 """Largest number of items that leave the box at once, as long as better layouts are found."""
 
 PATIENCE = 20
@@ -100,7 +100,7 @@ class RuinAndRecreate:
         while len(best.placed) < len(items) and not clock.is_over():
             loss = LOSS * clock.share_left**2 * rng.exponential()
             least = current.volume - loss * volume
-            layout.restart(_ruined(current.placed, MOST_REMOVED + since_best // PATIENCE, rng))
+            layout.restart(_ruined(current.placed, MAX_REMOVED + since_best // PATIENCE, rng))
             layout.fill(policy.scorer, rng, TEMPERATURE, least)
             found = _Filled(layout.placed, layout.volume)
             if found.volume >= least:

@@ -11,7 +11,7 @@ from packit_agents.planning.rollouts import Best, fill_up, place
 from packit_sim.game.episodes.agents import Agent, OnProgress
 from packit_sim.game.episodes.episode import Episode, EpisodeState
 
-MOST_MOVED = 6
+MAX_MOVED = 6
 """Largest number of shapes whose place in the order changes at once."""
 
 
@@ -73,7 +73,7 @@ def _neighbour(packed: _Packed, rng: np.random.Generator) -> tuple[list[int], in
     """Draw a changed order; also return how many of its first shapes are unchanged."""
     moved = [int(rng.choice(packed.unplaced))]
     others = [shape for shape in packed.order if shape != moved[0]]
-    count = min(int(rng.integers(MOST_MOVED)), len(others))
+    count = min(int(rng.integers(MAX_MOVED)), len(others))
     moved += rng.choice(others, size=count, replace=False).tolist()
     order = [shape for shape in packed.order if shape not in moved]
     for shape in moved:

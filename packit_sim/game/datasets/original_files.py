@@ -27,7 +27,7 @@ from packit_sim.libraries.data_files import read_bytes
 SMALLEST, LARGEST = CELL, 1.75
 """Range of linear factors: a diagonal of one cell, and a little more than the box's diagonal."""
 
-MOST = 1e6
+MAX_NUMBER = 1e6
 """Bound on the absolute value of other numbers."""
 
 UNEQUAL = 1e-4
@@ -44,7 +44,7 @@ _LOG = "_log"
 """Ending of the log file next to a pack file."""
 
 
-Number = Annotated[float, Meta(ge=-MOST, le=MOST)]
+Number = Annotated[float, Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Factor = Annotated[float, Meta(ge=SMALLEST, le=LARGEST)]
 
 
@@ -87,7 +87,7 @@ class RecordedPack(Struct):
     scales: tuple[_Factors, ...]
     rotations: tuple[_Quaternion, ...]
     positions: tuple[_Position, ...]
-    efficiency: Annotated[float, Meta(ge=0, le=MOST)]
+    efficiency: Annotated[float, Meta(ge=0, le=MAX_NUMBER)]
     shape_scale: Factor | UnsetType = field(default=UNSET, name="shapeScale")
 
     def items(self) -> list[RecordedItem]:

@@ -22,10 +22,10 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.libraries.library import ShapeLibrary
 
-MOST_FREQUENT = 5
+MAX_CATEGORIES = 5
 """Number of categories that `DatasetStatistics.rows` names."""
 
-MOST_SCALES = 8
+MAX_SCALES = 8
 """Number of scales that `DatasetStatistics.rows` lists one by one."""
 
 DIGITS = 6
@@ -45,16 +45,16 @@ class Summary:
         The mean, with its 95% interval.
     median : float
         The median.
-    least : float
+    minimum : float
         The smallest value.
-    most : float
+    maximum : float
         The largest value.
     """
 
     mean: Estimate
     median: float
-    least: float
-    most: float
+    minimum: float
+    maximum: float
 
     @classmethod
     def of(cls, values: npt.NDArray[Any]) -> Summary:
@@ -187,12 +187,12 @@ class DatasetStatistics:
                 ends = f"{spread.mean.low:{mean}} to {spread.mean.high:{mean}}"
                 rows[f"{name}: 95% interval"] = ends
             rows[f"{name}: median"] = format(spread.median, other)
-            rows[f"{name}: range"] = f"{spread.least:{other}} to {spread.most:{other}}"
+            rows[f"{name}: range"] = f"{spread.minimum:{other}} to {spread.maximum:{other}}"
         shares = {name: _percent(share) for name, share in self.volume_quantiles().items()}
         rows["item volume: median"] = shares["median"]
         rows["item volume: 10% to 90%"] = f"{shares['10%']} to {shares['90%']}"
         rows["item volume: range"] = f"{shares['least']} to {shares['most']}"
-        if len(self.scales) <= MOST_SCALES:
+        if len(self.scales) <= MAX_SCALES:
             for scale in sorted(self.scales):
                 rows[f"items of scale {scale:g}"] = f"{self.scales[scale] / total:.0%}"
         else:
@@ -202,7 +202,7 @@ class DatasetStatistics:
         rows["categories"] = str(len(self.categories))
         rows["most frequent"] = "\n".join(
             f"{name} {count / total:.1%}"
-            for name, count in self.categories.most_common(MOST_FREQUENT)
+            for name, count in self.categories.most_common(MAX_CATEGORIES)
         )
         rows["rotations in use"] = f"{np.count_nonzero(self.rotations)} of {rotations.COUNT}"
         rows["items upright"] = f"{self.rotations[:UPRIGHT_ROTATIONS].sum() / total:.0%}"

@@ -17,16 +17,17 @@ from packit_sim.core.files import read_whole
 from packit_sim.game.datasets.provenance import Count
 
 MAX_COMPRESSION = 1032
-"""Most bytes of an array per byte of its file: more is impossible for deflate."""
+"""Maximum bytes of an array per byte of its file: deflate can't compress more."""
 
 MAX_EPISODES = 10**7
-"""Most episodes of a recording: Minari lists their numbers."""
+"""Maximum number of episodes of a recording: Minari lists their numbers."""
 
 CHUNK_BYTES = 1_000_000
-"""Approximate bytes of an array that are compressed at a time; at least one step."""
+"""Approximate bytes of an array that are compressed together; at least one step."""
 
 GZIP_LEVEL = 4
-"""For features, level 1 takes 40% more space and 20% less time, level 9 12% less and 2.5 times."""
+"""Compression level. For features, level 1 takes 40% more space and 20% less time, level 9 12% less
+space and 2.5 times as long."""
 
 _METADATA, _DATA = "metadata.json", "main_data.hdf5"
 
@@ -106,8 +107,8 @@ class Minari:
                 self._check(content, MAX_COMPRESSION * file.stat().st_size, {content})
             return self._dataset(folder)
 
-    def _check(self, group: Any, most: int, known: set[Any]) -> None:
-        """Raise RecordingError if arrays are larger than `most` bytes or not in this file.
+    def _check(self, group: Any, max_bytes: int, known: set[Any]) -> None:
+        """Raise RecordingError if arrays are larger than `max_bytes` bytes or not in this file.
 
         A group that is linked twice may contain itself, and reading would not end.
         """
@@ -120,16 +121,16 @@ class Minari:
                 raise RecordingError(f"{where!r} is linked twice")
             known.add(part)
             if isinstance(part, self._h5py.Group):
-                self._check(part, most, known)
+                self._check(part, max_bytes, known)
             elif not isinstance(part, self._h5py.Dataset):
                 raise RecordingError(f"{where!r} is not an array")
             elif part.external or part.is_virtual:
                 raise RecordingError(f"{where!r} is in another file")
-            elif part.dtype.hasobject or part.nbytes > most:
+            elif part.dtype.hasobject or part.nbytes > max_bytes:
                 raise RecordingError(f"{where!r} would take {part.nbytes:,} bytes")
 
     def allocate(self, folder: Path, episode: int, observation: Any, count: int) -> None:
-        """Create compressed arrays for so many observations, to which Minari appends."""
+        """Create compressed arrays for a number of observations, to which Minari appends."""
         (path,) = folder.glob("*.hdf5")
         with self._h5py.File(path, "a", track_order=True) as file:
             self._create(

@@ -10,7 +10,7 @@ import numpy as np
 from packit_sim.game.generation.puzzle_pieces import NODES, PuzzlePiece
 from packit_sim.geometry.lattice import Triple
 
-LEAST_SIDE = 3
+MIN_SIDE = 3
 """The shortest side of a piece, in steps of the grid."""
 
 SHARES = (0.25, 4.0)
@@ -127,13 +127,13 @@ def divided(
 def _halved(block: Block, rng: np.random.Generator) -> list[Block] | None:
     """Cut a block by a plane."""
     start, stop = block
-    axes = [axis for axis, side in enumerate(extents(block)) if side >= 2 * LEAST_SIDE]
+    axes = [axis for axis, side in enumerate(extents(block)) if side >= 2 * MIN_SIDE]
     if not axes:
         return None
     axis = int(rng.choice(axes))
     side = extents(block)[axis]
-    least = max(LEAST_SIDE, math.ceil(CUT[0] * side))
-    most = min(side - LEAST_SIDE, math.floor(CUT[1] * side))
+    least = max(MIN_SIDE, math.ceil(CUT[0] * side))
+    most = min(side - MIN_SIDE, math.floor(CUT[1] * side))
     at = start[axis] + int(rng.integers(least, most + 1))
     return [(start, moved(stop, axis, at)), (moved(start, axis, at), stop)]
 
@@ -141,7 +141,7 @@ def _halved(block: Block, rng: np.random.Generator) -> list[Block] | None:
 def whirled(block: Block, rng: np.random.Generator) -> list[Block] | None:
     """Cut a block into a pinwheel: four cuboids around a fifth, along a random axis."""
     sides = extents(block)
-    long = [axis for axis in range(3) if sides[axis] >= 3 * LEAST_SIDE]
+    long = [axis for axis in range(3) if sides[axis] >= 3 * MIN_SIDE]
     if len(long) < 2:
         return None
     u, v = (int(axis) for axis in rng.choice(long, 2, replace=False))
@@ -158,8 +158,8 @@ def whirled(block: Block, rng: np.random.Generator) -> list[Block] | None:
 def _two_cuts(block: Block, axis: int, rng: np.random.Generator) -> tuple[int, int]:
     """Draw two cuts of a side near its thirds."""
     side = extents(block)[axis]
-    spare = side - 3 * LEAST_SIDE
-    first = LEAST_SIDE + int(rng.integers(round(spare / 3 * 0.5), round(spare / 3 * 1.5) + 1))
-    rest = side - first - 2 * LEAST_SIDE
-    second = first + LEAST_SIDE + int(rng.integers(round(rest / 4), max(rest - rest // 4, 0) + 1))
+    spare = side - 3 * MIN_SIDE
+    first = MIN_SIDE + int(rng.integers(round(spare / 3 * 0.5), round(spare / 3 * 1.5) + 1))
+    rest = side - first - 2 * MIN_SIDE
+    second = first + MIN_SIDE + int(rng.integers(round(rest / 4), max(rest - rest // 4, 0) + 1))
     return block[0][axis] + first, block[0][axis] + second

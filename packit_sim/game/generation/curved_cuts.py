@@ -28,10 +28,10 @@ STEEPEST = 1.5
 SEGMENTS = 12
 """Straight segments of a curved profile; the extremes of all of them are at ends of segments."""
 
-LEAST_RISE = 2
+MIN_RISE = 2
 """The least difference of a profile's extremes, in steps of the grid."""
 
-THINNEST = 1
+MIN_THICKNESS = 1
 """The least thickness of a piece, in steps of the grid."""
 
 SHARES = (0.3, 0.7)
@@ -167,8 +167,8 @@ def _surfaces(block: Block, across: int, along: int, heights: Floats) -> list[Cu
     return [
         CutSurface(across, along, form, low, high)
         for form in (heights, 1 - heights)
-        for low in range(THINNEST, height - THINNEST)
-        for high in range(low + LEAST_RISE, height - THINNEST + 1)
+        for low in range(MIN_THICKNESS, height - MIN_THICKNESS)
+        for high in range(low + MIN_RISE, height - MIN_THICKNESS + 1)
         if (high - low) * steepest <= STEEPEST
         and least <= low + (high - low) * float(form[1:].mean() + form[:-1].mean()) / 2 <= most
     ]

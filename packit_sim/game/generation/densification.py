@@ -36,7 +36,7 @@ PAIRS = 0.4
 """Probability that a move replaces two neighbouring items, not one."""
 
 NEIGHBOURS = 4
-"""The second item is one of so many nearest to the first."""
+"""Number of nearest neighbours from which the second item is drawn."""
 
 SAME_SHAPE = 0.25
 """Probability that the shape of a new item is that of an item which it replaces."""
@@ -54,8 +54,8 @@ DENSE = 0.8
 """Density that packs hardly reach: items above the floor of such a pack never block growth."""
 
 BLOCKING, SMALLEST_FIRST = 1.2, 0.5
-"""A smallest share below so many times the floor is a reason to choose the smallest item first, and
-the probability that it is."""
+"""If the smallest share is below `BLOCKING` times the floor, the smallest item is chosen first with
+probability `SMALLEST_FIRST`."""
 
 EARLY = 0.5
 """Share of the rounds in which the smallest item may be below the floor."""
@@ -67,7 +67,7 @@ MORE_ROUNDS = 3
 """Factor on the rounds, after which a pack with an item below the floor is begun again."""
 
 BEGINNINGS = 5
-"""How often a pack is begun before it is given up."""
+"""Maximum number of attempts to begin a pack."""
 
 PRECISION = 0.01
 """Relative precision of the largest volume of an item."""
@@ -93,7 +93,7 @@ class DensificationState(Struct, frozen=True):
     densities : list of float
         The density after each round.
     beginnings : int
-        How often the pack was begun.
+        The number of times that the pack was begun.
     """
 
     seed: int
@@ -160,7 +160,7 @@ class Densification:
 
     @property
     def is_over(self) -> bool:
-        """Whether all rounds are done, and no item is too small."""
+        """True if all rounds are done, and no item is too small."""
         return len(self.densities) > self.settings.rounds and self._holds_floor
 
     @property
@@ -319,7 +319,7 @@ class Densification:
         return [self._items.pop(n) for n in sorted(chosen, reverse=True)]
 
     def _smallest(self, before: list[PlacedItem], former: list[PlacedItem]) -> float:
-        """Compute the least volume of a new item.
+        """Compute the minimum volume of a new item.
 
         It is the floor now, and that of a pack as dense as `DENSE` unless a former item is smaller:
         small items are replaced by larger ones, and not the reverse.
@@ -328,23 +328,25 @@ class Densification:
         later = self.settings.floor * DENSE * self._box.volume
         return max(now, min(later, *(placed.item.volume for placed in former)))
 
-    def _replace(self, former: list[PlacedItem], least: float, most: float) -> bool:
+    def _replace(self, former: list[PlacedItem], min_volume: float, max_volume: float) -> bool:
         """Add an item of the first of some random shapes that fits."""
-        return any(self._add(self._shape_like(former), least, most) for _ in range(SHAPES_TRIED))
+        return any(
+            self._add(self._shape_like(former), min_volume, max_volume) for _ in range(SHAPES_TRIED)
+        )
 
-    def _add(self, shape: Shape, least: float, most: float) -> bool:
+    def _add(self, shape: Shape, min_volume: float, max_volume: float) -> bool:
         """Add the largest item of a shape that fits, unless the shape is in the box too often."""
         used = sum(placed.item.shape is shape for placed in self._items)
-        most = min(most, self.settings.largest * self._box.volume)
-        if used >= self.settings.copies or least > most:
+        max_volume = min(max_volume, self.settings.largest * self._box.volume)
+        if used >= self.settings.copies or min_volume > max_volume:
             return False
-        placed = self._holes().largest(shape, least, most, self._rng, PRECISION)
+        placed = self._holes().largest(shape, min_volume, max_volume, self._rng, PRECISION)
         if placed is not None:
             self._items.append(placed)
         return placed is not None
 
     def _holes(self) -> Holes:
-        """Bring the box up to date, and look at it."""
+        """Bring the box up to date, and return its free space."""
         self._box.restore(BoxState(self._box.cells, tuple(self._items)))
         return Holes.of(self._box)
 
@@ -359,7 +361,7 @@ class Densification:
 
     @property
     def _is_early(self) -> bool:
-        """Whether items may still be too small: they began alike, and don't all grow at once."""
+        """True while items may be too small: they start equal, and grow one after the other."""
         return len(self.densities) <= EARLY * self.settings.rounds
 
     @property

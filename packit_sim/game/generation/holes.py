@@ -1,9 +1,8 @@
 """Holes in a box: the largest item of a shape that fits into one, at any scale and rotation.
 
-Points of the shape are compared with the fine cells of the box first, for all rotations and
-locations at once and without voxels of the item, which would have to be computed for each scale.
-A point inside another item proves that the placement is not feasible; what remains is decided by
-the engine.
+First, points of the shape are compared with the fine cells of the box, for all rotations and
+locations at once. This needs no voxels of the item, which would have to be computed for each scale.
+A point inside another item proves that a placement is not feasible. The engine decides the rest.
 """
 
 from __future__ import annotations
@@ -38,14 +37,14 @@ SOLID_POINTS, SURFACE_POINTS = 3000, 4000
 DEEP = 1.02 * math.sqrt(3) * FINE
 """Depth of a point, in box units, from which its whole fine cell is inside the shape."""
 
-MOST_FOUND = 64
+MAX_FOUND = 64
 """Placements to find at a scale before the engine decides some of them."""
 
-MOST_DECIDED = 12
+MAX_DECIDED = 12
 """Placements at a scale for the engine to decide; the scale is reduced if all are infeasible."""
 
 REDUCTIONS, REDUCTION = 8, 0.97
-"""How often the volume is reduced at most, and by which factor."""
+"""Maximum number of reductions of the volume, and the factor of each."""
 
 LARGEST_SIDE = 0.9999
 """Longest side of an item relative to the box's shortest: the rest is for rounding."""
@@ -112,7 +111,7 @@ class Holes:
 
     @classmethod
     def of(cls, box: Box) -> Holes:
-        """Look at a box as it is now."""
+        """Take the free space of a box in its present state."""
         bricks, _, _, _, ny = box.arrays
         return cls(box, inner_rows(bricks[1], ny))
 
@@ -122,9 +121,9 @@ class Holes:
         return shape.volume * (LARGEST_SIDE * side / longest) ** 3
 
     def placements(
-        self, shape: Shape, scale: float, turns: Sequence[int], each: int, most: int
+        self, shape: Shape, scale: float, turns: Sequence[int], each: int, max_count: int
     ) -> list[tuple[int, tuple[int, int, int]]]:
-        """Find where points of a shape do not show that it is infeasible.
+        """Find placements that points of a shape do not prove to be infeasible.
 
         Parameters
         ----------
@@ -136,14 +135,14 @@ class Holes:
             The rotations to look at, in this order.
         each : int
             The number of placements to find for each rotation.
-        most : int
+        max_count : int
             The number of placements to find in all.
 
         Returns
         -------
         list of tuple
             Rotations and locations. All feasible placements are among them, unless there are more
-            than `each` or `most`.
+            than `each` or `max_count`.
         """
         side = float(np.cbrt(scale))
         own = shape_points(shape)
@@ -152,7 +151,7 @@ class Holes:
         upright = np.array(Item(shape, scale).cells)
         rows = np.concatenate([axes, rotations.SIGNS[order], upright[axes]], axis=1)
         limits = np.minimum((self.box.cells - upright[axes]) // STEP + 1, self.box.nodes)
-        found = np.empty((most, 4), dtype=np.int64)
+        found = np.empty((max_count, 4), dtype=np.int64)
         count = find_holes(
             self.box.arrays,
             self.rows,
@@ -167,7 +166,12 @@ class Holes:
         return [(turns[turn], (i, j, k)) for turn, i, j, k in found[:count].tolist()]
 
     def largest(
-        self, shape: Shape, least: float, most: float, rng: np.random.Generator, precision: float
+        self,
+        shape: Shape,
+        min_volume: float,
+        max_volume: float,
+        rng: np.random.Generator,
+        precision: float,
     ) -> PlacedItem | None:
         """Find a feasible placement of a shape with about the largest possible volume.
 
@@ -175,9 +179,9 @@ class Holes:
         ----------
         shape : Shape
             The shape.
-        least : float
+        min_volume : float
             The least volume of the item, in cubic box units.
-        most : float
+        max_volume : float
             The largest volume of the item, in cubic box units.
         rng : numpy.random.Generator
             Source of randomness.
@@ -189,15 +193,15 @@ class Holes:
         PlacedItem or None
             The item, which is feasible; None if none was found.
         """
-        most = min(most, self.largest_volume(shape))
-        if least > most:
+        max_volume = min(max_volume, self.largest_volume(shape))
+        if min_volume > max_volume:
             return None
         order = rng.permutation(rotations.COUNT).tolist()
-        fitting = self.placements(shape, least / shape.volume, order, 1, rotations.COUNT)
+        fitting = self.placements(shape, min_volume / shape.volume, order, 1, rotations.COUNT)
         if not fitting:
             return None
         turns = [turn for turn, _ in fitting]
-        low, high = least, most
+        low, high = min_volume, max_volume
         if self.placements(shape, high / shape.volume, turns, 1, 1):
             low = high
         while high > low * (1 + precision):
@@ -208,9 +212,9 @@ class Holes:
                 high = middle
         for _ in range(REDUCTIONS):
             found = self._feasible(shape, low / shape.volume, turns, rng)
-            if found is not None or low <= least:
+            if found is not None or low <= min_volume:
                 return found
-            low = max(least, low * REDUCTION)
+            low = max(min_volume, low * REDUCTION)
         return None
 
     def another(self, item: Item, rng: np.random.Generator) -> PlacedItem | None:
@@ -222,8 +226,8 @@ class Holes:
         self, shape: Shape, scale: float, turns: Sequence[int], rng: np.random.Generator
     ) -> PlacedItem | None:
         """Let the engine decide some placements at a scale, in a random order."""
-        candidates = self.placements(shape, scale, turns, MOST_FOUND, MOST_FOUND)
-        for n in rng.permutation(len(candidates))[:MOST_DECIDED].tolist():
+        candidates = self.placements(shape, scale, turns, MAX_FOUND, MAX_FOUND)
+        for n in rng.permutation(len(candidates))[:MAX_DECIDED].tolist():
             turn, location = candidates[n]
             item = Item(shape, scale, turn)
             if self.box.is_feasible(item, location):

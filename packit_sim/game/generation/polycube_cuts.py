@@ -32,7 +32,7 @@ piece, and a face of a notch that looks towards the centre moves outwards with i
 of the contact tolerance: without a clearance, pieces that fill each other's notches would be in
 conflict."""
 
-LEAST_LOCKED = 3
+MIN_LOCKED = 3
 """Directions, of six, in which one of two pieces that interlock can't leave the other."""
 
 Labels = npt.NDArray[np.int64]
@@ -77,7 +77,7 @@ def interlocks(labels: Labels) -> bool:
             return False
     names = np.unique(labels)
     return any(
-        locked(labels == one, labels == other) >= LEAST_LOCKED
+        locked(labels == one, labels == other) >= MIN_LOCKED
         for n, one in enumerate(names)
         for other in names[:n]
     )

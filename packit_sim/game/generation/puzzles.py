@@ -36,7 +36,7 @@ LIBRARY_FOLDER = "library"
 """The folder of the pieces, in the dataset's folder."""
 
 ATTEMPTS = 1000
-"""How often cuts are drawn for one puzzle; most draws give one."""
+"""Maximum number of draws of cuts for one puzzle; most draws succeed."""
 
 
 class Cutter(NamedTuple):
@@ -46,13 +46,13 @@ class Cutter(NamedTuple):
     ----------
     cut : callable
         Draws cuts into a number of pieces; None if they are not valid.
-    fewest, most : int
-        The possible numbers of pieces.
+    min_pieces, max_pieces : int
+        The range of the number of pieces.
     """
 
     cut: Callable[[int, np.random.Generator], list[PuzzlePiece] | None]
-    fewest: int
-    most: int
+    min_pieces: int
+    max_pieces: int
 
 
 CUTTERS: dict[PuzzleName, Cutter] = {
@@ -66,7 +66,7 @@ CUTTERS: dict[PuzzleName, Cutter] = {
 
 @dataclass(frozen=True)
 class PuzzleJob:
-    """A dataset of puzzles: so many packs of each kind and number of pieces.
+    """A dataset of puzzles: a number of packs of each kind and number of pieces.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class PuzzleJob:
     Raises
     ------
     ArgumentError
-        If there is no such kind, or a box can't be cut into so many pieces.
+        If there is no such kind, or a box can't be cut into this number of pieces.
     """
 
     cuts: tuple[PuzzleName, ...]
@@ -122,7 +122,7 @@ def cut_puzzle(cuts: PuzzleName, pieces: int, seed: int = 0) -> Box:
     Raises
     ------
     ArgumentError
-        If there is no such kind, or a box can't be cut into so many pieces.
+        If there is no such kind, or a box can't be cut into this number of pieces.
     GenerationError
         If no valid cuts were found.
     """
@@ -199,5 +199,7 @@ def _cutter(cuts: PuzzleName, pieces: int) -> Cutter:
     if cuts not in CUTTERS:
         raise ArgumentError(f"no puzzle {cuts!r}: choose from {', '.join(CUTTERS)}")
     cutter = CUTTERS[cuts]
-    check_range("pieces", pieces, Range(cutter.fewest, cutter.most), f"for a {cuts} puzzle")
+    check_range(
+        "pieces", pieces, Range(cutter.min_pieces, cutter.max_pieces), f"for a {cuts} puzzle"
+    )
     return cutter

@@ -14,13 +14,13 @@ from packit_sim.game.datasets.statistics import DatasetStatistics
 from packit_sim.libraries.splits import SPLITS
 from packit_sim.render import plots
 
-LEAST_BINS, MOST_BINS = 7, 24
+MIN_BINS, MAX_BINS = 7, 24
 """Range of the number of bins of a histogram, which grows with the number of packs."""
 
 FILL = 0.45
 """Total opacity of the bars of a histogram, shared by the splits."""
 
-MOST_CATEGORIES = 30
+MAX_CATEGORIES = 30
 """Number of categories that are shown, the most frequent."""
 
 MARKERS = "osD^v"
@@ -89,7 +89,7 @@ def _edges(samples: Sequence[Numbers], log: bool) -> Numbers:
     """Return the edges of bins for all values: between whole numbers, or evenly spaced."""
     values = np.concatenate(samples)
     low, high = values.min(), values.max()
-    bins = int(np.clip(2 * np.sqrt(min(map(len, samples))), LEAST_BINS, MOST_BINS))
+    bins = int(np.clip(2 * np.sqrt(min(map(len, samples))), MIN_BINS, MAX_BINS))
     if values.dtype.kind == "i":
         width = int(np.ceil((high - low + 1) / bins))
         return low - 0.5 + width * np.arange(int(np.ceil((high - low + 1) / width)) + 1)
@@ -104,7 +104,7 @@ def _categories(axes: Any, splits: Sequence[DatasetStatistics]) -> None:
     total: Counter[str] = Counter()
     for split in splits:
         total.update({k: n / len(split.volumes) for k, n in split.categories.items()})
-    names = [name for name, _ in total.most_common(MOST_CATEGORIES)]
+    names = [name for name, _ in total.most_common(MAX_CATEGORIES)]
     rows = np.arange(len(names))
     shares = np.array(
         [[100 * c.categories[name] / len(c.volumes) for name in names] for c in splits]
