@@ -25,7 +25,7 @@ from packit_sim.placement import Blockers, Mask, Occupancy, checked_location
 
 
 class BaseBox(ABC, Generic[ItemT]):
-    """What all boxes share, whether their items stay on the grid or settle.
+    """The base of all boxes, whose items stay on the grid or settle.
 
     Parameters
     ----------
@@ -121,10 +121,10 @@ class BaseBox(ABC, Generic[ItemT]):
         item : Item
             The item to place, in its rotation.
         start : Triple, default: (0, 0, 0)
-            Where to begin, if nothing before it is feasible: for example the answer when the box
-            contained fewer items, since an occupied location never becomes free again.
+            The location to begin at, if none before it is feasible: for example the answer when
+            the box contained fewer items, since an occupied location never becomes free again.
         layers : int, optional
-            How many layers of nodes to search, from the lowest; all by default.
+            The number of layers of nodes to search, from the lowest; all by default.
 
         Returns
         -------
@@ -341,7 +341,7 @@ class Box(BaseBox[PlacedItem]):
         item : Item
             The item to place, in its rotation.
         start : Triple, default: (0, 0, 0)
-            Where to begin, as for `blbf`.
+            The location to begin at, as for `blbf`.
 
         Returns
         -------

@@ -20,7 +20,7 @@ RotationSet = Literal["all", "yaw"]
 """Names of sets of rotations: all 24, or the four about the vertical axis."""
 
 _ROTATIONS: dict[RotationSet, int] = {"all": COUNT, "yaw": 4}
-"""How many of the first rotations belong to each set."""
+"""The number of rotations of each set, which are the first ones by index."""
 
 
 class End(enum.StrEnum):
@@ -33,7 +33,7 @@ class End(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Rules:
-    """How an episode is played.
+    """The variant of the game that an episode plays.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class Rules:
     cells : tuple of int, optional
         Cells of the box along x, y and z; None takes those of the task.
     buffer : int, optional
-        Number of items that are visible at a time in the online game, in which items arrive one by
-        one (see `Episode`); None is the offline game, in which all are visible.
+        Number of visible items in the online game, in which items arrive one by one (see
+        `Episode`); None is the offline game, in which all are visible.
     rotations : str
         The rotations that items may have: "all" 24, or "yaw", the four about the vertical axis.
 

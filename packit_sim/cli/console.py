@@ -1,4 +1,4 @@
-"""What the commands share: the console, progress bars and common options."""
+"""The console, progress bars and options that the commands share."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def checked_dataset(name: str | None) -> str | None:
     file = Path(name)
     suffix = file.suffix.lower()
     if suffix in (".jsonl", *MESH_SUFFIXES) or not file.is_file():
-        return name  # what reads it says what is wrong
+        return name  # its reader reports the problem
     with file.open("rb") as opened:
         line = opened.readline().strip()
     if not (line.startswith(b"{") and line.endswith(b"}")):

@@ -173,7 +173,7 @@ def compare_command(
         typer.Option(
             min=0,
             metavar="SECONDS",
-            help="Compare what the agents had reached after so many processor seconds on a task; "
+            help="Compare the best returns after this number of processor seconds on a task; "
             "default: at the end.",
         ),
     ] = None,

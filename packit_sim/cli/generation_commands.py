@@ -158,7 +158,7 @@ def generate_command(
     of their pieces is written as well.
 
     Shapes are drawn from the library with replacement and rescaled to fill a box of length 1, so
-    that a dataset from a folder of your own meshes has tasks with their shapes, but not with their
+    that a dataset from a folder of your meshes has tasks with their shapes, but not with their
     real sizes or numbers: `packit pack` packs your parts as they are.
 
     Pack n has the seed SEED + n, so that each can be generated again on its own. The command can be

@@ -30,16 +30,16 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def serve_until_interrupt(what: str, address: str, host: str, browser: bool) -> None:
-    """Say where a page is, open it, and wait for Ctrl-C.
+    """Print the address of a page, open it, and wait for Ctrl-C.
 
     Parameters
     ----------
     what : str
-        What the page shows.
+        The content of the page.
     address : str
         The page's URL.
     host : str
-        Where its server listens.
+        The address at which its server listens.
     browser : bool
         Whether a browser opens it, if there is a screen.
     """

@@ -1,4 +1,4 @@
-"""What works on this machine: packages, renderers, cores, memory and caches.
+"""Checks of this machine: packages, renderers, cores, memory and caches.
 
 Packages are imported in separate processes: one that is broken may crash its process.
 """
@@ -69,7 +69,7 @@ PURPOSES = {
     "torch": "networks",
     "viser": "the viewer: packit view",
 }
-"""What each optional package is for, by the name that is imported."""
+"""The purpose of each optional package, by the name that is imported."""
 
 COMPILED = ("coacd", "pybullet", "ray", "torch")
 """Optional packages with compiled code that may not work here: they are imported."""
@@ -92,7 +92,7 @@ print(json.dumps(("", None)), file=out)
 """A script that imports packages; it prints each name before, so that the last one has crashed."""
 
 MEMORY = Path("/proc/meminfo")
-"""Where Linux reports the memory."""
+"""The file in which Linux reports the memory."""
 
 MIN_MEMORY = 2 * 2**30
 """Bytes of free memory below which large shapes and several processes may not fit."""
@@ -100,18 +100,18 @@ MIN_MEMORY = 2 * 2**30
 
 @dataclass(frozen=True)
 class MachineCheck:
-    """What was found out about one thing.
+    """The result of one check.
 
     Attributes
     ----------
     name : str
         The thing.
     status : Status
-        "ok"; "missing" for what is optional and not there; or "problem".
+        "ok"; "missing" for a missing optional package; or "problem".
     found : str
         A version, a size or the problem.
     remedy : str
-        What to do; empty if it works.
+        An instruction; empty if it works.
     required : bool
         Whether everything needs it.
     """
@@ -124,12 +124,12 @@ class MachineCheck:
 
 
 def all_checks() -> list[MachineCheck]:
-    """Check everything, several things at a time.
+    """Run all checks, several at the same time.
 
     Returns
     -------
     list of MachineCheck
-        What was found, in the order of importance.
+        The results, in the order of importance.
     """
     tasks: list[Callable[[], list[MachineCheck]]] = [
         _installation,
@@ -234,7 +234,7 @@ def _version(package: str) -> str | None:
 
 
 def machine() -> list[MachineCheck]:
-    """Look at the cores and the memory; only Linux says all of it."""
+    """Look up the cores and the memory, all of which only Linux reports."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = MachineCheck("cores", "ok", f"{usable} usable of {os.cpu_count()}")
     if not MEMORY.is_file():
@@ -249,7 +249,7 @@ def machine() -> list[MachineCheck]:
 
 
 def _caches() -> list[MachineCheck]:
-    """Look at the folders of compiled code and of results that take long."""
+    """Look up the folders of compiled code and of cached results."""
     kernels = compilation.kernel_folder()
     if kernels is None:
         first = MachineCheck(

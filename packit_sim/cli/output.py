@@ -1,4 +1,4 @@
-"""What commands print and write: tables, JSON files, and where the files are."""
+"""Output of commands: tables, JSON files, and the paths of written files."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def check_shown(
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all, and print its path."""
+    """Write a JSON file atomically, and print its path."""
     replace_text(path, json.dumps(content, ensure_ascii=False, indent=1) + "\n")
     print_written(path)
 
@@ -72,7 +72,7 @@ def stoppable(hint: str) -> Iterator[None]:
     Parameters
     ----------
     hint : str
-        What is left behind, or how to resume.
+        A note on what remains, or on how to resume.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""`packit compact` and `packit score`: what is left to gain in packs, and their quality."""
+"""`packit compact` and `packit score`: compaction of packs, and their quality."""
 
 from __future__ import annotations
 

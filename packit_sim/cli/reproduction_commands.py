@@ -63,12 +63,12 @@ PORTFOLIO = "portfolio"
 ALL = "all"
 
 CHOICES = (*TABLES, EVOLUTION, ALL, PORTFOLIO)
-"""What can be reproduced; `ALL` stands for those before it."""
+"""The tables and figures by name; `ALL` stands for those before it."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What all tables and figures of a reproduction share.
+    """The settings that all tables and figures of a reproduction share.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def reproduce_command(
 ) -> None:
     """Reproduce a table or figure of the paper, and print our numbers next to the paper's.
 
-    The portfolio is beyond the paper: what rules with searches reach in so many processor seconds.
+    The portfolio is beyond the paper: returns of rules with searches over processor seconds.
     It takes over two hours of one core, and is not part of "all".
 
     The command can be stopped at any time: repeat it to resume.
@@ -220,7 +220,7 @@ def _portfolio(dataset: str, split: str | None, run: Run) -> None:
 
 
 def _tasks(dataset: str, split: str | None, run: Run) -> tuple[LibraryRef, list[Task], str]:
-    """Load tasks; also return their library, and what they are."""
+    """Load tasks; also return their library and their description."""
     opened = open_library(run.library, dataset, split)
     tasks = list(load_tasks(dataset, opened, split)[: QUICK_TASKS if run.quick else None])
     source = f"{dataset}{f', {split}' if split else ''}: {len(tasks)} tasks"

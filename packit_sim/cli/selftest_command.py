@@ -36,7 +36,7 @@ COMPARISONS = (
     "ways up",
     "shared volumes",
 )
-"""What is counted, by the names in the file of totals."""
+"""The counts, by their names in the file of totals."""
 
 if TYPE_CHECKING:
     from packit_sim.selftest.totals import Totals

@@ -231,7 +231,8 @@ def import_command(
     workers: WorkersOption = 0,
     seed: SeedOption = 0,
     everything: Annotated[
-        bool, typer.Option("--all", help="Also import what is in none of the source's splits.")
+        bool,
+        typer.Option("--all", help="Also import shapes that are in none of the source's splits."),
     ] = False,
     report: Annotated[
         Path | None, typer.Option(help="JSON file of the report; default: OUT.report.json.")

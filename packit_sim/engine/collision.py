@@ -50,9 +50,9 @@ def collides(placed: PlacedItem, other: ItemInBox) -> bool:
     Notes
     -----
     For two items on the grid the answer depends only on the items and the whole half cells between
-    their centres: the first in a fixed order of items is put at the origin, wherever they are in
-    the box and whichever was placed first. The pose of an item off the grid is taken relative to
-    the centre of the one on the grid.
+    their centres: the first in a fixed order of items is put at the origin, independently of their
+    places in the box and of which was placed first. The pose of an item off the grid is taken
+    relative to the centre of the one on the grid.
     """
     pair = Pair.of(placed, other)
     return collision_mesh(pair.item).crosses(collision_mesh(pair.other), pair)

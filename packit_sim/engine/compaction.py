@@ -19,14 +19,14 @@ from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, CONTACT_TOLERANCE
 
 GAP = CONTACT_TOLERANCE / 10
-"""Box units that moves leave between collision meshes, which are shrunk: more than the rounding of
-surfaces that touch, and so little that meshes interpenetrate by less than the tolerance."""
+"""Gap in box units that moves leave between collision meshes, which are shrunk: more than rounding
+of surfaces that touch, and so little that meshes interpenetrate by less than the tolerance."""
 
 SMALLEST_MOVE = 1e-4
-"""Box units: a round in which no item moves farther is the last."""
+"""Distance in box units: a round in which no item moves farther is the last."""
 
 ROUNDS = 50
-"""Largest number of rounds."""
+"""Maximum number of rounds."""
 
 DOWN: AxisNumber = 2
 
@@ -62,7 +62,7 @@ class Compacted:
 
     @property
     def filled(self) -> tuple[float, float]:
-        """How densely items fill the corner at the origin, before and after.
+        """Density of the items in the corner at the origin, before and after.
 
         The items' volume relative to that of the smallest box around the origin and all items; 0
         without items.
@@ -88,7 +88,7 @@ def compact(box: Contents[PlacedItem], rounds: int = ROUNDS) -> Compacted:
     box : Contents
         The box and the items in it.
     rounds : int, default: 50
-        Largest number of rounds.
+        Maximum number of rounds.
 
     Returns
     -------

@@ -82,7 +82,7 @@ class PartArrays(NamedTuple):
         return cls(points, extents, triangles, part, boxes, starts)
 
     def outline(self, turn: Floats) -> Floats:
-        """Compute what decides quickly that nothing is inside (see `points_within`).
+        """Compute a bound that quickly proves that nothing is inside (see `points_within`).
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ def nested(
     other_turn : ndarray of float64, shape (3, 3)
         The rotation of the other.
     shift : ndarray of float64, shape (3,)
-        From the centre of the first to that of the other.
+        The vector from the centre of the first to that of the other.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def nested_oracle(
     points_turn : ndarray of float64, shape (3, 3)
         The rotation of the points.
     shift : ndarray of float64, shape (3,)
-        From the centre of the closed parts to that of the points.
+        The vector from the centre of the closed parts to that of the points.
 
     Returns
     -------

@@ -115,7 +115,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Gri
     Returns
     -------
     tuple of (GridRoute or None)
-        As in `Disassembly.into`.
+        The routes, as in `Disassembly.into`.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Cheap filters come first: cell boxes, then the words of fine cells, and FCL for the few locations
 that the words leave open. Items in the box may be on the grid or off it; the candidate is on the
-grid. `oracle.oracle` computes the same by a plain loop; the two always agree. What fits is defined
+grid. `oracle.oracle` computes the same by a plain loop; the two always agree. "Fits" is defined
 in docs/concepts/exactness.md.
 """
 

@@ -134,13 +134,13 @@ def blockers_above(placed: Sequence[PlacedItem], candidate: PlacedItem) -> tuple
 
 def is_insertable_oracle(placed: Sequence[PlacedItem], candidate: PlacedItem) -> bool:
     """Decide whether an item is clear, by a loop over all fine cells and pairs of triangles."""
-    ours = candidate.item.voxels
+    own = candidate.item.voxels
     for other in placed:
         theirs = other.item.voxels
         apart = _FINE_PER_STEP * np.subtract(other.location, candidate.location)
         for mine, its in (
-            (ours.outer_fine, theirs.inner_fine),
-            (ours.inner_fine, theirs.outer_fine),
+            (own.outer_fine, theirs.inner_fine),
+            (own.inner_fine, theirs.outer_fine),
         ):
             in_or_above = np.logical_or.accumulate(mine, axis=2)
             cells = np.argwhere(its) + apart

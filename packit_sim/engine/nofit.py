@@ -1,7 +1,7 @@
 """No-fit tables: the states of pairs of items at all offsets, for pairs that meet often.
 
-In search and in training on fixed tasks the same pairs meet in many arrangements. A table takes
-some milliseconds; with one for each placed item, a mask is little more than their maximum.
+In searches, and in training on fixed tasks, the same pairs meet in many arrangements. A table takes
+some milliseconds to compute. With one for each placed item, a mask is roughly their maximum.
 """
 
 from __future__ import annotations

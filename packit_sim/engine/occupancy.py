@@ -20,7 +20,7 @@ _FIRST_PAGES = 8192
 
 
 def _with_space(array: npt.NDArray[Any], used: int, rows: int) -> npt.NDArray[Any]:
-    """Return an array, or a larger copy of its used rows if it has not so many rows."""
+    """Return an array, or a copy of its used rows with more rows if it has too few."""
     if rows <= len(array):
         return array
     grown = np.empty((2 * rows, *array.shape[1:]), dtype=array.dtype)

@@ -1,4 +1,4 @@
-"""Two items relative to each other: what the tests of their surfaces depend on."""
+"""Two items relative to each other: the arguments of all tests of their surfaces."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def relative_turn(rotation: int, other: int) -> tuple[Ints, Floats]:
     Returns
     -------
     turn : ndarray of int64, shape (2, 3)
-        As in `crossing_kernels.relation`.
+        The turn, as in `crossing_kernels.relation`.
     to_first : ndarray of float64, shape (3, 3)
         The inverse of the first rotation.
     """

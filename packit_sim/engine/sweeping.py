@@ -1,4 +1,4 @@
-"""The exact swept test: how far an item can move straight before its mesh meets another's.
+"""The exact swept test: the distance that an item can move straight until its mesh meets another's.
 
 It compares collision meshes triangle by triangle over the whole motion, without time steps. Where
 two triangles overlap, seen along the motion, the distance between them is linear, so that it is
@@ -78,7 +78,7 @@ def free_distance(
     other : Item
         The other item.
     offset : ndarray of float64, shape (3,)
-        From the item's centre to the other's, in box units.
+        The vector from the item's centre to the other's, in box units.
     axis : {0, 1, 2}
         The axis of the motion.
     forward : bool

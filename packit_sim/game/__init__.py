@@ -1,4 +1,4 @@
 """The benchmark: packs, the game in which agents pack them again, and the results.
 
-Nothing here knows `packit_sim.parts`, nor the other way: both stand on the same ground.
+This package and `packit_sim.parts` do not import each other; both build on the other packages.
 """

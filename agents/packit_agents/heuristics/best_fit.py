@@ -1,4 +1,4 @@
-"""Policies that choose the tightest placement: of all visible shapes, all rotations, all locations.
+"""Policies that choose the tightest placement of all visible shapes, rotations and locations.
 
 An item *rests* at a location if it is the lowest feasible one above its node (x, y): where it stops
 on its way down in a kinematic box. The best fit is the resting location with the most contact,

@@ -1,4 +1,4 @@
-"""Columns of cells: how high a box is filled, and how much empty space is below a shape.
+"""Columns of cells: the filled height of a box, and the empty space below a shape.
 
 Cells are outer cells throughout. Those of a box are words [x, y, z], one for each brick (see
 `bits`).

@@ -1,4 +1,4 @@
-"""Policies for Location-Selection: where the chosen shape is placed.
+"""Policies for Location-Selection: they choose the location of the chosen shape.
 
 All but the random one are deterministic: ties go to the first feasible location in (z, x, y)
 order, as in bottom-left-back fill.

@@ -1,4 +1,4 @@
-"""Policies for Rotation-Selection: the rotation of the chosen shape.
+"""Policies for Rotation-Selection: they choose the rotation of the chosen shape.
 
 If the location is chosen first, as in PackIt-Easy, they choose among the rotations valid there.
 Ties go to the first in the order of alignment (`rotations.by_alignment`): smaller extents along z,

@@ -1,4 +1,4 @@
-"""Policies for Shape-Selection: which shape is packed next.
+"""Policies for Shape-Selection: they choose the shape that is packed next.
 
 A shape is valid if it is outside; in the online game only if it is visible and fits. Ties go to the
 first shape.

@@ -77,7 +77,7 @@ class ActorCritic(MaskableActorCriticPolicy):
         path : Path or str
             The file, usually with the suffix .safetensors.
         provenance : mapping, optional
-            How it was trained, in JSON's types.
+            The record of its training, in JSON's types.
         """
         write_weights(
             Path(path), self.actor, self._settings, self.placement_features, provenance or {}

@@ -25,7 +25,7 @@ class CheckpointError(PackItError, ValueError):
 
 
 class EnvReplay(Struct):
-    """What leads an environment to its state.
+    """The seed and the actions that lead an environment to its state.
 
     Attributes
     ----------
@@ -52,13 +52,13 @@ class CheckpointState(Struct):
     progress : float
         Share of the steps that are left.
     starts : list of bool
-        For each environment, whether an episode begins.
+        True for each environment in which an episode begins.
     envs : list of EnvReplay
         The environments.
     returns : list of float
         Returns of the latest episodes.
     running : list of float
-        For each environment, the return of its episode so far.
+        The return so far of each environment's episode.
     curve : list of CurvePoint
         The learning curve.
     """
@@ -95,7 +95,7 @@ class ReplayableEnv(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.step(action)
 
     def replay(self) -> EnvReplay:
-        """Return what `restore` needs."""
+        """Return the record that `restore` needs."""
         return self._replay
 
     def restore(self, replay: EnvReplay) -> Any:
@@ -148,7 +148,7 @@ def read_checkpoint(
     path : Path
         The file.
     device : torch.device
-        Where the tensors go.
+        The device of the tensors.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """The DAgger dataset: labelled states of all rollouts so far, in memory and on disk.
 
-A network that learns from its latest rollout alone forgets the earlier ones; DAgger aggregates all
-of them (Ross, Gordon and Bagnell, 2011).
+A network that learns from its latest rollout alone forgets the earlier ones. DAgger therefore
+aggregates all of them (Ross, Gordon and Bagnell, 2011).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class DaggerDataset:
     Parameters
     ----------
     folder : Path
-        Where the files are; existing ones are read.
+        The folder of the files; existing ones are read.
     actions : int
         Number of actions of the environment.
     steps : int

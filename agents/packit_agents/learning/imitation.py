@@ -1,9 +1,9 @@
 """Imitation of a teacher, before learning from rewards.
 
 The network plays, and each state is labelled with the choice of a teacher (DAgger: Ross, Gordon and
-Bagnell, 2011), so that the states are those that the network's own play leads to. Or it is labelled
-with the cost of each choice (AggreVaTe: Ross and Bagnell, 2014): a network that can't see whether a
-shape fits must learn that a smaller shape is the lesser risk.
+Bagnell, 2011). So the states are those that the network's own play leads to. A label can also be
+the cost of each choice (AggreVaTe: Ross and Bagnell, 2014): a network that does not observe whether
+a shape fits must learn that a smaller shape is the lesser risk.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Learned policies: networks that play episodes."""
+"""Learned policies: networks that choose actions."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """PackNN, which scores the shapes outside a box (paper, section 4.2), and networks for all choices.
 
 Shapes of tensors: b observations in a batch, n slots for shapes in each, w features. Networks work
-on the shapes outside only, whatever the other slots hold.
+only on the shapes outside; the content of the other slots has no effect.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class NetworkSettings:
     encoder_blocks, trunk_blocks : int
         Residual blocks before and after the features of all shapes are combined.
     policies : {"shape", "all"}
-        What the network chooses: shapes, as in the paper, or also rotations and locations, in
+        The choices of the network: shapes, as in the paper, or also rotations and locations, in
         boxes of the benchmark's size.
 
     Raises

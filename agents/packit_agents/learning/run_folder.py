@@ -80,7 +80,7 @@ class RunFolder:
         policy : ActorCritic
             The networks.
         point : CurvePoint
-            How good they are.
+            The validation point of the weights.
         """
         provenance = {"version": __version__, **self._provenance, "point": point.to_json()}
         policy.write_weights(self._path / f"{name}.safetensors", provenance)

@@ -58,7 +58,7 @@ VALIDATION_ENVS = 16
 """Number of environments in validation."""
 
 CHECKPOINT_SECONDS = 30.0
-"""Seconds between two checkpoints: what a kill can lose, in addition to an update."""
+"""Seconds between two checkpoints. A kill loses this much work, and one update."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Training:
     Parameters
     ----------
     settings : TrainingSettings
-        What is trained, and how.
+        The settings.
     folder : Path
         A new folder, or that of a training with the same settings, which resumes.
     device : str
@@ -295,7 +295,7 @@ class Training:
         return json.loads(json.dumps(record))
 
     def write(self) -> None:
-        """Write the checkpoint atomically; only then may what earlier ones need be deleted."""
+        """Write the checkpoint atomically, then delete the files that only earlier ones need."""
         policy, model = self.policy, self._model
         write_checkpoint(
             self._run.checkpoint,

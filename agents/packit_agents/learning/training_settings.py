@@ -30,7 +30,7 @@ class TrainingSettings:
     network : NetworkSettings
         The policy and value networks.
     observation : {"features", "placement-features"}
-        What the network observes.
+        The observation of the network.
     augmented : bool
         Whether shapes are rotated and mirrored at random, anew in each episode.
     mixed : float
@@ -46,7 +46,7 @@ class TrainingSettings:
     library : str
         Name or path of the shape library.
     rules : Rules
-        How episodes are played.
+        The rules of the episodes.
     steps : int
         Number of decisions: of shapes, or with `network.policies = "all"` of any kind.
     teacher : str, optional

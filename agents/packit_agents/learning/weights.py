@@ -30,7 +30,7 @@ _CONTRADICTIONS = (
     TypeError,
     ValueError,
 )
-"""What metadata raise that are not ours."""
+"""Errors raised by foreign metadata."""
 
 
 class WeightsError(PackItError, ValueError):
@@ -57,7 +57,7 @@ def write_weights(
     placement_features : int
         Number of placement features that it observes.
     provenance : mapping
-        How it was trained, in JSON's types.
+        The record of its training, in JSON's types.
     """
     metadata = {
         "format": FORMAT,
@@ -106,7 +106,7 @@ def read_weights(path: Path) -> tuple[nn.Module, int, dict[str, Any]]:
     placement_features : int
         Number of placement features that it observes.
     provenance : dict
-        How it was trained.
+        The record of its training.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Training of the champion: plays of tasks, and a policy gradient; resumable, repeatable."""
+"""Training of the champion: plays of tasks, and a policy gradient; resumable and reproducible."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PlacementTrainingSettings:
     width : int
         Units of a hidden layer.
     step : StepSettings
-        How the network learns from the plays of a round.
+        The learning from the plays of a round.
     validate_every : int
         Rounds between two validations.
     validation_tasks : int
@@ -130,7 +130,7 @@ class PlacementTraining:
     Parameters
     ----------
     settings : PlacementTrainingSettings
-        What is trained, and how.
+        The settings.
     folder : Path
         A new folder, or that of a training with the same settings, which resumes.
 

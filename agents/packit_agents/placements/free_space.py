@@ -1,4 +1,4 @@
-"""Where the items outside a box still fit: all of them, in all rotations, at all locations.
+"""Free space: all locations at which items outside a box still fit, in all rotations.
 
 Free space only shrinks while items are added, so only locations at which an item can meet the one
 that was added last are looked at again. Locations that are left may still be infeasible: cells do
@@ -157,9 +157,9 @@ class FreeSpace:
     items : sequence of TurnedItem
         The items.
     rows : sequence of Words
-        For each item uint64 [rotation, z, x]: bit y is a location that may be feasible.
+        Words uint64 [rotation, z, x] of each item: bit y is a location that may be feasible.
     known : sequence of int
-        For each item, how many of the items in the box its rows account for.
+        The number of items in the box that the rows of each item account for.
     """
 
     def __init__(
@@ -260,7 +260,7 @@ class FreeSpace:
         item : int
             The item.
         rotation : int
-            Which of its rotations, as an index of `TurnedItem.items`.
+            The rotation, as an index of `TurnedItem.items`.
         location : Triple
             The location.
         """

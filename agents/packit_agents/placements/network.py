@@ -41,7 +41,7 @@ class PlacementNetwork:
     tensors : mapping of str to ndarray
         float32, see `shapes`.
     provenance : mapping
-        How it was trained, in JSON's types.
+        The record of its training, in JSON's types.
     """
 
     def __init__(

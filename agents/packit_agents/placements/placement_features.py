@@ -1,4 +1,4 @@
-"""What is known about a placement: a row of numbers for each, for a network to compare them."""
+"""Placement features: a row of numbers for each placement, which a network compares."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ assert len(PLACEMENT_FEATURES) == MEASURES
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """Placements of items outside a box, and what is known about each.
+    """Placements of items outside a box, with their features.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Placements:
     cells : tuple of int
         The cells of the box along x, y and z.
     outside : dict of int to int
-        For each item that is compared, how many equal ones are outside.
+        The number of equal items outside, for each item that is compared.
     """
 
     items: npt.NDArray[np.int64]
@@ -234,7 +234,7 @@ def choose(found: Placements, feasible: Iterable[int]) -> int | None:
     found : Placements
         The placements.
     feasible : iterable of int
-        Those that are feasible, the best first.
+        The numbers of feasible placements, the best first.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Plays of a task with placements drawn at random, to learn from."""
+"""Plays for training: tasks are played with placements drawn at random."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Decision:
     features : ndarray
         float32 (n, features), of the placements with the highest scores.
     chosen : int
-        Which was chosen.
+        The number of the chosen placement.
     """
 
     features: npt.NDArray[np.float32]
@@ -38,7 +38,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class Play:
-    """What came of drawing placements until none was left.
+    """The decisions and the return of one play.
 
     Attributes
     ----------

@@ -133,7 +133,7 @@ class Planner:
 
 
 class _Known:
-    """What is known about an episode: the space after what was placed, and the last comparison."""
+    """The cached values of an episode: the free space, and the last comparison."""
 
     def __init__(self) -> None:
         self.placed: tuple[ItemInBox, ...] | None = None

@@ -1,8 +1,9 @@
 """Training of a `PlacementNetwork` by policy gradient, with torch.
 
-Group-relative policy optimisation (Shao et al., 2024): each task is played several times, and how
-much better a play is than the mean of its group is the advantage of all its decisions. The ratio of
-probabilities is clipped as by PPO (Schulman et al., 2017). No value network is needed.
+Group-relative policy optimisation (Shao et al., 2024): each task is played several times. The
+difference between the return of a play and the mean of its group is the advantage of all its
+decisions. The ratio of probabilities is clipped as in PPO (Schulman et al., 2017). No value network
+is needed.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ from packit_agents.placements.playing import MAX_PLACEMENTS, Play
 
 @dataclass(frozen=True)
 class StepSettings:
-    """How a network learns from plays.
+    """The settings of one step of learning from plays.
 
     Attributes
     ----------
     learning_rate : float
-        Of Adam in the first round; it falls linearly to 0 after the last.
+        The learning rate of Adam in the first round; it falls linearly to 0 after the last.
     epochs : int
-        How often each decision is seen.
+        The number of passes over the decisions.
     minibatch : int
         Decisions in a step.
     clip : float
-        How far the ratio of probabilities may be from 1.
+        The maximum deviation of the ratio of probabilities from 1.
     """
 
     learning_rate: float = 6e-3
@@ -81,7 +82,7 @@ def improve(
     groups : sequence of sequence of Play
         The plays of each task.
     settings : StepSettings
-        How to learn.
+        The settings of learning.
     seed : int
         Seed of the order of the decisions.
     rate : float, optional

@@ -1,4 +1,4 @@
-"""Ruin and recreate: some items leave the box, and those outside are placed anew."""
+"""Ruin and recreate: some items leave the box, and all items outside are placed again."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from packit_sim.game.episodes.policy_registry import UnknownPolicyError
 from packit_sim.placement import PlacedItem
 
 MAX_REMOVED = 6
-"""Largest number of items that leave the box at once, as long as better layouts are found."""
+"""Maximum number of items that leave the box at once, as long as better layouts are found."""
 
 PATIENCE = 20
-"""After so many layouts that are no better than the best, one more item may leave at once."""
+"""Number of layouts without improvement after which one more item may leave at once."""
 
 NEARBY = 0.7
 """Probability that the items that leave are neighbours."""

@@ -1,4 +1,4 @@
-"""A layout: items of a task in a box, and where the others fit."""
+"""Layouts: items of a task in a box, placed by a scorer, and the free space for the others."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class ScoredLayout:
         return self
 
     def free_space(self) -> FreeSpace:
-        """Compute where all items outside fit now, to restart with the items of now."""
+        """Compute the free space of all items outside, for a restart from the present items."""
         for number in np.flatnonzero(self.outside).tolist():
             self._space.rows(number, self._box)
         return self._space.copy()
@@ -100,12 +100,12 @@ class ScoredLayout:
         found : Placements
             The placements of this layout.
         order : iterable of int
-            Which of them to consider, the best first.
+            The numbers of the placements to consider, the best first.
 
         Returns
         -------
         int or None
-            Which was chosen; None if the meshes exclude all of them.
+            The number of the chosen one; None if the meshes exclude all of them.
         """
         chosen = choose(found, (n for n in order if found.is_feasible(n, self._box)))
         if chosen is not None:

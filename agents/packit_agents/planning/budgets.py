@@ -73,7 +73,7 @@ class Clock:
     budget : Budget
         The budget.
     started : float
-        When the search started, in seconds of `time.thread_time`.
+        The start of the search, in seconds of `time.thread_time`.
     rollouts : int
         Number of rollouts so far; the search counts them.
     """

@@ -12,7 +12,7 @@ from packit_sim.game.episodes.agents import Agent, OnProgress
 from packit_sim.game.episodes.episode import Episode, EpisodeState
 
 MAX_MOVED = 6
-"""Largest number of shapes whose place in the order changes at once."""
+"""Maximum number of shapes whose place in the order changes at once."""
 
 
 @dataclass(frozen=True)

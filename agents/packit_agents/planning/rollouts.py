@@ -82,7 +82,7 @@ class Best:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every item is placed at the best end, so that no other can be better."""
+        """True if every item is placed at the best end, so that no other can be better."""
         return self._state is not None and self._state.end is End.COMPLETE
 
     def add(self, episode: Episode) -> None:

@@ -1,1 +1,1 @@
-"""Packs as files: written, read, verified, and those that other tools wrote."""
+"""Files of packs: reading, writing and verification, and the files of the original PackIt."""

@@ -111,17 +111,17 @@ def page(
 
 
 def _known(library: ShapeLibrary) -> bool:
-    """Whether a library records the licence and the object of each shape."""
+    """Return whether a library records the licence and the object of each shape."""
     return library.source.is_catalogued
 
 
 def _shared_objects(parts: Sequence[SplitSummary], library: ShapeLibrary) -> set[str]:
     """Return the objects, or else the shapes, that more than one split contains."""
-    held = [
+    contained = [
         {library.info(id).group if _known(library) else id for id in part.statistics.shapes}
         for part in parts
     ]
-    return set().union(*(one & other for one, other in combinations(held, 2)))
+    return set().union(*(one & other for one, other in combinations(contained, 2)))
 
 
 def _plain(value: Any) -> str:

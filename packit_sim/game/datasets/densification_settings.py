@@ -1,4 +1,4 @@
-"""Settings of densification, recorded with each pack that came from it."""
+"""Settings of densification, recorded with each pack that it makes denser."""
 
 from __future__ import annotations
 

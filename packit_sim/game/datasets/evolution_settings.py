@@ -1,4 +1,4 @@
-"""Settings of evolution: the paper's numbers, recorded with each pack that evolved."""
+"""Settings of evolution, recorded with each evolved pack; the defaults are the paper's."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class EvolutionSettings(JsonRecord):
     population : int
         The number of chromosomes in a generation.
     elite : int
-        How many of the best chromosomes survive.
+        The number of the best chromosomes that survive.
     lucky : int
-        How many of the others survive, by chance; children fill the rest of the population.
+        The number of others that survive by chance; children fill the rest of the population.
     generations : int
         The maximum number of generations.
     patience : int

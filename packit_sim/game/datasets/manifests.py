@@ -1,8 +1,8 @@
-"""Manifests: the records next to files of packs, which say what the files contain.
+"""Manifests: records next to files of packs that describe their content.
 
-A file and its manifest can't be replaced in one operation. So the new manifest is first written
-under a separate name, then the file is replaced, then the manifest is renamed: at any moment one of
-the two manifests describes the file.
+A file and its manifest can't be replaced in one operation. So the new manifest is written under a
+separate name first. Then the file is replaced, and then the manifest is renamed. At any moment, one
+of the two manifests describes the file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SUFFIX = ".manifest.json"
 _PACKS = ".jsonl"
 
 _HERE = "./"
-"""How the source of a library in the manifest's folder begins."""
+"""The prefix of the source of a library in the manifest's folder."""
 
 
 class Manifest(Struct, frozen=True, omit_defaults=True):
@@ -95,7 +95,7 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
         )
 
     def describes(self, data: bytes) -> bool:
-        """Whether this is the manifest of a file with the given content."""
+        """Return whether this is the manifest of a file with the given content."""
         return self.sha256 == hashlib.sha256(data).hexdigest()
 
     def to_json(self) -> str:
@@ -148,7 +148,7 @@ def find_manifest(path: Path, data: bytes) -> Path | None:
 
 
 def write_described(path: Path, data: bytes, packs: int, libraries: Sequence[LibraryRef]) -> None:
-    """Write a file of packs with its manifest; a process killed meanwhile leaves a pair that fits.
+    """Write a file of packs with its manifest; they match even if the process is killed.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ def _absolute(ref: LibraryRef, folder: Path) -> LibraryRef:
 
 
 def _read(path: Path) -> Manifest | None:
-    """Read a manifest; None if there is none, or if it is something else."""
+    """Read a manifest; None if there is none, or if the file is not a manifest."""
     try:
         return Manifest.read(path)
     except PackFormatError:

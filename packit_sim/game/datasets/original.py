@@ -77,7 +77,7 @@ class Original:
         return [tuple(_printable(str(value)) for value in astuple(u)) for u in self.unresolved]
 
     def summary(self) -> str:
-        """Say in one line how many packs were read, kept whole, kept in part and left out."""
+        """Count in one line the packs that were read, kept whole, kept in part and left out."""
         origins = [task.pack.provenance for task in self.tasks]
         partial = sum(isinstance(one, FromOriginal) and one.left_out > 0 for one in origins)
         counts = {

@@ -1,6 +1,6 @@
 """The format of the original PackIt's pack files (Goyal and Deng, 2020).
 
-The meaning of their fields follows from the Unity scripts that write them (github.com/princeton-vl/
+The meaning of the fields is that of the Unity scripts that write them (github.com/princeton-vl/
 PackIt_Extra); `docs/benchmarks/original.md` lists how their packs differ from ours.
 """
 
@@ -37,7 +37,7 @@ SKEW = 1e-3
 """Largest error of a rotation matrix's entry: rounding of single precision."""
 
 _UNITY_TO_OURS = np.array(((-1, 0, 0), (0, 0, -1), (0, 1, 0)))
-"""From Unity's left-handed, y-up axes to a canonical shape's: Unity reads an OBJ file with its x
+"""Maps Unity's left-handed, y-up axes to a canonical shape's: Unity reads an OBJ file with its x
 reversed, and we turn the file's y up."""
 
 _LOG = "_log"

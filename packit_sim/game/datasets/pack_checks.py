@@ -1,6 +1,6 @@
 """Checks of one pack: items, density, settings and order of placing.
 
-The oracle (`engine.oracle`) decides about the geometry, without the code that packed.
+The oracle (`engine.oracle`) decides about the geometry, independently of the code that packed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ PUZZLE_SLACK = 0.005
 """Largest share of the box between the pieces of a puzzle: the clearance of those that need one."""
 
 WITNESSES = 512
-"""Cells of an item, inner and outer each, that are tested at all locations before the oracle is."""
+"""Number of inner and of outer cells of an item that are tested at all locations before the oracle
+is asked."""
 
 
 def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
@@ -88,7 +89,7 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
 
 
 def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
-    """Yield where a pack contradicts the settings of its evolution."""
+    """Yield the contradictions between a pack and the settings of its evolution."""
     settings, size = evolved.settings, evolved.size
     if len(pack.items) > settings.pool:
         yield f"it holds {len(pack.items)} items, more than its pool of {settings.pool}"
@@ -109,7 +110,7 @@ def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
 def density_problems(
     pack: Pack, placed: Sequence[PlacedItem | PosedItem], densified: Densified
 ) -> Iterator[str]:
-    """Yield where a pack contradicts the settings of its densification.
+    """Yield the contradictions between a pack and the settings of its densification.
 
     Parameters
     ----------
@@ -150,7 +151,7 @@ def density_problems(
 
 
 def puzzle_problems(pack: Pack, puzzle: Puzzle) -> Iterator[str]:
-    """Yield where a pack is not a whole puzzle."""
+    """Yield the reasons why a pack is not a complete puzzle."""
     if len(pack.items) != puzzle.pieces or pack.outside:
         yield (
             f"its puzzle has {puzzle.pieces} pieces, but {len(pack.items)} are in the box and "

@@ -52,7 +52,7 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
     source : Path or str
         The name of a built-in dataset, such as "starter", or the path of a file or a folder.
     split : str, optional
-        Which file of the folder; by default "packs", if it is the only one.
+        The file of the folder to choose; by default "packs", if it is the only one.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def _recorded(file: Path) -> tuple[LibraryRef, ...]:
         try:
             return Manifest.read(described).libraries
         except PackFormatError:
-            pass  # reported by whatever reads the packs
+            pass  # the reader of the packs reports it
     for _, line in numbered_lines(data):
         try:
             return (Pack.from_json(line).library,)

@@ -52,7 +52,7 @@ class LibraryRef:
     digest : str
         The SHA-256 of its content, in hex.
     source : str, optional
-        What opens it here, if that is known: its name, or its path (see `ShapeLibrary.locator`).
+        The argument that opens it here, if known: a name or a path (see `ShapeLibrary.locator`).
         Manifests record it, packs do not; it has no influence on equality.
     """
 
@@ -66,7 +66,7 @@ class LibraryRef:
         return cls(library.name, library.version, library.digest, library.locator)
 
     def facts(self) -> dict[str, str]:
-        """Return what identifies the library, by name: everything but its source."""
+        """Return the fields that identify the library: all but its source."""
         return {"name": self.name, "version": self.version, "digest": self.digest}
 
 
@@ -112,7 +112,7 @@ class PackedItem(ItemRecord, frozen=True, omit_defaults=True):
     location : tuple of int, optional
         The grid node of its cell box's minimum corner, for an item on the grid.
     pose : PoseRecord, optional
-        Where it came to rest, for an item that settled.
+        The pose in which it came to rest, for an item that settled.
     counted : bool
         Whether its volume counts for the density: items that settled count while they are inside
         the box and stable.
@@ -160,7 +160,7 @@ class Pack:
     density : float
         The volume of the items that count over the box's volume.
     provenance : Provenance
-        How the pack came to be.
+        The origin of the pack.
     outside : tuple of ItemRecord
         Further items of its task: those that an agent left outside, or all of its items if no
         solution on the grid is known, as for the original PackIt's packs.
@@ -189,7 +189,7 @@ class Pack:
         library : LibraryRef or ShapeLibrary
             The library of the items' shapes.
         provenance : Provenance
-            How the pack came to be.
+            The origin of the pack.
 
         Returns
         -------
@@ -202,7 +202,7 @@ class Pack:
 
     @property
     def is_on_grid(self) -> bool:
-        """Whether all items have a location on the grid."""
+        """True if all items have a location on the grid."""
         return all(item.location is not None for item in self.items)
 
     @property
@@ -249,12 +249,12 @@ class Pack:
         Returns
         -------
         BoxState
-            What is in the box.
+            The content of the box.
 
         Raises
         ------
         PackFormatError
-            If items settled off the grid, and whatever `placed` raises.
+            If items settled off the grid, or if `placed` raises it.
         """
         placed = self.placed(library)
         on_grid = tuple(one for one in placed if isinstance(one, PlacedItem))
@@ -283,7 +283,7 @@ class Pack:
         InfeasibleError
             At the first item that is not feasible.
         PackFormatError
-            If items settled off the grid, and whatever `placed` raises.
+            If items settled off the grid, or if `placed` raises it.
         """
         box = Box(self.cells)
         for placed in self.contents(library).placed:

@@ -1,4 +1,4 @@
-"""Checks of results: the recorded return and end of an episode follow from its items and task."""
+"""Checks of results: recorded returns and ends must follow from items and task."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def task_of(pack: Pack, played: Played) -> Facts | None:
 def play_problems(
     pack: Pack, played: Played, volume: Callable[[str], float] | None = None
 ) -> Iterator[str]:
-    """Yield where a result contradicts its items, its task or its rules.
+    """Yield the contradictions between a result and its items, its task or its rules.
 
     Parameters
     ----------

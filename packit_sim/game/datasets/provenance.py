@@ -1,4 +1,4 @@
-"""Where packs come from: one typed record each, stored with the pack."""
+"""The provenance of packs: a typed record, stored with each pack."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Seconds = Annotated[float, Meta(ge=0)]
 RotationIndex = Annotated[int, Meta(ge=0, lt=rotations.COUNT)]
 
 PuzzleName = Literal["guillotine", "pinwheel", "polycubes", "curved"]
-"""How the box of a puzzle was cut (see `generation.puzzles`)."""
+"""The ways to cut the box of a puzzle (see `generation.puzzles`)."""
 
 
 class _Record(
@@ -47,7 +47,7 @@ class _Record(
 
     @property
     def producer(self) -> str:
-        """The name, in tables, of what or who packed it."""
+        """The name of the agent or search that packed it, for tables."""
         return str(self.__struct_config__.tag)
 
 
@@ -138,7 +138,7 @@ class Puzzle(_Record, frozen=True, kw_only=True, tag="puzzle"):
     Attributes
     ----------
     cuts : PuzzleName
-        How it was cut.
+        The way in which it was cut.
     pieces : int
         The number of pieces.
     seed : int
@@ -151,7 +151,7 @@ class Puzzle(_Record, frozen=True, kw_only=True, tag="puzzle"):
 
 
 class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
-    """A box as an agent left it.
+    """A box at the end of an agent's episode.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
     scores : mapping of str to number
         Other scores of the box by name, such as those of `packit evaluate --scores`.
     pieces : Method, optional
-        How shapes became convex pieces for these scores.
+        The method of convex decomposition for these scores.
     """
 
     agent: str
@@ -213,13 +213,13 @@ class FromOriginal(_Record, frozen=True, kw_only=True, tag="the original PackIt"
     pack : int
         The number of the pack in the file, from 0.
     efficiency : float
-        As recorded in the file.
+        The value in the file.
     shape_scale : float, optional
-        As recorded in the file.
+        The value in the file.
     rotations : tuple of int
-        The rotations of the task's items, as ours.
+        The rotations of the task's items, as our indices.
     left_out : int
-        How many items have no shape in the library.
+        The number of items without a shape in the library.
     """
 
     file: str

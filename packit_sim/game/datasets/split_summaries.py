@@ -86,7 +86,7 @@ class SplitSummary:
 
     @property
     def puzzle_rows(self) -> list[list[str]]:
-        """How puzzles were cut, the pieces, the packs, and the range of their densities."""
+        """Rows of cut, number of pieces, number of packs and range of densities."""
         densities: dict[tuple[str, int], list[float]] = {}
         for pack in self.packs:
             if isinstance(record := pack.provenance, Puzzle):
@@ -112,7 +112,7 @@ class SplitSummary:
 
     @property
     def is_dense(self) -> bool:
-        """Whether the packs were made denser, and did not evolve."""
+        """True if the packs come from densification, not from evolution."""
         return any(isinstance(one, Densified) for one in self._generated)
 
     @property

@@ -66,7 +66,7 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """The statistics of one split's packs, all of them, even if they have an evolution in common.
+    """The statistics of all packs of a split, even if some share an evolution.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ def _rounded(scale: float) -> float:
 
 
 def _ranked(things: Any) -> Counter[Any]:
-    """Count things, most frequent first, ties by name."""
+    """Count values, the most frequent first, ties by name."""
     return Counter(dict(sorted(Counter(things).items(), key=lambda entry: (-entry[1], entry[0]))))
 
 

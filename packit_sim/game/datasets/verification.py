@@ -1,4 +1,4 @@
-"""Checks of whole datasets, independent of the code that generates them.
+"""Checks of datasets, independent of the code that generates them.
 
 The oracle (`engine.oracle`) decides about the geometry: no mask or search of the engine, and
 no `Box`, is used.
@@ -88,7 +88,7 @@ def verify_dataset(
 
     Notes
     -----
-    What is checked:
+    The checks:
 
     - Each line is a pack without a duplicate field; the manifest has the file's digest, number of
       packs and libraries, and each manifest has its file.
@@ -142,7 +142,7 @@ def verify_dataset(
 
 
 class _DatasetCheck:
-    """What a check of a dataset has found so far."""
+    """The state of a check of a dataset: problems and counts so far."""
 
     def __init__(self, library: ShapeLibrary) -> None:
         self.library = library
@@ -203,7 +203,7 @@ class _DatasetCheck:
             yield str(error)
 
     def _volume_problems(self, shape: Shape) -> Iterator[str]:
-        """Yield whether the library records another volume than that of the mesh."""
+        """Yield a problem if the recorded volume is not that of the mesh."""
         measured = self._volume(shape)
         if not math.isclose(shape.volume, measured, rel_tol=VOLUME_SLACK):
             yield (
@@ -318,7 +318,7 @@ def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> None:
 
 
 def _may_be_alike(one: Provenance, other: Provenance) -> bool:
-    """Whether two packs may have the same items: those of one history, and rollouts."""
+    """Return whether two packs may have the same items: rollouts, or packs of one history."""
     if isinstance(one, Evolved) and isinstance(other, Evolved):
         return one.seed == other.seed and None not in (one.after, other.after)
     return isinstance(one, Played) or isinstance(other, Played)

@@ -1,7 +1,7 @@
 """The Gymnasium environments `PackIt-v0`, `PackItEasy-v0` and `PackItPhysics-v0`: one class.
 
-An action is a number of one Discrete space whatever the stage: the index of a shape, a rotation, or
-the C-order index of a location. `action_mask` in the observation marks the valid ones.
+At every stage, an action is a number of the same Discrete space: the index of a shape, a rotation,
+or the C-order index of a location. `action_mask` in the observation marks the valid ones.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from packit_sim.geometry.lattice import grid_nodes
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import PACKIT, Rules
 
-if TYPE_CHECKING:  # loaded when needed: whoever only plays needs none of them
+if TYPE_CHECKING:  # loaded when needed: playing alone needs none of them
     from packit_sim.scene import Look, Scene
     from packit_sim.web.viewer import Viewer
 
 MAX_SHAPES = 50
-"""The most shapes of a task by default: the paper's pool."""
+"""Maximum number of shapes of a task by default: the paper's pool."""
 
 _log = plain_logger(__name__)
 
@@ -57,7 +57,7 @@ class EnvState:
     terminated : bool
         Whether a step has returned that the episode is over.
     policies : tuple of str
-        What plays shapes, rotations and locations: the type of a policy and the digest of its
+        The players of shapes, rotations and locations: the type of a policy and the digest of its
         weights, if it has any, or "the agent".
     """
 
@@ -82,7 +82,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
     order : str
-        "random" draws a task at each reset, "cycle" takes them in turn, whatever the seed.
+        "random" draws a task at each reset, "cycle" takes them in turn, independent of the seed.
     rules : Rules
         The rules to play by; by default those of the paper.
     shape : Policy or str, optional
@@ -100,7 +100,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
     render_mode : str, optional
         "rgb_array" for `render()`, or "human" for a page that shows the box as it fills.
     look : Look, optional
-        How `render()` draws (see `looks`).
+        The look of the pictures of `render()` (see `looks`).
     **changes : Any
         Fields of `rules` by their names, such as `easy=True`; `physics=True` stands for the
         default world.
@@ -299,7 +299,7 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         Parameters
         ----------
         state : EnvState
-            As `get_state` returned it.
+            The value that `get_state` returned.
 
         Returns
         -------
@@ -393,13 +393,13 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         return observation, info
 
     def _named_task(self, wanted: Task | int) -> tuple[Task, int]:
-        """Return a task and its number, or raise ArgumentError if it does not go with this."""
+        """Return a task and its number, or raise ArgumentError if it is invalid here."""
         task, number = self._source.named(wanted)
         self._check(task)
         return task, number
 
     def _check(self, task: Task) -> None:
-        """Raise ArgumentError if a task does not go with this environment."""
+        """Raise ArgumentError if a task does not fit this environment."""
         if self.rules.cells is None and task.cells != self.cells:
             raise ArgumentError(
                 f"a task's box has {task.cells} cells, not {self.cells}: give `cells` to say which"
@@ -429,7 +429,7 @@ def _wanted_task(options: object) -> Any:
 
 
 def _description(policy: Policy | None) -> str:
-    """Describe what plays a sub-task, for states: the same in each process."""
+    """Describe the player of a sub-task for states, equally in each process."""
     if policy is None:
         return "the agent"
     kind = policy if hasattr(policy, "__qualname__") else type(policy)

@@ -58,7 +58,7 @@ class CubeMeans:
         return _of_item(self, item)
 
     def of_item_uncached(self, item: Item) -> Means:
-        """Compute the same as `of_item` anew."""
+        """Compute the same as `of_item`, without the cache."""
         voxels = item.voxels
         counts = np.zeros(self._sizes.shape, dtype=np.int32)
         corner = (np.array(self.grid[0]) - voxels.cells) // 2

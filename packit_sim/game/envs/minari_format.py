@@ -1,4 +1,4 @@
-"""Minari's format, as far as recordings need it, and the checks before Minari reads a file."""
+"""The subset of Minari's format that recordings use, and checks before Minari reads a file."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Observer:
     actions : int
         The number of actions.
     stages : Sequence[Stage]
-        Which of the rotation and the location stage to observe: those that the agent plays, or
+        The stages, of rotation and location, to observe: those that the agent plays, or
         must know the result of.
 
     Attributes
@@ -124,7 +124,7 @@ class Observer:
         return (rotations.COUNT,) if stage is Stage.ROTATION else grid_nodes(self._cells)
 
     def _possible(self, episode: Episode, stage: Stage) -> npt.NDArray[np.bool_]:
-        """Mark what can be chosen at a stage if it is the current one, else what was chosen."""
+        """Mark the valid choices if a stage is the current one, else the choice that was made."""
         shape = self._choices(stage)
         if episode.end is None and episode.stage is stage:
             return episode.action_mask().reshape(shape)
@@ -135,7 +135,7 @@ class Observer:
         return possible
 
     def _begin(self, episode: Episode) -> None:
-        """Compute what depends on the shapes of a new episode only."""
+        """Compute the fields that depend only on the shapes of a new episode."""
 
 
 class VoxelObserver(Observer):
@@ -153,7 +153,7 @@ class VoxelObserver(Observer):
 
     Each step allocates box and item, 2 MB for a box of 100 cells along each axis, and the mask.
 
-    Whatever copies observations needs far more memory: with 50 shapes in such a box an observation
+    Code that copies observations needs far more memory: with 50 shapes in such a box an observation
     is 52 MB, and 208 MB as float32, which is how stable-baselines3 keeps rollouts. A rollout of 64
     steps takes 13 GB, and so does a replay buffer of 128 steps, which holds two observations a
     step. Observe features (0.1 MB) for such algorithms.

@@ -40,12 +40,12 @@ CUT_SHORT = "cut short"
 """The end of an episode that was stopped before it was over."""
 
 BLOCK_BYTES = 64_000_000
-"""Observations are written in blocks of about so many bytes, which limits the memory for voxels."""
+"""Approximate size in bytes of the blocks of observations; it limits the memory for voxels."""
 
 
 @dataclass
 class _Played:
-    """An episode as far as it was played; `options` is {"task": its number} if reset got that."""
+    """The played part of an episode; `options` is {"task": its number} if reset got that."""
 
     seed: int
     options: dict[str, int] | None
@@ -152,7 +152,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         seed : int | None
             The seed; by default one is drawn from the environment's generator.
         options : dict[str, Any] | None
-            As of `PackItEnv.reset`, with "task" as a number.
+            The options of `PackItEnv.reset`, with "task" as a number.
 
         Returns
         -------
@@ -400,7 +400,7 @@ def _stored(space: spaces.Space[Any]) -> spaces.Space[Any]:
 
 
 def _spec(env: gym.Env[Any, Any]) -> EnvSpec | None:
-    """Return what recreates the environment; warn, and return None, if it is not JSON."""
+    """Return the spec that recreates the environment; warn and return None if it is not JSON."""
     bare = env.unwrapped.spec
     if bare is None:
         problem = "was not created by gymnasium.make"

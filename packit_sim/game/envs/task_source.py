@@ -21,7 +21,7 @@ FRESH = "fresh"
 """The name of tasks that are generated on the fly."""
 
 GENERATED = -1
-"""The number of a task that is not one of the source's own."""
+"""The number of a task that does not belong to the source."""
 
 TaskMaker = Callable[[np.random.Generator], Task]
 
@@ -34,9 +34,9 @@ class TaskSource:
     Parameters
     ----------
     tasks : str, Path, sequence of Task, or callable
-        As of `PackItEnv`.
+        The same argument as for `PackItEnv`.
     library : str, Path or ShapeLibrary, optional
-        As of `PackItEnv`.
+        The same argument as for `PackItEnv`.
     split : str, optional
         Split of the dataset, or of the library for fresh tasks.
     order : {"random", "cycle"}

@@ -22,7 +22,7 @@ class PackItVectorEnv(SyncVectorEnv):
     num_envs : int
         The number of environments.
     autoreset_mode : str | AutoresetMode
-        When environments are reset, see Gymnasium's `SyncVectorEnv`.
+        The time at which environments are reset, see Gymnasium's `SyncVectorEnv`.
     copy : bool
         Whether each observation has new arrays; otherwise the next one overwrites them.
     **settings : Any

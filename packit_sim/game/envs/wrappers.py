@@ -26,7 +26,7 @@ __all__ = [
 Vector = npt.NDArray[np.float32]
 
 MAX_FLAT = 10_000_000
-"""The most numbers of a flattened observation: 40 MB."""
+"""Maximum number of values of a flattened observation: 40 MB."""
 
 
 def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:

@@ -20,7 +20,7 @@ from packit_sim.game.episodes.policy_registry import (
 from packit_sim.geometry.items import PlacedItem
 
 OnProgress = Callable[[int, float], None]
-"""Called by a search with the number of its rollouts so far, and the best return of them."""
+"""Function that a search calls with the number of its rollouts so far and their best return."""
 
 
 class Search(Protocol):
@@ -78,7 +78,7 @@ class Agent:
         Parameters
         ----------
         name : str
-            For example "largest-first/aligned/blbf" or "largest-first/aligned/blbf+beam=4". A
+            The name, such as "largest-first/aligned/blbf" or "largest-first/aligned/blbf+beam=4". A
             single name, such as "champion" or "best-fit", is that of all three policies.
 
         Returns
@@ -107,7 +107,7 @@ class Agent:
 
     @property
     def weights(self) -> str | None:
-        """The digests of its policies' weights; None if no policy has such."""
+        """The digests of its policies' weights; None if no policy has weights."""
         return self._digests("weights_digest")
 
     @property
@@ -152,7 +152,7 @@ class Agent:
 
         Notes
         -----
-        In the online game the search plans anew before each choice of a shape, as if the visible
+        In the online game the search plans again before each choice of a shape, as if the visible
         items were the only ones, with its whole budget each time. The first placement of its best
         plan is played; then progress is reported, with the return so far.
         """
@@ -238,7 +238,7 @@ def _parts(policies: str) -> list[str]:
 
 
 def _are_known(parts: Sequence[str]) -> bool:
-    """Return whether these are the names of one installed policy for each sub-task."""
+    """Return whether each name is that of an installed policy for its sub-task."""
     return len(parts) == len(Stage) and all(
         _kind(part) in policy_names(stage) for stage, part in zip(Stage, parts, strict=True)
     )
@@ -266,7 +266,7 @@ def _solution_location(episode: Episode, rng: np.random.Generator) -> int:
 
 
 GROUND_TRUTH = Agent("ground-truth", _solution_shape, _solution_rotation, _solution_location)
-"""Plays the solution of a task, item by item, by the rules of PackIt or PackIt-Easy.
+"""The agent that plays the solution of a task, item by item, in PackIt and PackIt-Easy.
 
-Online it places the visible items where the solution has them: if nothing must come from above.
+Online it places visible items where the solution has them, which the kinematic rule may forbid.
 """

@@ -1,4 +1,4 @@
-"""The item that is being placed, and where it fits."""
+"""The item that is being placed, and its feasible locations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from packit_sim.placement import Mask
 
 
 class ChosenItem:
-    """The item that is being placed, and where it fits.
+    """The item that is being placed, and its feasible locations.
 
     Results are computed when they are first needed, and kept. The box must not change meanwhile.
 

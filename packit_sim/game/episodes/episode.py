@@ -1,4 +1,4 @@
-"""One episode of packing: how the game is played, without Gymnasium (paper, section 4.1).
+"""Episodes of the game, without Gymnasium (paper, section 4.1).
 
 Three sub-tasks repeat: choose a shape that is outside, a rotation for it, and a location. In
 PackIt-Easy the location is chosen before the rotation. In the online game only the items of a
@@ -64,7 +64,7 @@ class EpisodeState:
     box : Any
         The state of the episode's box, as its `snapshot()` returns it.
     outside : tuple of bool
-        Which items of the task are still outside.
+        True for each item of the task that is still outside.
     stage : Stage
         The next sub-task.
     shape, rotation, location : int, int, tuple of int
@@ -102,7 +102,7 @@ class Episode:
     task : Task
         The task; in the online game with its items in the order of their arrival.
     box : BaseBox
-        What is packed so far.
+        The box with the items packed so far.
     outside : ndarray
         Bool (n items,), which items of the task are still outside.
     stage : Stage
@@ -110,8 +110,8 @@ class Episode:
     shape, rotation, location : int, int, tuple of int
         The choices for the item that is being placed; None where not chosen yet.
     chosen_item : ChosenItem, optional
-        That item and where it fits, from when its location can be asked for: once its rotation is
-        chosen, in PackIt-Easy once its shape is. None before.
+        That item and its feasible locations, as soon as its location can be chosen: after its
+        rotation, in PackIt-Easy after its shape. None before.
     total : float
         The sum of rewards so far.
     end : End, optional
@@ -143,7 +143,7 @@ class Episode:
 
     @property
     def arrived(self) -> int:
-        """How many items have arrived: the first of the task; all unless the game is online."""
+        """The number of items that have arrived, in the task's order; all if not online."""
         count = len(self.outside)
         if self.rules.buffer is None:
             return count
@@ -159,7 +159,7 @@ class Episode:
     def visible_alone(self) -> Episode:
         """Create an episode of the visible items alone, with the same content of the box.
 
-        It is not online, so that whoever plans ahead in it knows only what is visible.
+        It is not online, so that a search that plans ahead in it knows only the visible items.
         """
         items = tuple(self.task.items[n] for n in np.flatnonzero(self.visible).tolist())
         known = Episode(
@@ -268,7 +268,7 @@ class Episode:
         return found
 
     def state(self) -> EpisodeState:
-        """Save the state of the episode, for `restore`; costs next to nothing."""
+        """Save the state of the episode, for `restore`; it is cheap."""
         choices = self.shape, self.rotation, self.location
         outside = tuple(self.outside.tolist())
         return EpisodeState(
@@ -288,7 +288,7 @@ class Episode:
         Parameters
         ----------
         state : EpisodeState
-            As `state` returned it.
+            The value that `state` returned.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """The installed policies and searches, by name.
 
-They are in other packages, which announce them as entry points. `packit_agents`, which is installed
-with this package, is one of them.
+Other packages announce them as entry points. `packit_agents`, which is installed with this package,
+is one of them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def policy_names(stage: Stage) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PolicySummary:
-    """What a list says about an installed policy or search.
+    """The entry of an installed policy or search in a list.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ def installed_searches() -> tuple[PolicySummary, ...]:
 
 @dataclass(frozen=True)
 class _Definition:
-    """What the source code says about an object: its documentation, and whether it can `parse`."""
+    """The source code's documentation of an object, and whether it can `parse`."""
 
     summary: str = ""
     takes_value: bool = False

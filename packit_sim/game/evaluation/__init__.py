@@ -1,1 +1,1 @@
-"""Agents play tasks: results, scores, comparisons."""
+"""The evaluation of agents on tasks: results, scores, comparisons."""

@@ -91,7 +91,7 @@ def compare(
     second : Iterable[Rollout]
         The results of the other.
     seconds : float, optional
-        Compare what they had reached after so many processor seconds (`Rollout.return_after`), not
+        Compare their returns after this number of processor seconds (`Rollout.return_after`), not
         what they reached at the end.
 
     Returns

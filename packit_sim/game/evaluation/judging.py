@@ -27,7 +27,7 @@ SCORES: Mapping[str, str] = {
     "stable": "share of the placed volume that does not move under gravity",
     "insertable": "share of the placed volume that can be inserted, in packing order, by at most "
     "three straight moves",
-    "floating": "items that hang more than a step of the grid above what is below them",
+    "floating": "items with a gap below them of more than a grid step",
 }
 """The fields of `QualityScores`, by their names in files of results, and their meanings."""
 

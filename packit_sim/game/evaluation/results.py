@@ -28,7 +28,7 @@ class ResultsError(PackItError, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """One episode that was played. Two are equal if they differ only in the time that it took.
+    """One played episode. Two rollouts are equal if they differ only in their time.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Rollout:
 
     @property
     def played(self) -> Played:
-        """How it was played."""
+        """The record of the play."""
         assert isinstance(self.pack.provenance, Played)
         return self.pack.provenance
 
@@ -169,7 +169,7 @@ class Rollout:
         return self.played.weights
 
     def return_after(self, seconds: float) -> float:
-        """Return what the agent's search had reached by then: one run gives its whole curve.
+        """Return the best return of the search by then: one run gives the whole curve.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ def check_results(
     Returns
     -------
     int
-        How many returns can't be checked: former versions did not record the items outside the box,
+        The number of returns that can't be checked: former versions did not record items outside,
         and the task is not built in; or there is no library.
 
     Raises

@@ -77,7 +77,7 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsSto
     file : Path | None
         The file of results, if there is one.
     agents : Iterable[str]
-        As of `ResultsStore`.
+        The agents of `ResultsStore`.
 
     Yields
     ------
@@ -87,7 +87,7 @@ def opened(file: Path | None, agents: Iterable[str] = ()) -> Iterator[ResultsSto
     Raises
     ------
     BusyError
-        If another process works on the file; also whatever `read_results` raises.
+        If another process works on the file, or if `read_results` raises it.
     """
     alone = nullcontext() if file is None else claimed(lock_path(file), file)
     with alone:

@@ -1,4 +1,4 @@
-"""What the explorer shows: the packs of a dataset, or the results of agents on its tasks."""
+"""The packs that the explorer shows: those of a dataset, or results of agents on its tasks."""
 
 from __future__ import annotations
 
@@ -66,15 +66,15 @@ class PackView:
 
     @cached_property
     def is_on_grid(self) -> bool:
-        """Whether all items in the box have a location on the grid."""
+        """True if all items in the box have a location on the grid."""
         return all(isinstance(placed, PlacedItem) for placed in self.placed)
 
     def contents(self) -> BoxState[PlacedItem | PosedItem]:
-        """Return what is in the box."""
+        """Return the content of the box."""
         return BoxState(self.cells, self.placed)
 
     def box(self, step: int) -> Box:
-        """Return the box after so many items were placed, which must be on the grid."""
+        """Return the box after a number of items were placed, all of which must be on the grid."""
         placed = tuple(one for one in self.placed[:step] if isinstance(one, PlacedItem))
         box = self.rules.changed(physics=None).new_box(self.cells)
         assert isinstance(box, Box)  # without physics

@@ -1,4 +1,4 @@
-"""The panel next to the boxes: what is shown, and how."""
+"""The control panel of the explorer: sliders, lists and buttons."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class ViewRequest:
     second : int | None
         The number of the pack next to it.
     step : int
-        How many items are in the box.
+        The number of items in the box.
     explode : float
-        How far items are moved apart; 0 while "Why not here?" is used, which is about locations.
+        The distance by which items are moved apart; 0 for "Why not here?", which needs locations.
     cut : Cut | None
-        Where the box is cut open.
+        The plane that cuts the box open.
     coloring : str
         The name of the rule that colours items.
     chosen : int | None
@@ -170,7 +170,7 @@ class Controls:
             slider.max = nodes - 1
 
     def set_outside(self, view: PackView, step: int) -> None:
-        """Offer the items that are outside after so many steps; none if the others settled."""
+        """Offer the items that are outside after a number of steps; none if the others settled."""
         first = min(step, len(view.placed)) if view.is_on_grid else len(view.items)
         options = (NOTHING, *(label(view, n) for n in range(first, len(view.items))))
         if options != self.wanted.options:
@@ -190,7 +190,7 @@ class Controls:
         self.notice.content = notice
 
     def set_step(self, step: int) -> None:
-        """Show so many items."""
+        """Show a number of items."""
         _set(self._step, step)
 
     def choose(self, view: PackView, number: int) -> None:

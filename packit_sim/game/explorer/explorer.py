@@ -56,7 +56,7 @@ class Explorer:
     second : int | None
         The number of the pack next to it.
     host : str
-        Where the page listens, see `WebPage`.
+        The address at which the page is served, see `WebPage`.
     port : int | None
         The same.
 

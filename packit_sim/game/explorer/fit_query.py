@@ -1,4 +1,4 @@
-"""Where an item fits in a box, and what blocks it elsewhere."""
+"""Queries about one item: its feasible locations, and its blockers elsewhere."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class FitQuery:
         return (np.argwhere(self.mask) * STEP + np.array(self.item.cells) / 2) * CELL
 
     def blockers(self, location: Triple) -> Blockers:
-        """Return what blocks the item at a location; false if nothing does."""
+        """Return the blockers of the item at a location; false if there are none."""
         return self.box.why_not(self.item, location)
 
     def summary(self) -> str:
@@ -59,7 +59,7 @@ class FitQuery:
         return f"It fits at {count:,} of {self.mask.size:,} locations in this rotation."
 
     def answer(self, location: Triple) -> str:
-        """Describe one location in a sentence: the item fits, or what is in its way."""
+        """Describe one location in a sentence: the item fits, or its blockers."""
         found = self.blockers(location)
         if not found:
             return f"At {location} it fits."

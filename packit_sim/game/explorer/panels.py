@@ -41,7 +41,7 @@ def items(view: PackView, colors: Sequence[Color], step: int, chosen: int | None
     colors : Sequence[Color]
         The colour of each item.
     step : int
-        How many items are in the box; the others are pale.
+        The number of items in the box; the others are pale.
     chosen : int | None
         The number of the item that is marked.
 

@@ -21,9 +21,9 @@ class Chromosome:
     order : ndarray of int64, shape (n,)
         The order of packing, a permutation of the pool.
     scales : ndarray of int64, shape (n,)
-        For each shape of the pool, the index of its scale in the settings.
+        The index of the scale of each shape of the pool in the settings.
     rotations : ndarray of int64, shape (n,)
-        For each shape of the pool, its rotation, 0 to 23.
+        The rotation of each shape of the pool, 0 to 23.
     """
 
     order: npt.NDArray[np.int64]

@@ -17,7 +17,7 @@ SHARES = (0.25, 4.0)
 """The smallest and the largest volume of a piece, relative to the mean."""
 
 CUT = (0.3, 0.7)
-"""Where a plane may cut a part, relative to its length."""
+"""The range in which a plane may cut a part, relative to its length."""
 
 WHIRL = 5
 """Pieces of a pinwheel."""
@@ -36,14 +36,14 @@ def guillotine(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | Non
 
 
 def pinwheel(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
-    """Cut the box into pinwheels, the largest part first, and at last by planes.
+    """Cut the box into pinwheels, the largest part first, and finally by planes.
 
     Parameters
     ----------
     pieces : int
         The number of pieces, at least `WHIRL`.
     rng : numpy.random.Generator
-        Where the cuts are.
+        The generator that draws the cuts.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def divided(
     divide: Callable[[Block, np.random.Generator], list[Block] | None],
     rng: np.random.Generator,
 ) -> list[Block] | None:
-    """Divide the largest block so many times; None if one can't be divided."""
+    """Divide the largest block a number of times; None if one can't be divided."""
     blocks = list(blocks)
     for _ in range(times):
         largest = max(range(len(blocks)), key=lambda n: (volume(blocks[n]), -n))

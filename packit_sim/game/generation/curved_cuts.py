@@ -120,7 +120,7 @@ def curved(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None:
     pieces : int
         The number of pieces; if it is odd, the smallest block remains whole.
     rng : numpy.random.Generator
-        Where the cuts are, and which surfaces.
+        The generator that draws the cuts and the surfaces.
 
     Returns
     -------

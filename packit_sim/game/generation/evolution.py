@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from packit_sim.core.parallel import Workers
 
 BATCHES_PER_WORKER = 4
-"""Batches of a generation's children for each worker; more than one, so that none waits long."""
+"""Batches of a generation's children for each worker; several, so that no worker waits long."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Evolution:
 
     @property
     def is_over(self) -> bool:
-        """Whether the limit on generations, or on those without improvement, is reached."""
+        """True if the limit on generations, or on those without improvement, is reached."""
         return (
             len(self.densities) > self.settings.generations or self._stale >= self.settings.patience
         )
@@ -243,7 +243,7 @@ def evolve(
     on_generation : callable
         Called with each `Generation`.
     workers : Workers, optional
-        Where chromosomes are evaluated; by default in this process.
+        The workers that evaluate chromosomes; by default this process does.
 
     Returns
     -------

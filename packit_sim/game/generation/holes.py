@@ -96,7 +96,7 @@ def shape_points(shape: Shape) -> ShapePoints:
 
 @dataclass(frozen=True)
 class Holes:
-    """The free space of a box, as long as it does not change.
+    """The free space of a box, valid until the box changes.
 
     Attributes
     ----------

@@ -1,9 +1,9 @@
 """Generation of datasets of packs: on many workers, and resumable at any moment.
 
 Packs evolve, or they are made denser (see `densification`). A dataset is a JSON Lines file (see
-`packs`), which is written again with each finished pack. Until all are finished, a hidden folder
-next to it holds a checkpoint of each unfinished pack: the same job resumes from there, and ends in
-the same packs as without a stop.
+`packs`), which is rewritten after each finished pack. Until all are finished, a hidden folder next
+to it contains a checkpoint of each unfinished pack. The same job resumes from there, and produces
+the same packs as without an interruption.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class GenerationError(PackItError):
 
 
 class JobRecord(Struct, frozen=True):
-    """What must be the same to resume a job; it may ask for more packs.
+    """The properties that must be equal to resume a job; the number of packs may grow.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class GenerationJob:
 
     @property
     def record(self) -> JobRecord:
-        """What must be the same to resume the job."""
+        """The properties that must be equal to resume the job."""
         library = LibraryRef.of(self.library)
         return JobRecord(library, self.split, self.seed, self.history, self.settings.to_json())
 
@@ -128,7 +128,7 @@ class GenerationJob:
         return Densification(self.library, seed, self.settings)
 
     def is_of(self, pack: Pack) -> bool:
-        """Whether a pack was generated with the job's library, settings and history."""
+        """Return whether a pack was generated with the job's library, settings and history."""
         found = pack.provenance
         if not isinstance(found, Evolved | Densified) or found.settings != self.settings:
             return False
@@ -161,7 +161,7 @@ def generate(
     workers: Workers | None = None,
     on_pack: Callable[[int, Pack], None] = lambda number, pack: None,
 ) -> list[Pack]:
-    """Generate a dataset, or what is missing of it.
+    """Generate a dataset, or its missing packs.
 
     The packs are the same with any number of workers. On a cluster the packs of a lost machine are
     resumed elsewhere, from their checkpoints if its machines share the file's folder, otherwise
@@ -174,7 +174,7 @@ def generate(
     file : Path
         The JSON Lines file of its packs.
     workers : Workers | None
-        Where searches run; None for this process.
+        The workers that run searches; None for this process.
     on_pack : Callable[[int, Pack], None]
         Called with the number and the best pack of each search that ends, once.
 

@@ -26,14 +26,14 @@ SIZES = (2 / 3, 4 / 3)
 """The fewest and the most cubes of a piece, relative to the mean, rounded down and up."""
 
 CLEARANCE = round(0.75 * CONTACT_TOLERANCE * UNITS)
-"""How far the faces of a piece are inside its cubes, in millionths of the box. The surfaces of two
-pieces are twice as far from each other. Collision meshes are drawn in towards the centre of a
-piece, and a face of a notch that looks towards the centre moves outwards with it, by less than half
-of the contact tolerance: without a clearance, pieces that fill each other's notches would be in
+"""Distance of the faces of a piece from those of its cubes, in millionths of the box. The surfaces
+of two pieces are twice as far from each other. Collision meshes are drawn in towards the centre of
+a piece. A face of a notch that looks towards the centre then moves outwards, by less than half of
+the contact tolerance: without a clearance, pieces that fill each other's notches would be in
 conflict."""
 
 MIN_LOCKED = 3
-"""Directions, of six, in which one of two pieces that interlock can't leave the other."""
+"""Minimum number of directions, of six, in which one of two interlocking pieces is blocked."""
 
 Labels = npt.NDArray[np.int64]
 """(5, 5, 5): the number of each cube's piece."""
@@ -47,7 +47,7 @@ def polycubes(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None
     pieces : int
         The number of pieces.
     rng : numpy.random.Generator
-        Which pieces join.
+        The generator that decides which pieces join.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def locked(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> int:
 
 
 def joined_cubes(pieces: int, rng: np.random.Generator) -> Labels | None:
-    """Join cubes until so many pieces are left; None if that does not succeed."""
+    """Join cubes until a number of pieces are left; None if that does not succeed."""
     labels = np.arange(CUBES**3).reshape(CUBES, CUBES, CUBES)
     least, most = sizes(pieces)
     left = CUBES**3

@@ -39,7 +39,7 @@ class PuzzlePiece:
     Attributes
     ----------
     category : str
-        What it is, such as "cuboid".
+        The kind of the piece, such as "cuboid".
     node : tuple of int
         The grid node at which the minimum corner of its cell box is.
     vertices : ndarray of int64, shape (n, 3)

@@ -10,7 +10,7 @@ from packit_sim.game.datasets.provenance import Evolved
 from packit_sim.game.generation.jobs import EvolutionProgress, SearchSettings
 
 ENOUGH = 20
-"""Generations a worker before the first estimate: the first ones are the slowest."""
+"""Generations per worker before the first estimate: the first ones are the slowest."""
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 """In seconds."""
@@ -31,9 +31,9 @@ class TimeEstimate:
     packs : int
         The number of searches.
     workers : int
-        How many searches run at a time.
+        The number of searches that run at the same time.
     since : float
-        When the measurement starts, in seconds of any clock.
+        The start of the measurement, in seconds of any clock.
     before : iterable of EvolutionProgress
         The unfinished searches at that time.
     done : mapping of int to Pack
@@ -79,12 +79,12 @@ class TimeEstimate:
         return seconds * max(sum(left), self._crew * max(left))
 
     def _expected(self, done: int) -> float:
-        """Estimate the length of an evolution of which so many generations are done."""
+        """Estimate the length of an evolution that has done a number of generations."""
         longer = [length for length in tuple(self._lengths.values()) if length > done]
         return sum(longer) / len(longer) if longer else max(self.settings.steps, done)
 
     def _length(self, pack: Pack) -> int:
-        """How many generations it took, by that of the best pack: patience ran out, or all did."""
+        """Compute the generations of an evolution from its best pack, patience and limit."""
         found = pack.provenance
         if isinstance(found, Evolved):
             return min(found.generation + found.settings.patience + 1, found.settings.steps)

@@ -100,7 +100,7 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
     path : Path | str
         The file to write.
     placed : int
-        How many of the solution's items are in the box; the item of median volume among the others
+        The number of the solution's items in the box; the item of median volume among the others
         is chosen.
 
     Raises
@@ -290,7 +290,7 @@ def _turned(item: Item, chosen: frozenset[int]) -> Snapshot:
 def _left(
     rollout: Rollout, task: Task, library: ShapeLibrary
 ) -> tuple[Contents[ItemInBox], Layout]:
-    """Lay out a box as an agent left it, with the other items next to it."""
+    """Lay out a box at the end of an episode, with the other items next to it."""
     placed = rollout.pack.placed(library)
     outside = list(task.items)
     for one in placed:

@@ -1,8 +1,8 @@
 """The hardness of packs by generation of their evolution (paper, figure 4).
 
 A dataset of `packit generate --history` contains the packs that each evolution kept. An agent plays
-all of them. The score at a generation is over all evolutions, each represented by the last pack
-that it had kept by then, also if it has ended. So all points are over the same evolutions;
+all of them. The score at a generation is the mean over all evolutions. Each is represented by the
+last pack that it had kept by then, even if it has ended. So all points have the same evolutions;
 intervals are 95% bootstrap intervals over them.
 """
 
@@ -134,7 +134,7 @@ def curve(evolutions: Evolutions, totals: Mapping[tuple[int, int], float]) -> li
     Returns
     -------
     list[GenerationScore]
-        In the order of generations.
+        The scores in the order of generations.
     """
     points = []
     for generation in sorted({after for packs in evolutions.values() for after in packs}):

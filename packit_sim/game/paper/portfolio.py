@@ -1,6 +1,6 @@
 """The portfolio: rules with searches at equal processor time, alone and together.
 
-It is beyond the paper: it says what search alone reaches, second by second.
+It is beyond the paper: it shows the returns of searches over their processor time.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LEARNED = ("champion+ruin-recreate",)
 """Learned agents with their searches, which play all tasks, to be compared with the pairs."""
 
 FIRST_TASKS = 50
-"""How many tasks the other pairs play."""
+"""The number of tasks that the other pairs play."""
 
 SECONDS = 60.0
 """Processor seconds of each search on each task."""
@@ -81,7 +81,7 @@ class PortfolioRow:
     tasks : int
         The number of tasks.
     rewards : dict[float, Estimate]
-        Average Reward after so many seconds.
+        Average Reward after each number of seconds.
     success : Estimate
         Success@1 in percent at the end.
     """

@@ -1,4 +1,4 @@
-"""The paper's tables, and one beyond it: agents, the paper's numbers, and ours."""
+"""The paper's tables, and one more: agents, the paper's numbers, and ours."""
 
 from __future__ import annotations
 

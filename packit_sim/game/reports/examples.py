@@ -19,7 +19,7 @@ SOLUTION = "ground truth"
 
 @dataclass(frozen=True)
 class Example:
-    """A box as one agent packed it.
+    """A box that one agent packed.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def extremes(rollouts: Sequence[Rollout], each: int) -> list[tuple[str, Rollout]
     rollouts : Sequence[Rollout]
         All rollouts.
     each : int
-        How many of the highest, and of the lowest.
+        The number of the highest, and of the lowest.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def gallery(
     library : ShapeLibrary
         The library of their shapes.
     each : int
-        How many of the best tasks, and of the worst.
+        The number of the best tasks, and of the worst.
     agent : str | None
         The agent's name, see `chosen`.
     tasks : Mapping[str, Task]

@@ -62,7 +62,7 @@ class TrainingRun:
     name : str
         Its unique name in the report.
     run : TrainingRecord
-        What its folder records.
+        The record in its folder.
     """
 
     name: str

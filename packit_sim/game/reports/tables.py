@@ -48,7 +48,7 @@ class Column:
     name : str
         The heading.
     meaning : str
-        What the numbers mean, if the heading does not say it.
+        The meaning of the numbers, if the heading does not say it.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Table:
     Attributes
     ----------
     caption : str
-        What the table contains.
+        The content of the table.
     columns : tuple[Column, ...]
         The columns.
     rows : tuple[tuple[Cell, ...], ...]
@@ -156,7 +156,7 @@ def comparisons(played: Sequence[EvaluationRun]) -> dict[str, Table]:
     Returns
     -------
     dict[str, Table]
-        By the other agent's name, the numbers of `packit compare`.
+        The numbers of `packit compare` by the name of the other agent.
     """
     columns = (
         Column("agent"),
@@ -176,7 +176,7 @@ def comparisons(played: Sequence[EvaluationRun]) -> dict[str, Table]:
 
 
 def evaluations(played: Sequence[EvaluationRun]) -> Table:
-    """Tabulate what was played, file by file."""
+    """Tabulate the evaluations, file by file."""
     columns = (
         Column("results"),
         Column("agents"),
@@ -203,7 +203,7 @@ def evaluations(played: Sequence[EvaluationRun]) -> Table:
 
 
 def trainings(learned: Sequence[TrainingRun]) -> Table:
-    """Tabulate what each training reached in validation."""
+    """Tabulate the validation results of each training."""
     columns = (
         Column("training"),
         Column("steps", "so far"),
