@@ -59,7 +59,9 @@ lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: 
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/pydoclint --version > /dev/null  # types in docstrings give shapes (DOC105); kernels have no hints (DOC106, DOC107)
-	@! $(BIN)/pydoclint packit_sim agents benchmarks campaigns scripts 2>&1 | grep -E 'DOC|Error' | grep -vE 'DOC10[567]'
+	@# A parameter without an entry is fine (DOC101, half of DOC103); an entry without a parameter is not (DOC102, DOC103).
+	@! $(BIN)/pydoclint packit_sim agents benchmarks campaigns scripts 2>&1 | grep -E 'DOC|Error' \
+		| grep -vP 'DOC10[1567]|DOC103(?!.*in the docstring but not)'
 	@$(BIN)/lint-imports --no-cache > /dev/null || $(BIN)/lint-imports --no-cache
 
 types: $(STAMP) ## mypy

@@ -55,7 +55,7 @@ REASONS = {
     "pre-commit": "runs the checks before a commit",
     "pybullet": "physics, and pictures by OpenGL",
     "pycollada": "trimesh reads COLLADA with it",
-    "pydoclint": "checks that docstrings name all parameters",
+    "pydoclint": "checks that docstrings name no parameter that does not exist",
     "pytest": "runs the tests",
     "pytest-timeout": "ends a test that hangs",
     "pytest-xdist": "tests on several cores",
