@@ -35,10 +35,10 @@ from packit_sim.core import typed_json
 from packit_sim.core.confidence import format_estimate
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.files import replacing
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import find_manifest, manifest_path
 from packit_sim.game.datasets.pack_files import dataset_library, load_tasks
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.evaluation.evaluation import Score
 from packit_sim.game.evaluation.results import ResultsError, read_results
 from packit_sim.game.evaluation.results_store import check_evaluation

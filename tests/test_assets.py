@@ -13,6 +13,7 @@ import pytest
 
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.check_reports import Report
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import manifest_path
 from packit_sim.game.datasets.pack_files import (
     builtin_datasets,
@@ -24,7 +25,6 @@ from packit_sim.game.datasets.pack_files import (
     write_packs,
 )
 from packit_sim.game.datasets.provenance import Puzzle
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.generation.jobs import work_folder
 
 SAMPLE = 2

@@ -27,7 +27,7 @@ from packit_sim.game.evaluation.results import ResultsError, Rollout
 from packit_sim.game.explorer import panels
 from packit_sim.game.explorer.collection import PackCollection
 from packit_sim.game.explorer.controls import NOTHING
-from packit_sim.game.explorer.fit_query import FitQuery
+from packit_sim.game.explorer.query import FitQuery
 from packit_sim.game.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.shapes import Item

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from packit_sim.core.errors import PackFormatError, PackItError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import manifest_path
 from packit_sim.game.datasets.packs import Pack
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.game.evaluation.results import check_results, read_results
 from packit_sim.rules import Rules

@@ -8,8 +8,8 @@ from msgspec import structs
 
 from packit_sim import compare, evaluate, load_tasks, read_results
 from packit_sim.core.errors import ArgumentError
-from packit_sim.game.datasets.play_checks import play_problems
 from packit_sim.game.datasets.provenance import Improvement
+from packit_sim.game.datasets.result_checks import result_problems
 from packit_sim.game.evaluation.results import Rollout
 from packit_sim.game.paper.portfolio import divided
 from tests.runs import packit
@@ -41,7 +41,7 @@ def test_each_improvement_is_later_and_better_up_to_the_return(search, tasks, tm
         assert steps[-1].total == rollout.total
         assert all(a.seconds <= b.seconds and a.total < b.total for a, b in pairwise(steps))
         assert 0 <= steps[0].seconds <= steps[-1].seconds <= rollout.seconds + 1e-3
-        assert not list(play_problems(rollout.pack, rollout.played))
+        assert not list(result_problems(rollout.pack, rollout.played))
     read = read_results(file)
     assert [each.played.improvements[-1].total for each in read] == [each.total for each in read]
 
@@ -106,7 +106,7 @@ def test_improvements_that_contradict_the_result_are_found(steps, message, searc
     forged = with_steps(
         searched[0], *((s, total if value is None else value) for s, value in steps)
     )
-    (problem,) = play_problems(forged.pack, forged.played)
+    (problem,) = result_problems(forged.pack, forged.played)
     assert message in problem
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import LibraryError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_files import dataset_file, read_packs, write_packs
 from packit_sim.game.datasets.packs import LibraryRef
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
 from tests.zoo import CUBE, RING

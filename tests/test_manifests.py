@@ -9,9 +9,9 @@ import pytest
 
 from packit_sim.core.errors import BusyError, PackFormatError
 from packit_sim.core.files import claimed, lock_path
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import Manifest, find_manifest, manifest_path
 from packit_sim.game.datasets.pack_files import dataset_file, read_packs, write_packs
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.evaluation.results_store import opened
 from packit_sim.libraries.library import ShapeLibrary
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from packit_sim.core.errors import PackFormatError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import manifest_path
 from packit_sim.game.datasets.pack_files import read_packs, write_packs
 from packit_sim.game.datasets.packs import Pack
@@ -19,7 +20,6 @@ from packit_sim.game.datasets.provenance import (
     Played,
     Sampled,
 )
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.libraries.library import ShapeLibrary
 
 RECORDS = Path(__file__).parent / "references" / "format-1"

@@ -21,10 +21,10 @@ from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.cli import evaluation_commands
 from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_files import load_tasks, read_packs
 from packit_sim.game.datasets.packs import Task
-from packit_sim.game.datasets.play_checks import play_problems
-from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.datasets.result_checks import result_problems
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.envs.observations import OBSERVERS
 from packit_sim.game.episodes.agents import GROUND_TRUTH, Agent
@@ -292,7 +292,7 @@ def test_other_rotations_can_not_be_chosen() -> None:
 def test_agents_choose_what_is_valid_until_nothing_visible_fits(agent, easy) -> None:
     (rollout,) = evaluate([agent], [sequence(side=12)], 0, rules=replace(ONLINE, easy=easy))
     assert rollout.end is End.NO_LOCATION
-    assert not list(play_problems(rollout.pack, rollout.played))
+    assert not list(result_problems(rollout.pack, rollout.played))
 
 
 def test_the_episode_continues_while_anything_visible_fits() -> None:
@@ -516,7 +516,7 @@ def test_results_are_the_same_after_a_way_through_a_file(tmp_path) -> None:
 
 def forged(rollout: Rollout, items: tuple, **rules: object) -> list[str]:
     played = structs.replace(rollout.played, rules=replace(ONLINE, **rules))
-    return list(play_problems(replace(rollout.pack, items=items), played))
+    return list(result_problems(replace(rollout.pack, items=items), played))
 
 
 def test_a_result_that_breaks_the_rules_is_refused() -> None:

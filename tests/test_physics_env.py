@@ -19,10 +19,10 @@ from trimesh import creation, transformations
 
 from packit_sim import Agent
 from packit_sim.core.errors import ArgumentError, InfeasibleError, PackFormatError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_checks import verify
 from packit_sim.game.datasets.pack_files import write_packs
 from packit_sim.game.datasets.packs import ItemRecord, LibraryRef, Pack, Task
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.envs.env import PackItEnv
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.game.evaluation.results import ResultsError, Rollout, read_results, write_results

@@ -16,12 +16,12 @@ from typer.testing import CliRunner, Result
 from packit_sim import cut_puzzle, dataset_file, load_tasks, read_packs, verify, write_packs
 from packit_sim.cli.app import app
 from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_checks import PUZZLE_SLACK, puzzle_problems
 from packit_sim.game.datasets.pack_files import dataset_library
 from packit_sim.game.datasets.packs import Pack
-from packit_sim.game.datasets.play_checks import insertion_problems
 from packit_sim.game.datasets.provenance import Puzzle, PuzzleName
-from packit_sim.game.datasets.verification import verify_dataset
+from packit_sim.game.datasets.result_checks import insertion_problems
 from packit_sim.game.generation import cuboid_cuts, curved_cuts, polycube_cuts
 from packit_sim.game.generation.jobs import GenerationError
 from packit_sim.game.generation.puzzle_pieces import NODES, PuzzlePiece

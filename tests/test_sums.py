@@ -26,4 +26,4 @@ def test_volumes_and_rewards_are_not_added_by_sum() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "sum":
                 names = {getattr(part, "attr", getattr(part, "id", "")) for part in ast.walk(node)}
-                assert not words & names or file.name == "play_checks.py", file
+                assert not words & names or file.name == "result_checks.py", file

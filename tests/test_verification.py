@@ -18,12 +18,12 @@ from packit_sim.box import Box
 from packit_sim.core import typed_json
 from packit_sim.core.check_reports import Report
 from packit_sim.core.errors import PackFormatError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import manifest_path
 from packit_sim.game.datasets.pack_checks import verify
 from packit_sim.game.datasets.pack_files import dataset_file, read_packs, write_packs
 from packit_sim.game.datasets.packs import LibraryRef, Pack
 from packit_sim.game.datasets.provenance import Evolved, Other, Played
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary

@@ -15,10 +15,10 @@ from campaigns.fuzzing import world
 from campaigns.fuzzing.json_changes import json_tree
 from campaigns.fuzzing.reader import Reader
 from packit_sim.core.errors import PackItError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.manifests import Manifest, manifest_path
 from packit_sim.game.datasets.original import read_original
 from packit_sim.game.datasets.pack_files import dataset_library, read_packs, write_packs
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.game.evaluation.results import check_results, read_results
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.motions import Motion

@@ -16,8 +16,8 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import stoppable
 from packit_sim.core.errors import ArgumentError
+from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_files import dataset_file, dataset_path
-from packit_sim.game.datasets.verification import verify_dataset
 from packit_sim.parts.packings.packing_files import verify_packing
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from packit_sim.core.errors import MeshError, PackItError, UnknownShapeError
 from packit_sim.game.datasets.original_files import (
-    RecordedItem,
-    RecordedPack,
+    OriginalItem,
+    OriginalPack,
     counted,
     list_files,
     read_pack_file,
@@ -168,7 +168,7 @@ class _Shapes:
         self._missing = {_plain(id): reason for id, reason in library.missing.items()}
 
     def task(
-        self, recorded: RecordedPack, entries: list[RecordedItem], file: str, number: int
+        self, recorded: OriginalPack, entries: list[OriginalItem], file: str, number: int
     ) -> tuple[Task, list[Unresolved]]:
         """Return the task of the items that have shapes, and the other items."""
         items: list[tuple[Item, int]] = []
@@ -191,7 +191,7 @@ class _Shapes:
         pack = Pack(LibraryRef.of(self._library), BOX_CELLS, (), 0.0, origin, outside)
         return pack.task(self._library), problems
 
-    def _item(self, entry: RecordedItem) -> Item:
+    def _item(self, entry: OriginalItem) -> Item:
         """Load an item; raises UnknownShapeError, MeshError and other errors of loading."""
         item = Item(self._library[self._id(entry.source)], entry.scale)
         if max(item.cells) > max(BOX_CELLS):

@@ -64,7 +64,7 @@ class _Factors(Struct):
     z: Factor
 
 
-class RecordedPack(Struct):
+class OriginalPack(Struct):
     """A pack in the file, with an entry of each list for each item.
 
     Attributes
@@ -90,7 +90,7 @@ class RecordedPack(Struct):
     efficiency: Annotated[float, Meta(ge=0, le=MAX_NUMBER)]
     shape_scale: Factor | UnsetType = field(default=UNSET, name="shapeScale")
 
-    def items(self) -> list[RecordedItem]:
+    def items(self) -> list[OriginalItem]:
         """Return the items, or raise PackFormatError that names the wrong field."""
         for name in ("scales", "rotations", "positions"):
             entries = getattr(self, name)
@@ -101,7 +101,7 @@ class RecordedPack(Struct):
                 )
         rows = zip(self.sources, self.scales, self.rotations, strict=True)
         return [
-            RecordedItem(
+            OriginalItem(
                 source, _scale(factors, f"scales[{n}]"), _rotation(turn, f"rotations[{n}]")
             )
             for n, (source, factors, turn) in enumerate(rows)
@@ -115,7 +115,7 @@ class _PackFile(Struct):
 
 
 @dataclass(frozen=True)
-class RecordedItem:
+class OriginalItem:
     """An item of a pack, with our scale and rotation.
 
     Attributes
@@ -156,7 +156,7 @@ def _natural(name: str) -> list[int | str]:
     return [int(part) if n % 2 else part for n, part in enumerate(parts)]
 
 
-def read_pack_file(file: Path) -> Iterator[tuple[RecordedPack, list[RecordedItem]]]:
+def read_pack_file(file: Path) -> Iterator[tuple[OriginalPack, list[OriginalItem]]]:
     """Read a pack file.
 
     Parameters
@@ -166,9 +166,9 @@ def read_pack_file(file: Path) -> Iterator[tuple[RecordedPack, list[RecordedItem
 
     Yields
     ------
-    recorded : RecordedPack
+    recorded : OriginalPack
         A pack.
-    items : list of RecordedItem
+    items : list of OriginalItem
         Its items.
 
     Raises
@@ -189,7 +189,7 @@ def read_pack_file(file: Path) -> Iterator[tuple[RecordedPack, list[RecordedItem
         packs = typed_json.convert(raw, _PackFile, PackFormatError, "the file").data
     for number, pack in enumerate(packs):
         with located(f"{file}, pack {number}", PackFormatError):
-            recorded = typed_json.convert(pack, RecordedPack, PackFormatError, "a pack")
+            recorded = typed_json.convert(pack, OriginalPack, PackFormatError, "a pack")
             items = recorded.items()
         yield recorded, items
 

@@ -15,8 +15,8 @@ from msgspec import structs
 from packit_sim.core.errors import PackItError
 from packit_sim.game.datasets.pack_files import read_packs, write_packs
 from packit_sim.game.datasets.packs import ItemRecord, Pack
-from packit_sim.game.datasets.play_checks import play_problems, task_of
 from packit_sim.game.datasets.provenance import Improvement, Played
+from packit_sim.game.datasets.result_checks import result_problems, task_of
 from packit_sim.game.episodes.episode import Episode
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.rules import End, Rules
@@ -250,7 +250,7 @@ def check_results(
                 "write each evaluation to a separate file"
             )
         found.add((rollout.agent, rollout.task))
-        for problem in play_problems(rollout.pack, rollout.played, volume):
+        for problem in result_problems(rollout.pack, rollout.played, volume):
             raise ResultsError(
                 f"{path}, pack {number}: {problem}; `packit verify` reports all problems"
             )

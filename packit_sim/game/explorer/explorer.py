@@ -14,8 +14,8 @@ from packit_sim.core.errors import PackItError
 from packit_sim.game.explorer import panels
 from packit_sim.game.explorer.collection import PackCollection, PackView
 from packit_sim.game.explorer.controls import Controls, ViewRequest
-from packit_sim.game.explorer.fit_markers import FitMarkers
-from packit_sim.game.explorer.fit_query import FitQuery
+from packit_sim.game.explorer.markers import FitMarkers
+from packit_sim.game.explorer.query import FitQuery
 from packit_sim.game.explorer.redraw_thread import RedrawThread
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELL, ORIGIN, Triple

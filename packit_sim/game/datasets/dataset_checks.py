@@ -40,7 +40,6 @@ from packit_sim.game.datasets.pack_checks import (
 )
 from packit_sim.game.datasets.pack_files import WHOLE, folder_files
 from packit_sim.game.datasets.packs import FORMATS, Pack
-from packit_sim.game.datasets.play_checks import insertion_problems, play_problems, task_of
 from packit_sim.game.datasets.provenance import (
     Densified,
     Drawn,
@@ -49,6 +48,7 @@ from packit_sim.game.datasets.provenance import (
     Provenance,
     Puzzle,
 )
+from packit_sim.game.datasets.result_checks import insertion_problems, result_problems, task_of
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import CELLS_PER_UNIT
 from packit_sim.geometry.shapes import Shape
@@ -198,7 +198,7 @@ class _DatasetCheck:
     def _play_problems(self, pack: Pack, played: Played) -> Iterator[str]:
         self.unjudged_returns += task_of(pack, played) is None
         try:
-            yield from play_problems(pack, played, lambda id: self.library[id].volume)
+            yield from result_problems(pack, played, lambda id: self.library[id].volume)
         except (UnknownShapeError, MeshError) as error:
             yield str(error)
 

@@ -47,7 +47,7 @@ def task_of(pack: Pack, played: Played) -> Facts | None:
     return _builtin_tasks().get(played.task_digest)
 
 
-def play_problems(
+def result_problems(
     pack: Pack, played: Played, volume: Callable[[str], float] | None = None
 ) -> Iterator[str]:
     """Yield the contradictions between a result and its items, its task or its rules.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from packit_sim.game.explorer.fit_query import FitQuery
+from packit_sim.game.explorer.query import FitQuery
 from packit_sim.geometry.items import PlacedItem
 from packit_sim.geometry.lattice import Triple
 from packit_sim.render.coloring import PALETTE, Color
