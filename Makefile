@@ -27,14 +27,14 @@ $(STAMP): $(SET_UP_BY)
 	@bash scripts/setup.sh '$(PYTHON)' '$(EXTRAS)'
 	@touch $@
 
-demo: ## evolve a pack, take it apart, pack it again, draw it; installs no more than that needs
+demo: ## evolve a pack, let agents repack its items, draw the results; installs only what this needs
 	@ls $(VENV)/.set-up-* > /dev/null 2>&1 || $(MAKE) --no-print-directory setup EXTRAS=
 	@$(BIN)/packit demo
 
 test: $(STAMP) ## the quick tests
 	@$(PYTEST) -m 'not slow' $(PYTEST_ARGS)
 
-test-all: ## the slow tests too, with new seeds; MASKS=2000: so many masks; SEED=1: repeat a run
+test-all: ## the slow tests too, with new seeds; MASKS=2000: number of masks; SEED=1: repeat a run
 	@$(MAKE) --no-print-directory setup EXTRAS=dev,cluster
 	@echo "to repeat this run: make test-all MASKS=$(MASKS) SEED=$(SEED)"
 	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-all} $(PYTEST) --masks $(MASKS) --seed $(SEED) \
@@ -76,7 +76,7 @@ wheel: $(STAMP) ## sdist, and from it the wheel, into dist/
 	@rm -rf dist
 	@$(BIN)/python -m build --no-isolation
 
-constraints: ## write constraints.txt again, with the newest versions that fit
+constraints: ## rewrite constraints.txt with the newest versions that fit
 	@bash scripts/constraints.sh $(PYTHON)
 
 clean: ## remove everything that was generated, .venv too

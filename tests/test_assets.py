@@ -62,7 +62,7 @@ def test_a_sample_is_valid(file: Path, tmp_path: Path) -> None:
     places = {round(n * (len(packs) - 1) / (SAMPLE - 1)) for n in range(SAMPLE)}
     write_packs(tmp_path / file.name, [packs[n] for n in sorted(places)])
     report = verify_dataset(tmp_path, dataset_library(file))
-    assert report.holds, problem_lines(report)
+    assert report.is_valid, problem_lines(report)
     assert report.packs == len(places)
 
 
@@ -86,7 +86,7 @@ def test_every_dataset_is_named_with_its_licence() -> None:
 @pytest.mark.parametrize("name", builtin_datasets())
 def test_every_pack_is_valid(name: str) -> None:
     report = verify_dataset(dataset_path(name), dataset_library(name))
-    assert report.holds, problem_lines(report)
+    assert report.is_valid, problem_lines(report)
 
 
 @pytest.mark.slow

@@ -56,7 +56,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 @pytest.mark.slow
 def test_demo_does_the_whole_job(demo) -> None:
     folder, printed = demo
-    assert printed.count("holds") == 9  # the ground truth and eight agents
+    assert printed.count("valid") == 9  # the ground truth and eight agents
     files = ("packs.jsonl", "results.jsonl", "truth.png", "best.png", "worst.png")
     for name in files:
         assert f"demo/{name}" in printed and (folder / name).exists()

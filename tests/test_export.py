@@ -152,7 +152,7 @@ def test_json_is_a_valid_packing(written: Callable[[str], Path]) -> None:
         assert np.array_equal(mesh.faces, placed.item.shape.mesh.faces)
     assert len(list((path.parent / "box-meshes").iterdir())) == 3
     report = verify_packing(path)
-    assert report.holds, report.problems
+    assert report.is_valid, report.problems
     assert report.density == pytest.approx(box.density, rel=1e-4)
 
 

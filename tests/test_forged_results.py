@@ -82,7 +82,7 @@ FORGED: dict[str, tuple[Change, str]] = {
 
 def test_honest_results_hold(honest: Path) -> None:
     report = verify_dataset(honest, everyday())
-    assert report.holds and not report.not_judged
+    assert report.is_valid and not report.not_judged
     rollouts = read_results(honest)
     check_results(honest, rollouts, everyday())
     task = tasks()[1]
@@ -141,7 +141,7 @@ def test_two_results_of_one_task_are_refused(honest: Path, tmp_path: Path) -> No
 
 def test_kinematic_results_are_replayed(honest: Path, tmp_path: Path) -> None:
     evaluate([AGENT], tasks()[:3], 0, rules=Rules(kinematic=True), file=tmp_path / "k.jsonl")
-    assert verify_dataset(tmp_path / "k.jsonl", everyday()).holds
+    assert verify_dataset(tmp_path / "k.jsonl", everyday()).is_valid
     claims = [
         str(problem)
         for number in range(3)

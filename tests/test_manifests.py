@@ -52,7 +52,7 @@ def test_manifests_of_former_names_are_read_and_replaced(tmp_path: Path) -> None
     write_packs(file, PACKS[:2])
     old = former(file)
     assert find_manifest(file, file.read_bytes()) == old and read_packs(file) == PACKS[:2]
-    assert verify_dataset(tmp_path / "res.jsonl", ShapeLibrary.open("everyday")).holds
+    assert verify_dataset(tmp_path / "res.jsonl", ShapeLibrary.open("everyday")).is_valid
     write_packs(file, PACKS[:3])
     assert not old.exists() and Manifest.read(manifest_path(file)).packs == 3
     former(file)

@@ -303,7 +303,7 @@ def test_bins_of_several_sizes_are_few_and_small(tmp_path) -> None:
     assert scores == sorted(set(scores), reverse=True)
     packing.write(tmp_path / "packing.json")
     report = verify_packing(tmp_path / "packing.json")
-    assert report.holds and report.density == pytest.approx(packing.density)
+    assert report.is_valid and report.density == pytest.approx(packing.density)
 
 
 def test_bins_of_several_sizes_hold_what_fits_only_into_one(tmp_path) -> None:
@@ -363,7 +363,7 @@ def test_items_keep_clear_of_obstacles(objective, size, clearance, tmp_path) -> 
             assert gap >= clearance and common.volume() <= slack * mesh.area
     packing.write(tmp_path / "packing.json")
     report = verify_packing(tmp_path / "packing.json")
-    assert report.holds and report.volume == pytest.approx(packing.volume)
+    assert report.is_valid and report.volume == pytest.approx(packing.volume)
 
 
 def test_an_obstacle_that_is_no_item_type_is_an_error() -> None:
@@ -381,7 +381,7 @@ def test_an_item_in_an_obstacle_is_found(tmp_path) -> None:
         (sentence,) = blocked.problems()
         assert sentence == f"item 0 ('cube') {problem}"
         blocked.write(tmp_path / "packing.json")
-        assert not verify_packing(tmp_path / "packing.json").holds
+        assert not verify_packing(tmp_path / "packing.json").is_valid
     above = BoxContainer((3, 3, OPEN), (wall(3, 3, 3, at=(0, 0, 1.1)),))
     assert replace(packing, container=above).problems() == []
 

@@ -325,7 +325,7 @@ def test_a_packing_is_written_and_verified(tmp_path) -> None:
     again = ItemType.from_file(written)
     assert np.array_equal(np.sort(again.vertices, axis=0), np.sort(types[1].vertices, axis=0))
     report = verify_packing(tmp_path / "packing.json")
-    assert report.holds, report.problems
+    assert report.is_valid, report.problems
     assert report.volume == pytest.approx(packing.volume)
     assert report.density == pytest.approx(packing.density)
     assert packing.height == pytest.approx(2.4 + 1 / 3, rel=1e-2)
@@ -343,7 +343,7 @@ def test_a_mesh_in_another_folder_is_written_next_to_the_packing(tmp_path) -> No
         tmp_path / "out" / "a.json"
     )
     (tmp_path / "meshes" / "cube.stl").unlink()
-    assert verify_packing(tmp_path / "out" / "a.json").holds
+    assert verify_packing(tmp_path / "out" / "a.json").is_valid
 
 
 @pytest.mark.parametrize("clearance", [-1, math.nan, math.inf])

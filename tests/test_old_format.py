@@ -124,7 +124,7 @@ def test_a_broken_line_is_refused(change: dict[str, object], message: str) -> No
 def test_a_dataset_in_the_old_format_is_valid() -> None:
     file = RECORDS / "packs" / "history.jsonl"
     report = verify_dataset(file, ShapeLibrary.open("everyday"))
-    assert report.holds, report.problems
+    assert report.is_valid, report.problems
 
 
 def test_the_script_rewrites_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

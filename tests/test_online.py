@@ -166,7 +166,7 @@ def test_sequences_follow_from_their_seed_alone(tmp_path) -> None:
     assert [pack.task(blockout()).digest for pack in packs] == [
         sequence(seed, items=50).digest for seed in range(3)
     ]
-    assert verify_dataset(files[0].parent, blockout()).holds
+    assert verify_dataset(files[0].parent, blockout()).is_valid
 
 
 def test_shapes_of_unknown_size_make_no_sequence() -> None:
@@ -509,7 +509,7 @@ def test_results_are_the_same_after_a_way_through_a_file(tmp_path) -> None:
     played = evaluate(agents, tasks, 0, rules=ONLINE, file=file)
     assert read_results(file) == played and played[0].rules == ONLINE
     assert json.loads(file.read_text().splitlines()[0])["provenance"]["rules"]["buffer"] == 3
-    assert verify_dataset(file, blockout()).holds
+    assert verify_dataset(file, blockout()).is_valid
     with pytest.raises(ValueError, match="online with a buffer of 3"):
         evaluate(agents, tasks, 0, rules=replace(ONLINE, buffer=5), file=file)
 

@@ -677,7 +677,7 @@ def test_a_volume_stays_free_in_every_box(objective, tmp_path) -> None:
     for box, one in packed.placements:
         vertices = box.vertices(one)
         assert (vertices.max(axis=0) <= low).any() or (vertices.min(axis=0) >= high).any()
-    assert verify_packing(tmp_path / "out" / "packing.json").holds
+    assert verify_packing(tmp_path / "out" / "packing.json").is_valid
     (obstacle,) = json.loads((tmp_path / "out" / "packing.json").read_text())["obstacles"]
     assert obstacle["name"] == "pillar" and obstacle["pose"][0][0] == 10
     moved = replace(packed, task=replace(packed.task, keep_out=()))
@@ -716,7 +716,7 @@ def test_parts_are_packed_around_a_fixed_part_and_rest_on_it(tmp_path) -> None:
     settings = replace(QUICK, fixed=[shelf(tmp_path)], stable=1.0, removable=True)
     out = tmp_path / "out"
     packed = pack([cube(6, count=4)], (20, 10, 15), settings=settings, out=out)
-    assert check(packed).problems == () and verify_packing(out / "packing.json").holds
+    assert check(packed).problems == () and verify_packing(out / "packing.json").is_valid
     low = sorted(box.vertices(one)[:, 2].min() for box, one in packed.placements)
     assert np.array(low) == pytest.approx([8.5] * packed.count, abs=0.01)  # under it: stuck
     assert packed.count >= 2 and "in the way" in packed.left_out[0].reason

@@ -373,7 +373,7 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
         assert after.item == before.item
         assert after.matrix == pytest.approx(before.matrix, abs=1e-12)
     report = verify_dataset(tmp_path / "results.jsonl", library)
-    assert report.holds and report.settled == len(items)
+    assert report.is_valid and report.settled == len(items)
     assert "3 items that settled" in report.not_judged
     with pytest.raises(PackFormatError, match="3 of the pack's 3 items settled off the grid"):
         read.pack.replay(library)

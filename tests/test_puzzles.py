@@ -95,7 +95,7 @@ def test_a_dataset_holds_by_the_oracle_and_finds_its_library_where_it_is_moved(
     library = dataset_library(moved)
     assert library.path.parent == moved
     report = verify_dataset(moved, library)
-    assert report.holds, "\n".join(map(str, report.problems))
+    assert report.is_valid, "\n".join(map(str, report.problems))
     tasks = load_tasks(moved)
     assert [task.pack.provenance for task in tasks] == [*SMALL.records]
     assert all(len(task.items) == task.pack.provenance.pieces for task in tasks)  # type: ignore[union-attr]

@@ -133,7 +133,7 @@ def test_the_starter_packs_hold(count, tmp_path) -> None:
         ShapeLibrary.open("everyday"),
         lambda done, total: calls.append((done, total)),
     )
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
     assert calls == [(n + 1, count) for n in range(count)]
     assert (report.files, report.packs, report.broken) == (1, count, 0)
     assert report.density == pytest.approx(np.mean(recorded))
@@ -141,7 +141,7 @@ def test_the_starter_packs_hold(count, tmp_path) -> None:
 
 def test_a_dataset_with_splits_is_valid(files, library, tmp_path) -> None:
     report = verify_dataset(_written(tmp_path / "dataset", files), library)
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
     assert (report.files, report.packs, report.items) == (3, 6, 22)
 
 
@@ -151,7 +151,7 @@ def test_generated_datasets_are_valid_with_all_kept_packs(library, tmp_path) -> 
     evolved = [evolve(library, seed, settings).best for seed in range(3)]
     write_packs(tmp_path / "packs.jsonl", evolved)
     report = verify_dataset(tmp_path, library)
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
     assert report.items >= 15
 
 
@@ -181,12 +181,12 @@ def test_kept_packs_of_a_seed_and_attempts_at_a_task_may_be_alike(packs, library
     raw = json.loads(packs["train"][0].to_json())
     kept = [{**raw, "provenance": {**raw["provenance"], "after": after}} for after in (0, 50)]
     _write(tmp_path / "kept.jsonl", kept)
-    assert verify_dataset(tmp_path / "kept.jsonl", library).holds
+    assert verify_dataset(tmp_path / "kept.jsonl", library).is_valid
     fields = {"task": 3, "task_digest": "", "seed": 0, "total": 0.5, "end": "no room"}
     rollouts = [Played(agent=agent, **fields) for agent in ("one", "two")]
     played = [{**raw, "provenance": typed_json.builtins(one)} for one in rollouts]
     _write(tmp_path / "played.jsonl", played)
-    assert verify_dataset(tmp_path / "played.jsonl", library).holds
+    assert verify_dataset(tmp_path / "played.jsonl", library).is_valid
 
 
 Change = Callable[[Files], object]
@@ -539,7 +539,7 @@ def test_one_run_reports_all_problems(files, library, tmp_path) -> None:
     ):
         assert found in lines
     assert "train.jsonl, pack 1: item 0" in lines and "zebra" in lines
-    assert (report.packs, report.broken, report.holds) == (7, 4, False)
+    assert (report.packs, report.broken, report.is_valid) == (7, 4, False)
 
 
 def test_a_library_without_splits_is_reported_for_each_pack(packs, tmp_path) -> None:
@@ -654,7 +654,7 @@ def test_a_good_packing_is_valid_and_is_measured(parts, tmp_path) -> None:
         ("cube.stl", at(275, 75, 75, 1.5)),
         ("open.off", at(350, 200, 50)),
     )
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
     assert (report.files, report.packs, report.items) == (1, 1, 6)
     assert report.space == pytest.approx(400 * 300 * 200)
     solids = 2 * 100**3 + 100 * 50 * 25 + 150**3
@@ -728,7 +728,7 @@ def test_problems_of_a_packing_are_reported(name, parts, tmp_path) -> None:
 
 def test_contents_of_an_open_box_are_no_conflict(parts, tmp_path) -> None:
     report = _verify(parts, tmp_path, ("open.off", at(50, 50, 50)), ("ball.ply", at(50, 50, 60)))
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
 
 
 def test_a_sheet_in_a_thicker_sheet_does_not_hold(tmp_path) -> None:
@@ -750,8 +750,8 @@ def test_a_sheet_in_a_thicker_sheet_does_not_hold(tmp_path) -> None:
 
 def test_surfaces_may_overlap_by_the_tolerance_of_the_box(parts, tmp_path) -> None:
     cube = ("cube.stl", at(50, 50, 50))
-    assert _verify(parts, tmp_path, cube, ("cube.stl", at(149.97, 50, 50))).holds
-    assert not _verify(parts, tmp_path, cube, ("cube.stl", at(149.9, 50, 50))).holds
+    assert _verify(parts, tmp_path, cube, ("cube.stl", at(149.97, 50, 50))).is_valid
+    assert not _verify(parts, tmp_path, cube, ("cube.stl", at(149.9, 50, 50))).is_valid
 
 
 @pytest.mark.parametrize("long", [10, 1e4, 1e8])
@@ -762,8 +762,8 @@ def test_in_a_long_box_the_tolerance_is_that_of_the_smaller_item(long, parts, tm
 
     assert len(verified(0.5, 0.5, 0.5, 0.5, 0.5).problems) == 4 + 3 + 2 + 1
     assert len(verified(0.5, 1.4, 2.3).problems) == 2
-    assert verified(0.5, 1.5, 2.5, long - 0.5).holds
-    assert verified(0.5, 1.4995, long - 0.4995).holds
+    assert verified(0.5, 1.5, 2.5, long - 0.5).is_valid
+    assert verified(0.5, 1.4995, long - 0.4995).is_valid
     for positions in ((0.5, 1.498), (0.498, 1.5), (0.5, long - 0.498)):
         assert len(verified(*positions).problems) == 1, positions
 
@@ -771,9 +771,9 @@ def test_in_a_long_box_the_tolerance_is_that_of_the_smaller_item(long, parts, tm
 def test_a_small_item_on_a_large_one_has_the_small_ones_tolerance(parts, tmp_path) -> None:
     large = ("cube.stl", at(50, 50, 50))
     small = lambda x: ("cube.stl", at(x, 50, 50, 0.001))  # noqa: E731
-    assert _verify(parts, tmp_path, large, small(100.05)).holds
-    assert not _verify(parts, tmp_path, large, small(100.049)).holds
-    assert not _verify(parts, tmp_path, small(100.049), large).holds
+    assert _verify(parts, tmp_path, large, small(100.05)).is_valid
+    assert not _verify(parts, tmp_path, large, small(100.049)).is_valid
+    assert not _verify(parts, tmp_path, small(100.049), large).is_valid
 
 
 @pytest.mark.parametrize(
@@ -834,5 +834,5 @@ def test_our_own_packs_hold_as_another_tools_packings(split, packs, library, tmp
         items.append({"mesh": name, "pose": placed.matrix.tolist()})
     (tmp_path / "packing.json").write_text(json.dumps({"box": [1, 1, 1], "items": items}))
     report = verify_packing(tmp_path / "packing.json")
-    assert report.holds, _problem_lines(report)
+    assert report.is_valid, _problem_lines(report)
     assert report.density == pytest.approx(pack.density, rel=1e-3)

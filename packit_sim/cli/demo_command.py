@@ -103,7 +103,7 @@ def _rollout_table(
             f"{total:.3f}",
             f"{len(pack.items)}/{len(truth.items)}",
             f"{pack.density:.3f}",
-            "; ".join(found) or "holds",
+            "; ".join(found) or "valid",
             why,
         )
 

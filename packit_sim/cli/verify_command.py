@@ -67,5 +67,5 @@ def verify_command(
     console.print(verdict)
     if report.not_judged:
         console.print(report.not_judged, soft_wrap=True)
-    if not report.holds:
+    if not report.is_valid:
         raise typer.Exit(1)

@@ -66,7 +66,7 @@ class Report:
     unjudged_returns: int = 0
 
     @property
-    def holds(self) -> bool:
+    def is_valid(self) -> bool:
         """True if there is no problem."""
         return not self.problems
 
