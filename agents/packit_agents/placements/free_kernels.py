@@ -8,7 +8,7 @@ item would meet, found by an AND of words. The method is our own.
 
 Exactness: a cleared bit is a proof (`BLOCKED`), a set bit is none: surfaces may still conflict.
 Only `remove_blocked` writes rows, only clearing bits; boxes and items are never changed. A row has
-64 bits, so that boxes have at most `free_space.MOST_NODES` nodes along y.
+64 bits, so that boxes have at most `free_space.MAX_NODES` nodes along y.
 """
 
 from __future__ import annotations

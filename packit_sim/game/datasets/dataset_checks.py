@@ -191,11 +191,11 @@ class _DatasetCheck:
         if evolved is not None and pack.is_on_grid:
             yield from order_problems(pack.cells, on_grid)
         if played is not None:
-            yield from self._play_problems(pack, played)
+            yield from self._own_problems(pack, played)
         if puzzle is not None or (played is not None and played.rules.kinematic):
             yield from insertion_problems(on_grid)
 
-    def _play_problems(self, pack: Pack, played: Played) -> Iterator[str]:
+    def _own_problems(self, pack: Pack, played: Played) -> Iterator[str]:
         self.unjudged_returns += task_of(pack, played) is None
         try:
             yield from result_problems(pack, played, lambda id: self.library[id].volume)
