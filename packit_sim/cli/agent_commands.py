@@ -37,7 +37,7 @@ def list_command() -> None:
 
 
 def _print_table(kind: str, found: tuple[PolicySummary, ...]) -> None:
-    table = simple_table(kind, "what it does")
+    table = simple_table(kind, "description")
     for one in found:
         table.add_row(escape(one.form), escape(one.summary))
     console.print(table)

@@ -28,7 +28,7 @@ def report_command(
         typer.Argument(help="Results files of `packit evaluate`, and folders of `packit train`."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="HTML file of the page.")],
-    title: Annotated[str, typer.Option(help="Title of the page.")] = "What the agents reached",
+    title: Annotated[str, typer.Option(help="Title of the page.")] = "Results of the agents",
     dataset: Annotated[
         str | None,
         typer.Option(help="Dataset that was played: to show its packs as well."),

@@ -93,9 +93,9 @@ class Surface(NamedTuple):
         """
         triangles = np.array(mesh.triangles, dtype=np.float64)
         if len(triangles) == 0:
-            raise MeshError("a mesh without triangles is at no distance from anything")
+            raise MeshError("a mesh without triangles has no distance to another one")
         if not np.isfinite(triangles).all():
-            raise MeshError("a mesh whose vertices are not finite is at no distance from anything")
+            raise MeshError("a mesh with infinite vertices or NaN has no distance to another one")
         triangles = triangles[tree_order(triangles)]
         return cls(triangles, *boxes_of(triangles))
 

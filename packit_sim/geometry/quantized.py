@@ -148,5 +148,5 @@ def _array(
             raise ValueError(f"{name!r} would take {size:,} bytes: the file is too small for that")
         data = member.read(size + 1)  # to the end, where the checksum is compared
     if len(data) != size:
-        raise ValueError(f"{name!r} has not the {size:,} bytes of its shape {lengths}")
+        raise ValueError(f"{name!r} does not have the {size:,} bytes of its shape {lengths}")
     return np.frombuffer(data, kind).reshape(lengths)

@@ -246,7 +246,7 @@ class _Scene:
         for name, array in (("vertices", mesh.vertices), ("triangles", mesh.faces)):
             if array.ndim != 2 or array.shape[1] != 3:
                 raise MeshError(
-                    f"its {name} have not three numbers each, but the shape {array.shape}"
+                    f"its {name} must have three numbers each, not the shape {array.shape}"
                 )
         return RawMesh(mesh, self.up, self.unit_cm, parts)
 

@@ -1,8 +1,8 @@
 """The ids of the environments, registered with Gymnasium without importing it.
 
-Gymnasium has no entry points for the packages of others: whoever offers environments registers them
-when imported. `import packit_sim` stays light all the same: if Gymnasium is not imported yet, a
-finder on `sys.meta_path` waits for it, and registers the ids right after Gymnasium's registry.
+Gymnasium has no entry points for other packages: a package registers its environments when it is
+imported. `import packit_sim` must not import Gymnasium. If Gymnasium is not imported yet, a finder
+on `sys.meta_path` waits for it, and registers the ids right after Gymnasium's registry.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ TIMES = (1.0, 3.0, 10.0, 30.0, 60.0)
 """The seconds of the table's columns."""
 
 LEGEND = (
-    "Average Reward after so many processor seconds on a task, on one core. One run of a search "
+    "Average Reward after a number of processor seconds per task, on one core. One run of a search "
     "gives all columns, since each improvement is recorded with its time. A rule alone has 0 until "
     "it has finished. `ruin-recreate` adapts to its budget, so that a run of 10 s need not be the "
     "first 10 s of one of 60 s. Where pairs divide the time, the best of their results counts. "
