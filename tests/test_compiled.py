@@ -77,33 +77,64 @@ def one():
     return {}
 """
 
+FACE = """
+from packit_sim.one import one
+from packit_sim.other import other
+"""
+
 TWO = """
 from packit_sim.core.compilation import kernel
-from packit_sim.one import one
+from packit_sim.face import one
 @kernel
 def two():
     return one() + 1
 """
 
 
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_changes(tmp_path: Path) -> None:
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package with a kernel that calls one of another module, behind a face."""
     package = tmp_path / "packit_sim"
     shutil.copytree(Path(packit_sim.__file__).parent / "core", package / "core")
     (package / "__init__.py").touch()
-    (package / "two.py").write_text(TWO)
+    for name, text in {
+        "one": ONE.format(1),
+        "other": "other = 0",
+        "face": FACE,
+        "two": TWO,
+    }.items():
+        (package / f"{name}.py").write_text(text)
+    return package
+
+
+def ask(package: Path, what: str) -> int:
+    """A number that a fresh process prints after it has called the kernel."""
+    folder = package.parent
+    done = subprocess.run(
+        [sys.executable, "-c", f"from packit_sim.two import two; found = two(); print({what})"],
+        env=os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return int(done.stdout)
+
+
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_changes(package: Path) -> None:
     found = []
     for value in (1, 1, 5):
         (package / "one.py").write_text(ONE.format(value))
-        done = subprocess.run(
-            [sys.executable, "-c", "from packit_sim.two import two; print(two())"],
-            env=os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path)},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.append(int(done.stdout))
+        found.append(ask(package, "found"))
     assert found == [2, 2, 6]
+
+
+def test_a_kernel_is_not_compiled_again_when_other_names_of_a_face_change(package: Path) -> None:
+    hits = []
+    for value in range(2):
+        (package / "other.py").write_text(f"other = {value}")
+        hits.append(ask(package, "len(two.stats.cache_hits)"))
+    assert hits == [0, 1]
 
 
 MANY = """

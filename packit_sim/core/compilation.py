@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -22,8 +23,8 @@ from packit_sim.core.version import __version__
 
 _log = plain_logger("packit_sim")
 
-_IMPORTS = re.compile(r"^from (packit_(?:sim|agents)[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
-"""Finds the imports of a module: where from, and which names."""
+_IMPORTS = re.compile(r"^from packit_(?:sim|agents)[\w.]* import (\([^)]*\)|.*)", re.MULTILINE)
+"""Finds the names that a module imports of this project."""
 
 LOCK_SECONDS = 60.0
 """Maximum time to wait for another process that compiles; after it this process compiles too."""
@@ -94,14 +95,26 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
 @cache
 def _digest(module: str) -> str:
-    """Return a digest of the sources of a module and of all that it imports of this project."""
+    """Return a digest of the source of a module and of all that it imports of this project.
+
+    A name counts as what it stands for, in the module that defines it: a face, such as `placement`,
+    may offer it together with names that have nothing to do with kernels.
+    """
     source = Path(sys.modules[module].__file__ or "").read_bytes()
     digest = hashlib.sha256(source)
-    for package, names in _IMPORTS.findall(source.decode()):
-        for each in (package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))):
-            if each in sys.modules:
-                digest.update(_digest(each).encode())
+    own = vars(sys.modules[module])
+    for names in _IMPORTS.findall(source.decode()):
+        for value in (own[name] for name in re.findall(r"\w+", names) if name in own):
+            home = value.__name__ if isinstance(value, ModuleType) else _home(value)
+            content = repr(value) if home is None else _digest(home)
+            digest.update(content.encode())
     return digest.hexdigest()
+
+
+def _home(value: object) -> str | None:
+    """Return the module of this project that defines a value; None for constants."""
+    home = getattr(value, "__module__", None)
+    return home if str(home).partition(".")[0] in ("packit_sim", "packit_agents") else None
 
 
 def inlined(function: Callable[..., Any]) -> Any:
