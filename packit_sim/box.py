@@ -253,6 +253,24 @@ class Box(BaseBox[PlacedItem]):
     ------
     ArgumentError
         If the cells are not possible.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Box, Item, Shape
+    >>> brick = Item(Shape.from_mesh(trimesh.creation.box((4, 2, 1)), "brick"), scale=0.5)
+    >>> box = Box()
+    >>> for _ in range(3):
+    ...     _ = box.place(brick, box.blbf(brick))
+    >>> box
+    Box((100, 100, 100), 3 items, density 0.125)
+    >>> [placed.location for placed in box.placed]
+    [(0, 0, 0), (0, 9, 0), (0, 0, 5)]
+    >>> int(box.feasible(brick).sum())  # of 25 x 25 x 25 locations
+    1816
+    >>> _ = box.undo()
+    >>> len(box.placed)
+    2
     """
 
     def __init__(self, cells: Sequence[int] = BOX_CELLS, *, kinematic: bool = False) -> None:

@@ -55,6 +55,18 @@ class Rules:
     ------
     ArgumentError
         If a value is not possible, or both `kinematic` and `physics` are asked for.
+
+    Examples
+    --------
+    >>> from packit_sim import Rules
+    >>> print(Rules())
+    PackIt
+    >>> print(Rules(easy=True, buffer=5, rotations="yaw"))
+    PackIt-Easy, online with a buffer of 5, yaw rotations
+    >>> Rules(buffer=0)
+    Traceback (most recent call last):
+        ...
+    packit_sim...ArgumentError: a buffer of 0 items is not possible: choose 1 or more, ...
     """
 
     easy: bool = False

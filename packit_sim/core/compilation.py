@@ -81,8 +81,7 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
         compiled = numba.njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # numba found no folder that is writable
         return numba.njit(nogil=True, **options)(function)
-    if hasattr(compiled._cache, "_cache_file"):
-        compiled._cache._cache_file._source_stamp = _digest(function.__module__)
+    _stamp(compiled, _digest(function.__module__))
     compile_or_load = compiled.compile
 
     def alone(signature: Any) -> Any:
@@ -91,6 +90,18 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
     compiled.compile = alone
     return compiled
+
+
+def _stamp(compiled: Any, digest: str) -> None:
+    """Use numba's cached machine code of a kernel only if it was stored with the same digest.
+
+    This is the one place that uses private names of numba: `_cache._cache_file._source_stamp` of a
+    dispatcher, a digest of the kernel's own file until it is replaced here. No public setting does
+    the same: `NUMBA_CACHE_LOCATOR_CLASSES` would also replace the stamps of users' functions.
+    `tests/test_hooks.py` lists the versions with which it was tried.
+    """
+    if hasattr(compiled._cache, "_cache_file"):
+        compiled._cache._cache_file._source_stamp = digest
 
 
 @cache

@@ -27,7 +27,17 @@ __all__ = [
 
 
 class PackItError(Exception):
-    """Base of all errors that PackIt-Sim raises for a user; the message is one plain line."""
+    """Base of all errors that PackIt-Sim raises for a user; the message is one plain line.
+
+    Examples
+    --------
+    >>> from packit_sim import Box, PackItError
+    >>> try:
+    ...     Box((100, 100, 30))
+    ... except PackItError as error:
+    ...     print(error)
+    a box of 100 x 100 x 30 cells is not possible: each must be a multiple of 4 from 4 to 512
+    """
 
     def __str__(self) -> str:  # of a KeyError too, which would show the message's repr
         return plain_line(str(self.args[0]) if len(self.args) == 1 else super().__str__())

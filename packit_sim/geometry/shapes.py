@@ -59,6 +59,18 @@ class Shape:
         Name of the shape's category.
     volume : float | None
         Volume in canonical units, if known.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Shape
+    >>> shape = Shape.from_mesh(trimesh.creation.box((40, 30, 20)), "brick", category="toy")
+    >>> shape
+    Shape('brick', 'toy', 12 triangles)
+    >>> shape.extents.round(3).tolist()  # the diagonal is 1
+    [0.743, 0.557, 0.371]
+    >>> shape.is_solid, round(shape.volume, 3)
+    (True, 0.154)
     """
 
     def __init__(
@@ -214,6 +226,20 @@ class Item:
     ------
     ArgumentError
         If the scale or the rotation is out of range.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Item, Shape
+    >>> item = Item(Shape.from_mesh(trimesh.creation.box((3, 2, 1)), "brick"), scale=0.25)
+    >>> item.extents.round(3).tolist()
+    [0.505, 0.337, 0.168]
+    >>> item.cells
+    (51, 34, 17)
+    >>> item.turned(8).cells
+    (17, 34, 51)
+    >>> item.by_alignment[0].cells  # the lowest, then the narrowest along x
+    (34, 51, 17)
     """
 
     shape: Shape

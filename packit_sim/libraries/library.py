@@ -49,6 +49,17 @@ class ShapeLibrary:
         The ids, sorted.
     categories : mapping of str to tuple of str
         The ids of each category, both sorted.
+
+    Examples
+    --------
+    >>> from packit_sim import ShapeLibrary
+    >>> library = ShapeLibrary.open("everyday")
+    >>> len(library), len(library.categories)
+    (628, 72)
+    >>> library[library.categories["mug"][0]]
+    Shape('beer-mug', 'mug', 2371 triangles)
+    >>> len(library.split("test"))
+    209
     """
 
     def __init__(

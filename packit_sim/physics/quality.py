@@ -100,6 +100,24 @@ def pack_quality(
         If `distance` is not above 0, or `moves` is less than 1.
     PhysicsError
         If an item can't be decomposed into convex pieces.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Box, Item, Shape, pack_quality
+    >>> from packit_sim import DecompositionSettings, PhysicsSettings
+    >>> brick = Item(Shape.from_mesh(trimesh.creation.box((4, 2, 1)), "brick"), scale=0.5)
+    >>> box = Box()
+    >>> for location in ((0, 0, 0), (0, 9, 0), (0, 0, 12)):
+    ...     _ = box.place(brick, location)
+    >>> settings = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+    >>> quality = pack_quality(box, settings)
+    >>> quality.floating  # nothing is right below the third item
+    (2,)
+    >>> round(quality.density, 3), round(quality.disassembly.insertable, 3)
+    (0.125, 1.0)
+    >>> round(quality.stability.whole, 3)
+    0.667
     """
     volume = plain_sum(placed.item.volume for placed in box.placed)
     return PackQuality(

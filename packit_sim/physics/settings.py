@@ -57,6 +57,17 @@ class PhysicsSettings:
     ------
     ArgumentError
         If a setting is out of range.
+
+    Examples
+    --------
+    >>> from packit_sim import PhysicsSettings, Rules
+    >>> moon = PhysicsSettings(gravity=1.62)
+    >>> print(Rules(physics=moon))
+    PackIt, physics gravity=1.62
+    >>> PhysicsSettings(friction=-1)
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: friction -1 is not possible: 0 to 10
     """
 
     side: float = 0.5

@@ -165,6 +165,20 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
     PhysicsError
         If an item can't be decomposed into convex pieces. Shapes that were not decomposed before
         take seconds: see `decompose_all` for many.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Box, DecompositionSettings, Item, PhysicsSettings, Shape, settle
+    >>> brick = Item(Shape.from_mesh(trimesh.creation.box((4, 2, 1)), "brick"), scale=0.5)
+    >>> box = Box()
+    >>> _ = box.place(brick, (4, 4, 10))  # 0.4 above the floor
+    >>> settings = PhysicsSettings(decomposition=DecompositionSettings(method="bisection"))
+    >>> settled = settle(box, settings)
+    >>> settled.at_rest, settled.items[0].walls
+    (True, ('floor',))
+    >>> round(settled.items[0].displacement, 2)
+    0.4
     """
     settings = settings or PhysicsSettings()
     items, cut = fitted_pieces(box.placed, settings)

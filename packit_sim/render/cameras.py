@@ -32,6 +32,16 @@ class Camera:
     ------
     ArgumentError
         If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from packit_sim import TOP, Box, Look, Scene
+    >>> with Scene(Box()) as scene:
+    ...     picture = scene.snapshot(64, 64, Look(camera=TOP))
+    >>> picture.image.shape
+    (64, 64, 3)
+    >>> TOP.toward.round(2).tolist()  # from the box to the camera
+    [0.0, 0.0, 1.0]
     """
 
     azimuth: float = 62.0

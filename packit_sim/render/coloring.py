@@ -128,7 +128,26 @@ def by_category(items: Sequence[Item]) -> Colors:
 
 
 def by_order(items: Sequence[Item]) -> Colors:
-    """Colour items by the order of placing, from the first to the last."""
+    """Colour items by the order of placing, from the first to the last.
+
+    Parameters
+    ----------
+    items : Sequence[Item]
+        The items of a box, in the order of placing.
+
+    Returns
+    -------
+    Colors
+        Their colours, darkest first, and the legend.
+
+    Examples
+    --------
+    >>> from packit_sim import Look, by_order, load_tasks
+    >>> items = load_tasks("starter")[0].items
+    >>> by_order(items).legend
+    ColorScale(title='order of placing', low='first', high='last')
+    >>> look = Look(coloring=by_order)
+    """
     last = max(1, len(items) - 1)
     shares = tuple(ramp(n / last) for n in range(len(items)))
     return Colors(shares, ColorScale("order of placing", "first", "last"))
@@ -169,6 +188,15 @@ class ByNumber:
         The high end of the scale, by default the largest number.
     spec : str
         The format of the ends.
+
+    Examples
+    --------
+    >>> from packit_sim import ByNumber, Look, load_tasks
+    >>> items = load_tasks("starter")[0].items
+    >>> masses = ByNumber("mass in g", {0: 120.0, 2: 40.0})
+    >>> masses(items[:3]).legend
+    ColorScale(title='mass in g', low='40', high='120')
+    >>> look = Look(coloring=masses)
     """
 
     title: str

@@ -26,6 +26,15 @@ class Layout:
         One for each item, in order of placing; None hides the item.
     points : ndarray of float64, shape (n, 3)
         Points that a picture contains in addition to the box, in box units.
+
+    Examples
+    --------
+    >>> from packit_sim import Layout, load_tasks
+    >>> layout = Layout.standing(load_tasks("starter")[0].items)  # in rows on the floor
+    >>> len(layout.poses)
+    35
+    >>> layout.poses[0].position.round(2).tolist()
+    [1.3, 1.06, 0.02]
     """
 
     poses: tuple[Motion | None, ...]

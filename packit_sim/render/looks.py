@@ -34,6 +34,16 @@ class Cut:
         The axis to which the plane is perpendicular: "x", "y" or "z".
     at : float
         Position of the plane on the axis, above 0, in box units.
+
+    Examples
+    --------
+    >>> from packit_sim import Cut, Look
+    >>> Look(cut=Cut("y", 0.5)).cut  # hides what is beyond the middle of the box
+    Cut(axis='y', at=0.5)
+    >>> Cut("y", -1)
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: a cut at -1 is not possible: above 0, finite
     """
 
     axis: Axis
@@ -74,6 +84,19 @@ class Look:
     ------
     ArgumentError
         If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from packit_sim import TOP, Box, Cut, Look, Scene, by_order
+    >>> look = Look(camera=TOP, box="ghost", cut=Cut("z", 0.5), coloring=by_order)
+    >>> with Scene(Box()) as scene:
+    ...     picture = scene.snapshot(64, 48, look)
+    >>> picture.image.shape
+    (48, 64, 3)
+    >>> Look(explode=-1)
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: explode -1 is not possible: at least 0, finite
     """
 
     camera: Camera = ISO

@@ -53,6 +53,17 @@ class Scene:
     RenderError
         By every method: in another thread, in a forked child, after `close`, and if a box has more
         triangles than EGL can draw.
+
+    Examples
+    --------
+    >>> from packit_sim import Look, Scene, ShapeLibrary, dataset_file, read_packs
+    >>> pack = read_packs(dataset_file("starter"))[0]
+    >>> box = pack.contents(ShapeLibrary.open("everyday"))
+    >>> with Scene(box) as scene:
+    ...     picture = scene.snapshot(320, 240, Look(box="ghost"))
+    >>> picture.save("box.png")
+    >>> picture.image.shape
+    (240, 320, 3)
     """
 
     def __init__(self, box: Contents[ItemInBox]) -> None:

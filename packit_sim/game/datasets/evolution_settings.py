@@ -61,6 +61,17 @@ class EvolutionSettings(JsonRecord):
     -----
     Goyal and Deng (2020), section 3. The paper does not give its mutation rates; ours are 0.5 and
     0.02.
+
+    Examples
+    --------
+    >>> from packit_sim import EvolutionSettings
+    >>> settings = EvolutionSettings(population=40, elite=10, lucky=10)
+    >>> settings.survivors, settings.children
+    (20, 20)
+    >>> EvolutionSettings(population=40)
+    Traceback (most recent call last):
+        ...
+    packit_sim...ArgumentError: ... population = 40 is not possible: more than 50 survivors
     """
 
     pool: int = 50

@@ -140,6 +140,25 @@ def read_original(
     linear factor, 2^((g - 2) / 3) * shapeScale with g in 0..4, so shapeScale must not be applied
     again; and it applies it to the mesh of ShapeNetCore, assumed to have a bounding-box diagonal of
     1, as our canonical shapes have.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> from packit_sim import ShapeLibrary, read_original
+    >>> pack = {
+    ...     "sources": ["Shapes_train/mug/beer-mug/model.obj", "Shapes_train/mug/cup/model.obj"],
+    ...     "scales": [{"x": 0.5, "y": 0.5, "z": 0.5}] * 2,
+    ...     "rotations": [{"x": 0, "y": 0, "z": 0, "w": 1}] * 2,
+    ...     "positions": [{"x": 0, "y": 0, "z": 0}] * 2,
+    ...     "efficiency": 0.1,
+    ... }
+    >>> _ = Path("0_tr").write_text(json.dumps({"data": [pack]}))
+    >>> original = read_original("0_tr", ShapeLibrary.open("everyday"))
+    >>> print(original.report())
+    1 pack: 1 whole; 0 items without a shape
+    >>> original.tasks[0].items[0].scale
+    0.125
     """
     shapes = _Shapes(library)
     tasks: list[Task] = []

@@ -55,6 +55,17 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     -------
     list of str
         A sentence for each problem; empty for a correct pack.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from packit_sim import ShapeLibrary, dataset_file, read_packs, verify
+    >>> library = ShapeLibrary.open("everyday")
+    >>> pack = read_packs(dataset_file("starter"))[0]
+    >>> verify(pack, library)
+    []
+    >>> verify(replace(pack, density=0.9), library)
+    ['density is recorded as 0.9, replayed it is 0.431...']
     """
     try:
         items = pack.placed(library)

@@ -63,6 +63,18 @@ def dataset_file(source: Path | str, split: str | None = None) -> Path:
     ------
     PackFormatError
         If there is no such dataset, or it does not have the split.
+
+    Examples
+    --------
+    >>> from packit_sim import dataset_file
+    >>> dataset_file("starter").name
+    'packs.jsonl'
+    >>> dataset_file("everyday-v1", "test").name
+    'test.jsonl'
+    >>> dataset_file("everyday-v1")
+    Traceback (most recent call last):
+        ...
+    packit_sim...PackFormatError: ... with the splits test, train, validation: choose one
     """
     path = dataset_path(source)
     if not path.exists():
@@ -148,6 +160,15 @@ def load_tasks(
         If there is no such dataset, or it can't be read.
     LibraryError
         If the recorded library can't be opened, or has changed.
+
+    Examples
+    --------
+    >>> from packit_sim import load_tasks
+    >>> tasks = load_tasks("starter")
+    >>> len(tasks)
+    10
+    >>> len(tasks[0].items)
+    35
     """
     file = dataset_file(source, split)
     packs = read_packs(file)
@@ -271,6 +292,17 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     ------
     PackFormatError
         If a file that is not a manifest has the name of the manifest.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from packit_sim import dataset_file, read_packs, write_packs
+    >>> packs = read_packs(dataset_file("starter"))
+    >>> write_packs("dense/packs.jsonl", [pack for pack in packs if pack.density > 0.5])
+    >>> sorted(file.name for file in Path("dense").iterdir())
+    ['packs.jsonl', 'packs.jsonl.manifest.json']
+    >>> len(read_packs("dense/packs.jsonl"))
+    5
     """
     path = Path(path)
     packs = list(packs)
@@ -297,6 +329,13 @@ def read_packs(path: Path | str) -> list[Pack]:
     PackFormatError
         If the file can't be read, a line is not a pack, or the manifest has another digest. The
         message names the file, the line and the field.
+
+    Examples
+    --------
+    >>> from packit_sim import dataset_file, read_packs
+    >>> packs = read_packs(dataset_file("starter"))
+    >>> [round(pack.density, 2) for pack in packs[:3]]
+    [0.43, 0.48, 0.52]
     """
     path = Path(path)
     data = read_bytes(path)

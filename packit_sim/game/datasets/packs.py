@@ -164,6 +164,18 @@ class Pack:
     outside : tuple of ItemRecord
         Further items of its task: those that an agent left outside, or all of its items if no
         solution on the grid is known, as for the original PackIt's packs.
+
+    Examples
+    --------
+    >>> from packit_sim import Pack, ShapeLibrary, dataset_file, read_packs
+    >>> library = ShapeLibrary.open("everyday")
+    >>> pack = read_packs(dataset_file("starter"))[0]
+    >>> pack.items[0]
+    PackedItem(shape='speaker', scale=0.906..., rotation=15, location=(0, 0, 0), ...)
+    >>> pack.replay(library)
+    Box((100, 100, 100), 35 items, density 0.431)
+    >>> Pack.from_json(pack.to_json()) == pack
+    True
     """
 
     library: LibraryRef
@@ -371,6 +383,17 @@ class Task:
     solution : tuple of tuple
         (index into items, rotation, location) for each of the pack's items, in its order; empty
         if items settled off the grid.
+
+    Examples
+    --------
+    >>> from packit_sim import load_tasks
+    >>> task = load_tasks("starter")[0]
+    >>> task.items[0].shape
+    Shape('air-mattress', 'bed', 728 triangles)
+    >>> task.cells, round(task.volume, 3)
+    ((100, 100, 100), 0.431)
+    >>> task.digest
+    '1509aee4e479403a'
     """
 
     items: tuple[Item, ...]

@@ -32,6 +32,19 @@ class PackItVectorEnv(SyncVectorEnv):
     ----------
     members : tuple[PackItEnv, ...]
         The environments.
+
+    Examples
+    --------
+    >>> import gymnasium
+    >>> import packit_sim
+    >>> settings = {"observation": "none", "rotation": "aligned", "location": "blbf"}
+    >>> envs = gymnasium.make_vec("PackIt-v0", 2, **settings)
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations["action_mask"].shape
+    (2, 50)
+    >>> observations, rewards, over, truncated, infos = envs.step([0, 1])
+    >>> (rewards > 0).tolist()
+    [True, True]
     """
 
     def __init__(

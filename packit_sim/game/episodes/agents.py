@@ -63,6 +63,18 @@ class Agent:
         The policies.
     search : Search, optional
         The search; by default the policies play alone.
+
+    Examples
+    --------
+    >>> from packit_sim import Agent
+    >>> Agent.from_name("largest-first/aligned/blbf").search is None
+    True
+    >>> Agent.from_name("largest-first/aligned/blbf+beam=2").search is None
+    False
+    >>> Agent.from_name("largest-first/aligned")
+    Traceback (most recent call last):
+        ...
+    packit_sim...UnknownPolicyError: agent 'largest-first/aligned' is not of the form ...
     """
 
     name: str

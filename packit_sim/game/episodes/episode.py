@@ -30,7 +30,18 @@ from packit_sim.rules import PACKIT, End, Rules
 
 
 class Stage(enum.IntEnum):
-    """The next sub-task of an episode."""
+    """The next sub-task of an episode.
+
+    Examples
+    --------
+    >>> from packit_sim import Episode, Stage, load_tasks
+    >>> episode = Episode(load_tasks("starter")[0])
+    >>> episode.stage
+    <Stage.SHAPE: 0>
+    >>> _ = episode.step(0)  # choose the first shape
+    >>> episode.stage is Stage.ROTATION
+    True
+    """
 
     SHAPE = 0
     ROTATION = 1
@@ -122,6 +133,19 @@ class Episode:
     In the online game a choice is valid only if the item can still be placed after it: shapes must
     be visible and fit in an allowed rotation, rotations must have a feasible location. The episode
     ends when no visible item can be placed.
+
+    Examples
+    --------
+    >>> from packit_sim import Episode, load_tasks
+    >>> episode = Episode(load_tasks("starter")[0])
+    >>> _ = episode.step(3)  # the shape
+    >>> _ = episode.step(0)  # its rotation
+    >>> mask = episode.action_mask()
+    >>> reward = episode.step(int(mask.argmax()))  # its first feasible location
+    >>> round(reward, 3)
+    0.048
+    >>> episode.box
+    Box((100, 100, 100), 1 items, density 0.021)
     """
 
     def __init__(self, task: Task, rules: Rules = PACKIT) -> None:

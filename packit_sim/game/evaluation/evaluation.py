@@ -55,6 +55,16 @@ class Score:
         The mean density of the boxes at the end.
     seconds : float
         The median processor seconds of a task.
+
+    Examples
+    --------
+    >>> from packit_sim import Score, evaluate, load_tasks
+    >>> name = "largest-first/aligned/blbf"
+    >>> score = Score.of(name, evaluate([name], load_tasks("starter")[:4], seed=0))
+    >>> round(score.reward.mean, 3)
+    0.838
+    >>> score.success[0.5].mean  # percent
+    100.0
     """
 
     agent: str
@@ -103,6 +113,18 @@ def compare(
     ------
     ArgumentError
         If there is no such task.
+
+    Examples
+    --------
+    >>> from packit_sim import compare, evaluate, load_tasks
+    >>> tasks = load_tasks("starter")[:4]
+    >>> largest = evaluate(["largest-first/aligned/blbf"], tasks, seed=0)
+    >>> random = evaluate(["random/aligned/blbf"], tasks, seed=0)
+    >>> comparison = compare(largest, random)
+    >>> comparison.wins, comparison.losses
+    (4, 0)
+    >>> round(comparison.difference.mean, 3)
+    0.196
     """
     ours, theirs = (
         {
@@ -144,6 +166,15 @@ def play(
     -------
     Episode
         The episode, which is over.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from packit_sim import Agent, load_tasks, play
+    >>> agent = Agent.from_name("largest-first/aligned/blbf")
+    >>> episode = play(load_tasks("starter")[0], agent, np.random.default_rng(0))
+    >>> round(episode.total, 3), str(episode.end)
+    (0.995, 'no room')
     """
     episode = Episode(task, rules)
     agent.play(episode, rng, on_progress)
@@ -203,6 +234,18 @@ def evaluate(
     -----
     The random numbers of a rollout depend only on the seed, the agent's name and the task's
     number. So it is the same with any other agents and tasks, on any number of workers.
+
+    Examples
+    --------
+    >>> from packit_sim import evaluate, load_tasks
+    >>> tasks = load_tasks("starter")[:2]
+    >>> rollouts = evaluate(["largest-first/aligned/blbf", "random/aligned/blbf"], tasks, seed=0)
+    >>> for rollout in rollouts:
+    ...     print(rollout.agent, rollout.task, round(rollout.total, 3))
+    largest-first/aligned/blbf 0 0.995
+    largest-first/aligned/blbf 1 0.507
+    random/aligned/blbf 0 0.709
+    random/aligned/blbf 1 0.473
     """
     if isinstance(workers, int):
         from packit_sim.core.parallel import Workers
@@ -314,6 +357,17 @@ def evaluate_batched(
     list[Rollout]
         The rollouts in the order of tasks, with 0 seconds each. They do not depend on the number of
         environments, provided that the actions do not.
+
+    Examples
+    --------
+    >>> from packit_sim import PackItVectorEnv, evaluate_batched, load_tasks
+    >>> settings = {"observation": "none", "rotation": "aligned", "location": "blbf"}
+    >>> envs = PackItVectorEnv(2, tasks=load_tasks("starter")[:3], **settings)
+    >>> rollouts = evaluate_batched(
+    ...     "first shape", lambda seen: seen["action_mask"].argmax(axis=1), envs, seed=0
+    ... )
+    >>> [round(rollout.total, 3) for rollout in rollouts]
+    [0.475, 0.453, 0.569]
     """
     waiting = iter(range(len(envs.tasks)))
     playing: dict[PackItEnv, tuple[int, Observation]] = {}

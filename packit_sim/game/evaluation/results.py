@@ -39,6 +39,15 @@ class Rollout:
     ------
     ResultsError
         If the pack was not played.
+
+    Examples
+    --------
+    >>> from packit_sim import evaluate, load_tasks
+    >>> (rollout,) = evaluate(["largest-first/aligned/blbf"], load_tasks("starter")[:1], seed=0)
+    >>> rollout.agent, round(rollout.total, 3), str(rollout.end)
+    ('largest-first/aligned/blbf', 0.995, 'no room')
+    >>> len(rollout.pack.items), len(rollout.pack.outside)
+    (26, 9)
     """
 
     pack: Pack
@@ -205,6 +214,14 @@ def read_results(path: Path | str) -> list[Rollout]:
         If a pack is not a result; the message names the file and the pack.
     PackFormatError
         If the file can't be read as packs; the message names the file and the line.
+
+    Examples
+    --------
+    >>> from packit_sim import evaluate, load_tasks, read_results
+    >>> tasks = load_tasks("starter")[:2]
+    >>> rollouts = evaluate(["smallest-first/aligned/blbf"], tasks, seed=0, file="results.jsonl")
+    >>> read_results("results.jsonl") == rollouts
+    True
     """
     rollouts = []
     for number, pack in enumerate(read_packs(path), start=1):
@@ -259,5 +276,14 @@ def check_results(
 
 
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
-    """Write a file of results, completely or not at all."""
+    """Write a file of results, completely or not at all.
+
+    Examples
+    --------
+    >>> from packit_sim import evaluate, load_tasks, read_results, write_results
+    >>> rollouts = evaluate(["smallest-first/aligned/blbf"], load_tasks("starter")[:2], seed=0)
+    >>> write_results("worst.jsonl", [min(rollouts, key=lambda rollout: rollout.total)])
+    >>> len(read_results("worst.jsonl"))
+    1
+    """
     write_packs(path, [rollout.pack for rollout in rollouts])

@@ -111,6 +111,18 @@ class PackCollection:
     tasks : Sequence[Pack]
         The packs of the tasks that agents played: they show which items were left outside, and
         follow the results in the sequence.
+
+    Examples
+    --------
+    >>> from packit_sim import PackCollection
+    >>> collection = PackCollection.read("starter")
+    >>> len(collection)
+    10
+    >>> collection.titles[0]
+    '0: 35 items, density 0.431'
+    >>> view = collection[0]
+    >>> len(view.placed), round(view.reward(0), 3)
+    (35, 0.347)
     """
 
     def __init__(

@@ -66,6 +66,13 @@ class Explorer:
         If the collection has no such pack.
     RenderError
         If the page cannot be served.
+
+    Examples
+    --------
+    >>> from packit_sim import Explorer, PackCollection
+    >>> with Explorer(PackCollection.read("starter"), pack=2) as explorer:
+    ...     print(explorer.address)
+    http://127.0.0.1:...
     """
 
     address: str

@@ -249,6 +249,19 @@ def evolve(
     -------
     Evolution
         The evolution, whose `best` is the densest pack.
+
+    Examples
+    --------
+    >>> from packit_sim import EvolutionSettings, ShapeLibrary, evolve
+    >>> library = ShapeLibrary.open("everyday").split("train")
+    >>> settings = EvolutionSettings(pool=10, population=6, elite=2, lucky=1, generations=2)
+    >>> evolution = evolve(library, seed=2, settings=settings)
+    >>> evolution.evaluated
+    12
+    >>> [round(density, 3) for density in evolution.densities]
+    [0.349, 0.349, 0.353]
+    >>> evolution.best.density == evolution.densities[-1]
+    True
     """
     evolution = Evolution(library, seed, settings)
     while not evolution.is_over:

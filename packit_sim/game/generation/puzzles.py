@@ -125,6 +125,15 @@ def cut_puzzle(cuts: PuzzleName, pieces: int, seed: int = 0) -> Box:
         If there is no such kind, or a box can't be cut into this number of pieces.
     GenerationError
         If no valid cuts were found.
+
+    Examples
+    --------
+    >>> from packit_sim import cut_puzzle
+    >>> box = cut_puzzle("guillotine", pieces=8, seed=0)
+    >>> box
+    Box((100, 100, 100), 8 items, density 1.000)
+    >>> box.placed[0].item.cells
+    (16, 100, 100)
     """
     cut = _cutter(cuts, pieces).cut
     rng = np.random.default_rng([seed, pieces, *cuts.encode()])

@@ -41,6 +41,18 @@ class SequenceSampler:
     -----
     The order in which items arrive follows from the task (see `Task.arriving`): each order is as
     likely as any other, as if shapes were drawn one by one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from packit_sim import Episode, Rules, SequenceSampler, ShapeLibrary
+    >>> library = ShapeLibrary.open("blockout")
+    >>> sampler = SequenceSampler(library, cells=(20, 20, 40), step_cm=5.9, items=12)
+    >>> task = sampler(np.random.default_rng(0))
+    >>> len(task.items)
+    12
+    >>> int(Episode(task, Rules(buffer=3)).visible.sum())
+    3
     """
 
     library: ShapeLibrary

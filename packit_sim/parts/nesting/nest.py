@@ -85,6 +85,18 @@ class NestSettings:
     clock : str
         The clock of the time limit: "wall" time, or "processor" time of each search, which other
         work on the machine does not change.
+
+    Examples
+    --------
+    >>> import math
+    >>> import trimesh
+    >>> from packit_sim import ItemType, NestSettings, nest
+    >>> mesh = trimesh.creation.icosphere(subdivisions=1, radius=10)
+    >>> balls = ItemType("ball", mesh.vertices, mesh.faces, demand=4, rotations="fixed")
+    >>> settings = NestSettings(workers=1, iterations=3)  # the same packing at any speed
+    >>> first, second = (nest([balls], (40, 40, math.inf), settings=settings) for _ in range(2))
+    >>> first.height == second.height
+    True
     """
 
     workers: int = 0
@@ -146,6 +158,19 @@ def nest(
         If the processes can't be started.
     NestingError
         If no packing that was found is valid.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import ItemType, NestSettings, nest
+    >>> mesh = trimesh.creation.icosphere(subdivisions=1, radius=10)
+    >>> balls = ItemType("ball", mesh.vertices, mesh.faces, demand=8, rotations="fixed")
+    >>> settings = NestSettings(workers=1, iterations=5)
+    >>> packing = nest([balls], (44, 44, 44), "knapsack", settings=settings)
+    >>> len(packing.placements), packing.left_out
+    (8, (0,))
+    >>> packing.problems()  # by an independent check
+    []
     """
     check_range(
         "clock", settings.clock, (settings.clock in CLOCKS, f"choose {' or '.join(CLOCKS)}")

@@ -46,6 +46,16 @@ class BoxContainer:
     ------
     ArgumentError
         If a side is not a number above 0, the base is not finite, or an obstacle is no `ItemType`.
+
+    Examples
+    --------
+    >>> import math
+    >>> from packit_sim import BoxContainer
+    >>> box = BoxContainer((300, 200, 150))
+    >>> box.volume
+    9000000.0
+    >>> BoxContainer((300, 200, math.inf)).is_strip
+    True
     """
 
     size: tuple[float, float, float]

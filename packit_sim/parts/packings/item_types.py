@@ -57,6 +57,17 @@ class ItemType:
         If the mesh is empty, not finite, too large or small, or without extent along an axis.
     ArgumentError
         If the demand, the rotations or the value are not possible.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import ItemType
+    >>> mesh = trimesh.creation.cylinder(radius=20, height=50)
+    >>> can = ItemType("can", mesh.vertices, mesh.faces, demand=6, rotations="axis-4")
+    >>> can.demand, round(can.volume)
+    (6, 62429)
+    >>> can.changed(demand=2).demand
+    2
     """
 
     name: str

@@ -50,6 +50,22 @@ class Packing:
     ArgumentError
         If a placement is of no type or in no box, an objective is unknown or does not fit the
         container, or the clearance is negative or not finite.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import trimesh
+    >>> from packit_sim import ItemType, NestSettings, nest
+    >>> mesh = trimesh.creation.box((10, 10, 10))
+    >>> cubes = ItemType("cube", mesh.vertices, mesh.faces, demand=3)
+    >>> settings = NestSettings(workers=1, iterations=2)
+    >>> packing = nest([cubes], (10, 10, 20), "knapsack", settings=settings)
+    >>> round(packing.density, 3), packing.left_out
+    (1.0, (1,))
+    >>> packing.problems()
+    []
+    >>> len(replace(packing, clearance=5.0).problems())
+    1
     """
 
     types: tuple[ItemType, ...]

@@ -32,6 +32,14 @@ class BoxType:
     ------
     ArgumentError
         If a side is not above 0, or the count is not possible.
+
+    Examples
+    --------
+    >>> from packit_sim import BoxType
+    >>> BoxType((300, 200, 150), "A", count=2)
+    BoxType(size=(300.0, 200.0, 150.0), name='A', count=2)
+    >>> BoxType.parse("B:30x20x15cm=3", unit="mm")
+    BoxType(size=(300.0, 200.0, 150.0), name='B', count=3)
     """
 
     size: tuple[float, float, float]

@@ -98,6 +98,18 @@ class Part:
     ------
     ArgumentError
         If a value is not possible.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from packit_sim import Part
+    >>> bracket = Part("bracket", trimesh.creation.box((40, 20, 5)), count=4, rotations="upright")
+    >>> bracket.count, bracket.unit, bracket.rotations
+    (4, 'mm', 'yaw-4')
+    >>> Part("bracket", trimesh.creation.box((40, 20, 5)), count=0)
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: part 'bracket': count 0 is not possible: 1 to 10000
     """
 
     name: str

@@ -46,6 +46,17 @@ class DecompositionSettings:
     ------
     ArgumentError
         If a setting is out of range.
+
+    Examples
+    --------
+    >>> from packit_sim import DecompositionSettings, PhysicsSettings
+    >>> quick = DecompositionSettings(method="bisection", max_pieces=16)
+    >>> PhysicsSettings(decomposition=quick).decomposition.max_pieces
+    16
+    >>> DecompositionSettings(method="voxels")
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: method 'voxels' is not known: choose from coacd, bisection
     """
 
     method: Method = "coacd"
