@@ -72,7 +72,8 @@ def test_a_state_that_does_not_fit_its_poses_is_found(
 
     def wrong(problem, state, *arguments):
         overlap = original(problem, state, *arguments)
-        getattr(state, array)[:] *= 0.5
+        found = getattr(state, array)
+        found[:] = 0.5 * found - 0.1
         return overlap
 
     monkeypatch.setattr(separation, "separate", wrong)
