@@ -34,7 +34,7 @@ from packit_sim.physics.world import require_engine
 
 
 class PlainConsole(Console):
-    """A console to which no text can send commands: names may come from files that others wrote."""
+    """A console that ignores control characters in texts: names from files may contain some."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None

@@ -175,8 +175,8 @@ def original(
 ) -> None:
     """Convert packs of the original PackIt to tasks for `packit evaluate`.
 
-    The original locations are not on our grid, so that the tasks come without a solution. What else
-    differs is described at https://packit-sim.readthedocs.io (Benchmarks, The original PackIt).
+    The original locations are not on our grid, so the tasks have no solution. Other differences are
+    described at https://packit-sim.readthedocs.io (Benchmarks, The original PackIt).
 
     Example: packit datasets original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """

@@ -23,7 +23,7 @@ _SHARED = {"out", "packs", "seed"}
 """Options of evolved datasets that puzzles have too."""
 
 _OWN = {"puzzle", "pieces", "shapes"}
-"""Options of puzzles alone."""
+"""Options that only puzzles have."""
 
 
 def check_options(context: typer.Context) -> None:

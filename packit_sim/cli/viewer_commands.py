@@ -65,9 +65,9 @@ def workbench_command(
 ) -> None:
     """Pack your own parts on a local web page, until Ctrl-C.
 
-    Drop mesh files on the page, set the box, press Pack, and watch. Lock parts to keep them where
-    they are while the rest is packed again. Files stay on this machine; download the results, since
-    nothing is kept when the page ends.
+    Drop mesh files on the page, set the box, press Pack, and watch. Locked parts stay in place
+    while the others are packed again. Files stay on this machine. Download the results, since
+    nothing is kept when the command ends.
 
     Example: packit workbench
     """

@@ -167,7 +167,7 @@ def kernel_folder() -> Path | None:
 class _ProcessLock:
     """A lock file for all processes that compile, only used by the holder of numba's lock.
 
-    Where it can't be had nothing is locked: compiling twice costs time alone. It is not a
+    If the file can't be created, nothing is locked: compiling twice only costs time. It is not a
     `filelock`, whose lock around fork() would be taken before numba's, and within it here.
     """
 

@@ -1,4 +1,4 @@
-"""Counts of the placement engine's work, for users who want to know where time goes."""
+"""Counters of the placement engine's work, which show where time is spent."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def count(kind: str, locations: int, undecided: int) -> None:
 
 @contextmanager
 def counted_by(counter: ComparisonCounter) -> Iterator[None]:
-    """Count the mesh comparisons of a block, in this thread alone; the innermost block counts."""
+    """Count the mesh comparisons of a block, in this thread only; the innermost block counts."""
     token = _active.set(counter)
     try:
         yield

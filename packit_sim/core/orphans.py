@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
 CHECK_SECONDS = 0.5
-"""Time between two looks at the parent."""
+"""Time between two checks of the parent."""
 
 
 @contextmanager

@@ -134,7 +134,7 @@ def _free_distance(
 
 
 def _may_block(own: Floats, its: Floats, apart: Floats, axis: AxisNumber) -> bool:
-    """Decide whether bounding boxes overlap seen along an axis, and the other is not all above."""
+    """Decide whether bounding boxes overlap along an axis, and the other is not all above."""
     near = np.abs(apart) < (own + its) / 2
     near[axis] = apart[axis] - its[axis] / 2 < own[axis] / 2
     return bool(near.all())

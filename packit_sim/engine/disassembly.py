@@ -24,7 +24,7 @@ from packit_sim.geometry.items import Contents, PlacedItem
 from packit_sim.geometry.lattice import CELL, MAX_CELLS, STEP, Triple
 
 MOVES = 3
-"""Largest number of straight moves in a route: two along the axes, and one up."""
+"""Maximum number of straight moves in a route: two along the axes, and one up."""
 
 _AXES: tuple[AxisNumber, ...] = (2, 0, 1)
 _STEP = STEP * CELL
@@ -80,7 +80,7 @@ def disassemble(box: Contents[PlacedItem], moves: int = MOVES) -> Disassembly:
     box : Contents
         The box and the items in it.
     moves : int, default: 3
-        Largest number of straight moves in a route, the last of which goes up.
+        Maximum number of straight moves in a route, the last of which goes up.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def insertion_routes(box: Contents[PlacedItem], moves: int = MOVES) -> tuple[Gri
     box : Contents
         The box and the items in it.
     moves : int, default: 3
-        Largest number of straight moves in a route, the last of which goes up.
+        Maximum number of straight moves in a route, the last of which goes up.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def find_route(
     cells : Triple
         The cells of the box along x, y and z.
     moves : int, default: 3
-        Largest number of straight moves, the last of which goes up.
+        Maximum number of straight moves, the last of which goes up.
 
     Returns
     -------

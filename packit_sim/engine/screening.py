@@ -1,4 +1,4 @@
-"""Screening: the state of a location by its cells alone, which is blocked, free or open.
+"""Screening: the state of a location by its cells, which is blocked, free or open.
 
 Blocked: a fine cell is inner for one item and outer for another. Free: no outer fine cell is
 shared. Both are proofs (docs/concepts/exactness.md); at open locations the meshes decide.

@@ -190,8 +190,8 @@ def settle(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) ->
 def settle_each(box: Contents[ItemInBox], settings: PhysicsSettings | None = None) -> Settled:
     """Release each item alone, among fixed items that were placed before it.
 
-    This is what happens while a box is packed by hand. All items are simulated at once, in one
-    world in which each collides only with those before it.
+    This models a box that is packed by hand. All items are simulated together, in one world in
+    which each collides only with those before it.
 
     Parameters
     ----------

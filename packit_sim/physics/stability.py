@@ -20,7 +20,7 @@ class Stability:
     settled : Settled
         All items, released at once.
     each : Settled
-        Each item, released alone on those placed before it, which are fixed.
+        The items, each released on the items placed before it, which are fixed.
     distance : float
         Box units by which no point of a stable item moves.
     """

@@ -340,7 +340,7 @@ def _pybullet() -> Any:
 def _release(
     number: int, on_release: Callable[[], None], folder: Path, owner: tuple[int, int]
 ) -> None:
-    """Disconnect, if its own thread asks; a forked child leaves everything to its parent."""
+    """Disconnect if called by the owner's thread; a forked child leaves all to its parent."""
     process, thread = owner
     if process != os.getpid():
         return

@@ -15,7 +15,7 @@ Points = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """A direction to look from; the distance follows from what the picture contains.
+    """A viewing direction; the distance follows from the content of the picture.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Camera:
 
     @property
     def toward(self) -> Points:
-        """Unit vector (3,) from what the camera looks at to the camera."""
+        """Unit vector (3,) from the point that the camera looks at to the camera."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         return np.array(
             (

@@ -224,7 +224,7 @@ COLORINGS: Mapping[str, Coloring] = {
     "order": by_order,
     "share": ByShare(),
 }
-"""Rules by name that depend on the items alone."""
+"""Rules by name that depend only on the items."""
 
 
 def _tinted(number: int) -> Color:

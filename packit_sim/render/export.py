@@ -172,7 +172,7 @@ def _poses_mm(placed: Sequence[ItemInBox], unit_mm: float) -> Iterator[npt.NDArr
 
 
 def _mesh_name(shape: Shape) -> str:
-    """Return a unique name, whatever the shape's id."""
+    """Return a unique name for any id of a shape."""
     return f"{plain(shape.id)} {shape.digest[:8]}"
 
 

@@ -218,7 +218,7 @@ class _Flight:
     def of(
         cls, placed: PlacedItem, start: Motion, end: Motion, side: tuple[int, int], size: Floats
     ) -> _Flight:
-        """Plan a path: up, over the box unless the item stands at its side, and straight in."""
+        """Plan a path: up, over the box unless the item is at its side, and straight in."""
         axis, sign = side
         half = placed.item.extents / 2
         turn = end.translation.copy()

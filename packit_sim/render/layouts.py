@@ -65,7 +65,7 @@ class Layout:
 
     @classmethod
     def settled(cls, items: Sequence[ItemInBox]) -> Layout:
-        """Show items where they came to rest."""
+        """Show items in the poses in which they came to rest."""
         points = [np.empty((0, 3)), *(item.vertices for item in items)]
         return cls(tuple(item.pose for item in items), np.concatenate(points))
 

@@ -23,7 +23,7 @@ BOX_STYLES: tuple[BoxStyle, ...] = get_args(BoxStyle)
 
 @dataclass(frozen=True)
 class Cut:
-    """A plane that cuts a box open: what lies beyond it is hidden.
+    """A plane that cuts a box open: everything beyond it is hidden.
 
     Items that it crosses show their section, which consists of the engine's fine cells: solid where
     a mesh encloses them, whether it is closed or not.

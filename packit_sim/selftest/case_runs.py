@@ -34,7 +34,7 @@ def run(seed: int, minutes: float, workers: Workers, file: Path | None = None) -
     workers : Workers
         The processes.
     file : Path, optional
-        The file of the totals. It is written every 30 seconds, and at the end, however that comes.
+        The file of the totals. It is written every 30 seconds, and at the end, also after an error.
 
     Yields
     ------

@@ -37,7 +37,7 @@ class Case:
     seed : tuple of int
         The seed from which the checks draw locations and orders.
     easy : bool
-        Whether the item is compared in all 24 rotations, as PackIt-Easy asks for.
+        Whether the item is compared in all 24 rotations, as for PackIt-Easy.
     kinematic : bool
         Whether items must come straight down.
     """

@@ -118,7 +118,7 @@ class HttpServer:
     Parameters
     ----------
     routes : mapping of (str, str) to HttpRoute
-        By method and path; a path that ends with "/" stands for all below it.
+        The routes by method and path; a path that ends with "/" stands for all paths below it.
     host : str
         The IPv4 address or name to listen at: everyone who can reach it can use the page.
     port : int, optional

@@ -45,8 +45,8 @@ class WebPage:
     Parameters
     ----------
     host : str
-        The IPv4 address or name to listen at, by default this machine alone: everyone who can reach
-        it can see the page.
+        The IPv4 address or name to listen at; by default only this machine can reach it. Everyone
+        who can reach it can see the page.
     port : int | None
         1 to 65535, by default a free one.
 

@@ -92,7 +92,7 @@ class Training:
     device : str
         "cpu", "cuda" or "auto".
     workers : int
-        Processes of a Ray cluster that hold the environments; 0 keeps them in this process. The
+        Processes of a Ray cluster for the environments; 0 keeps them in this process. The
         weights do not depend on it.
     address : str, optional
         Address of the cluster's head.

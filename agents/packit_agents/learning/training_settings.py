@@ -32,7 +32,7 @@ class TrainingSettings:
     observation : {"features", "placement-features"}
         The observation of the network.
     augmented : bool
-        Whether shapes are rotated and mirrored at random, anew in each episode.
+        Whether shapes are rotated and mirrored at random, differently in each episode.
     mixed : float
         Share of the tasks that are mixed from the items of two tasks (see `Mixture`).
     packs : str

@@ -1,1 +1,1 @@
-"""Choosing among placements: of all shapes, in all rotations, at all locations at once."""
+"""Agents that choose among placements: shape, rotation and location together."""

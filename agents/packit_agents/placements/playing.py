@@ -126,5 +126,5 @@ def best_return(task: Task, scorer: Scorer) -> float:
 
 @cache
 def _keep_items_of_many_tasks() -> None:
-    """Let this process keep the items of a training in all their rotations."""
+    """Let this process cache the items of a training in all their rotations."""
     limit("items in all rotations", TRAINING_BUDGET)

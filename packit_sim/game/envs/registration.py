@@ -21,7 +21,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "PackItEasy-v0": {"easy": True},
     "PackItPhysics-v0": {"physics": True},
 }
-"""The settings of each id; those that `gymnasium.make` gets come on top."""
+"""The default settings of each id, to which `gymnasium.make` adds its own."""
 
 _REGISTRY = "gymnasium.envs.registration"
 

@@ -137,7 +137,7 @@ class Agent:
         return (self.shape, self.rotation, self.location)[stage]
 
     def act(self, episode: Episode, rng: np.random.Generator) -> int:
-        """Choose the action for the episode's stage by the policy alone, without the search."""
+        """Choose the action for the episode's stage by the policy, without the search."""
         return self.policy(episode.stage)(episode, rng)
 
     def play(
@@ -188,7 +188,7 @@ class Agent:
     def _plan_visible(
         self, search: Search, episode: Episode, rng: np.random.Generator, on_progress: OnProgress
     ) -> None:
-        """Play an online episode by a search that knows the visible items alone."""
+        """Play an online episode by a search that knows only the visible items."""
         if episode.rules.physics is not None:
             raise ArgumentError(
                 f"agent {self.name!r} can't plan online with physics: a search needs the grid"

@@ -93,7 +93,7 @@ class ChosenItem:
         Returns
         -------
         ndarray of bool, shape (24,)
-            Kept until another location is asked for; it must not be written to.
+            True for feasible rotations. It is cached until the next location; do not change it.
         """
         if self._rotations is None or self._rotations[0] != location:
             self._rotations = location, self._box.rotations_at(self.item, location)

@@ -181,7 +181,7 @@ class Episode:
         return self.outside & (np.arange(len(self.outside)) < self.arrived)
 
     def visible_alone(self) -> Episode:
-        """Create an episode of the visible items alone, with the same content of the box.
+        """Create an episode of only the visible items, with the same content of the box.
 
         It is not online, so that a search that plans ahead in it knows only the visible items.
         """

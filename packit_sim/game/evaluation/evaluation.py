@@ -209,8 +209,8 @@ def evaluate(
     workers : Workers | int | None
         The processes that play, or their number (0: one per core); by default this process plays.
     file : Path | str | None
-        The file of results, which are written as they come. Those that it contains are not played
-        again, and results of other agents are kept.
+        The file of results, which are written while they are played. Those that it contains are not
+        played again, and results of other agents are kept.
     numbers : Sequence[int] | None
         The numbers of the tasks in their dataset; by default 0, 1, 2 and so on.
 

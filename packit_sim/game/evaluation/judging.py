@@ -56,7 +56,7 @@ def judge(
     workers : Workers | None
         The processes that simulate; by default this one does.
     file : Path | None
-        The file that contains the rollouts; scores are written as they come.
+        The file that contains the rollouts; scores are written as soon as they are computed.
 
     Returns
     -------

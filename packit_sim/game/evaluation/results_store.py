@@ -27,7 +27,7 @@ class ResultsStore:
     file : Path | None
         The file of results, which is read if it exists.
     agents : Iterable[str]
-        The names of agents to come, in their order after those of the file.
+        The names of further agents, in their order after those of the file.
     """
 
     def __init__(self, file: Path | None, agents: Iterable[str] = ()) -> None:

@@ -206,7 +206,7 @@ class PackCollection:
         )
 
     def rivals(self, number: int) -> tuple[int, ...]:
-        """Return the packs that may stand next to one: those of the same task, or also of none."""
+        """Return the packs to compare with one: those of the same task, or of no task."""
         task = self._entries[number].task
         return tuple(
             n for n, entry in enumerate(self._entries) if n != number and entry.task == task

@@ -149,7 +149,7 @@ class Controls:
         )
 
     def set_rivals(self, rivals: Sequence[int], second: int | None) -> None:
-        """Offer packs to stand next to the first one, and select one."""
+        """Offer packs for the place next to the first one, and select one."""
         self.second.options = (NOTHING, *(self._titles[n] for n in rivals))
         _set(self.second, NOTHING if second is None else self._titles[second])
 

@@ -29,7 +29,7 @@ class RedrawThread:
         self._thread = threading.Thread(target=self._run, name="packit view", daemon=True)
 
     def start(self) -> None:
-        """Start the thread, which calls the function at once."""
+        """Start the thread, which calls the function immediately."""
         self._thread.start()
 
     def wake(self) -> None:

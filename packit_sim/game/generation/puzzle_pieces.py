@@ -45,7 +45,7 @@ class PuzzlePiece:
     vertices : ndarray of int64, shape (n, 3)
         The corners of its surface, in millionths of the box.
     faces : ndarray of int64, shape (m, 4)
-        Planar, convex quadrilaterals, seen from outside counterclockwise, as indices of vertices;
+        Planar, convex quadrilaterals, counterclockwise from outside, as indices of vertices;
         a triangle's last index is `NONE`.
     """
 

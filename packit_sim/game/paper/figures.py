@@ -196,7 +196,7 @@ def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | st
 def draw_rollouts(
     rollouts: Sequence[Rollout], tasks: Sequence[Task], library: ShapeLibrary, path: Path | str
 ) -> None:
-    """Draw the four best and the four worst rollouts; items left outside stand next to the box."""
+    """Draw the four best and the four worst rollouts; items left outside are next to the box."""
     ranked = sorted(rollouts, key=lambda rollout: rollout.total)
     shown = [*ranked[::-1][:4], *ranked[:4]]
     names = [[f"{row}{n}" for n in range(4)] for row in ("best ", "worst ")]

@@ -1,4 +1,4 @@
-"""The portfolio: rules with searches at equal processor time, alone and together.
+"""The portfolio: rules with searches at equal processor time, singly and combined.
 
 It is beyond the paper: it shows the returns of searches over their processor time.
 """
