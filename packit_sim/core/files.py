@@ -163,9 +163,9 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
     """
     from filelock import FileLock, Timeout  # slow to import, and only writers need it
 
-    held = FileLock(lock, timeout=_LOCK_SECONDS)
+    file_lock = FileLock(lock, timeout=_LOCK_SECONDS)
     try:
-        held.acquire()
+        file_lock.acquire()
     except Timeout:
         raise BusyError(
             f"{target}: process {_holder(lock)} is at work there: wait until it ends, "
@@ -179,7 +179,7 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
         yield
     finally:
         lock.unlink(missing_ok=True)  # before the release: another process may then hold the path
-        held.release()
+        file_lock.release()
 
 
 def _temporary(target: Path) -> tuple[int, str]:

@@ -16,6 +16,6 @@ def limit_memory(more: int) -> None:
         already stays, if it is lower.
     """
     has = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    _, most = resource.getrlimit(resource.RLIMIT_AS)
-    limit = has + more if most == resource.RLIM_INFINITY else min(has + more, most)
+    _, maximum = resource.getrlimit(resource.RLIMIT_AS)
+    limit = has + more if maximum == resource.RLIM_INFINITY else min(has + more, maximum)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -99,11 +99,11 @@ class RuinAndRecreate:
         on_progress(clock.rollouts, episode.total + best.volume / volume)
         while len(best.placed) < len(items) and not clock.is_over():
             loss = LOSS * clock.share_left**2 * rng.exponential()
-            least = current.volume - loss * volume
+            min_volume = current.volume - loss * volume
             layout.restart(_ruined(current.placed, MAX_REMOVED + since_best // PATIENCE, rng))
-            layout.fill(policy.scorer, rng, TEMPERATURE, least)
+            layout.fill(policy.scorer, rng, TEMPERATURE, min_volume)
             found = _Filled(layout.placed, layout.volume)
-            if found.volume >= least:
+            if found.volume >= min_volume:
                 current = found
             since_best += 1
             if found.volume > best.volume:
@@ -124,10 +124,10 @@ class _Filled:
 
 
 def _ruined(
-    placed: list[tuple[int, PlacedItem]], most: int, rng: np.random.Generator
+    placed: list[tuple[int, PlacedItem]], max_removed: int, rng: np.random.Generator
 ) -> list[tuple[int, PlacedItem]]:
     """Leave out some items: mostly one and its neighbours."""
-    count = int(rng.integers(1, min(most, len(placed)) + 1))
+    count = int(rng.integers(1, min(max_removed, len(placed)) + 1))
     if rng.random() < NEARBY:
         centers = np.array([item.center for _, item in placed])
         first = centers[int(rng.integers(len(placed)))]

@@ -120,7 +120,7 @@ class ScoredLayout:
         scorer: Scorer,
         rng: np.random.Generator,
         temperature: float = 0.0,
-        least: float = 0.0,
+        min_volume: float = 0.0,
     ) -> Self:
         """Place items until none fits, each time at the best placement (see `place`).
 
@@ -133,7 +133,7 @@ class ScoredLayout:
         temperature : float
             Factor on the noise that is added to the scores: at 1, placements are drawn with the
             probabilities that the scores mean.
-        least : float
+        min_volume : float
             A volume: once it can't be reached any more, no further item is placed.
 
         Returns
@@ -141,7 +141,7 @@ class ScoredLayout:
         ScoredLayout
             This layout.
         """
-        while len(found := self.placements()) and self.volume + found.attainable >= least:
+        while len(found := self.placements()) and self.volume + found.attainable >= min_volume:
             scores = scorer(found.features)
             if temperature:
                 noise = rng.gumbel(size=len(scores)).astype(np.float32)

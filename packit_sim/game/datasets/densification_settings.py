@@ -56,21 +56,21 @@ class DensificationSettings(JsonRecord):
     cells: Triple = BOX_CELLS
 
     def __post_init__(self) -> None:
-        fewest, most = self.items
+        low, high = self.items
         check_settings(
             self,
             "densification setting",
-            items=(1 <= fewest <= most, "two numbers from 1, the smaller first"),
+            items=(1 <= low <= high, "two numbers from 1, the smaller first"),
             floor=(
-                0 < self.floor * most <= 1,
-                f"above 0, and at most {1 / max(most, 1):.3g} for {most} items",
+                0 < self.floor * high <= 1,
+                f"above 0, and at most {1 / max(high, 1):.3g} for {high} items",
             ),
             largest=Range(0, 1, ends="(]"),
             fill=Range(0, 1, ends="(]"),
             copies=Range(1),
             pool=(
-                self.copies * self.pool >= most,
-                f"at least {most / max(self.copies, 1):.10g} for {most} items with at most "
+                self.copies * self.pool >= high,
+                f"at least {high / max(self.copies, 1):.10g} for {high} items with at most "
                 f"{self.copies} of a shape",
             ),
             rounds=Range(0),

@@ -89,7 +89,7 @@ class EvolutionSettings(JsonRecord):
     cells: Triple = BOX_CELLS
 
     def __post_init__(self) -> None:
-        least, most = self.size_range
+        low, high = self.size_range
         if self.search == "climbing":  # type: ignore[comparison-overlap]
             raise ArgumentError(
                 "evolution setting search = 'climbing': this search was removed, since its "
@@ -106,7 +106,7 @@ class EvolutionSettings(JsonRecord):
             patience=Range(1),
             keep_every=Range(1),
             scales=(bool(self.scales) and min(self.scales) > 0, "one number above 0 or more"),
-            size_range=(0 < least <= most, "two numbers above 0, the smaller first"),
+            size_range=(0 < low <= high, "two numbers above 0, the smaller first"),
             swap_rate=Range(0, 1),
             point_rate=Range(0, 1),
             search=(self.search in SEARCHES, f"choose from {', '.join(SEARCHES)}"),

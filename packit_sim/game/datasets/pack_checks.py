@@ -106,8 +106,8 @@ def settings_problems(pack: Pack, evolved: Evolved) -> Iterator[str]:
         yield f"it holds {len(pack.items)} items, more than its pool of {settings.pool}"
     if settings.cells != pack.cells:
         yield f"its box has {list(pack.cells)} cells, its settings say {list(settings.cells)}"
-    least, most = settings.size_range
-    if not least <= size <= most:
+    low, high = settings.size_range
+    if not low <= size <= high:
         yield f"its size {size!r} is outside its settings' range {list(settings.size_range)}"
     possible = [scale * size**3 for scale in settings.scales]
     for n, item in enumerate(pack.items):
@@ -138,9 +138,9 @@ def density_problems(
         A sentence for each contradiction.
     """
     settings = densified.settings
-    fewest, most = settings.items
-    if not fewest <= len(pack.items) <= most:
-        yield f"it holds {len(pack.items)} items, its settings say {fewest} to {most}"
+    low, high = settings.items
+    if not low <= len(pack.items) <= high:
+        yield f"it has {len(pack.items)} items, its settings say {low} to {high}"
     if settings.cells != pack.cells:
         yield f"its box has {list(pack.cells)} cells, its settings say {list(settings.cells)}"
     shape, count = Counter(item.shape for item in pack.items).most_common(1)[0]

@@ -146,8 +146,8 @@ class Densification:
         self._library = library
         self._rng = np.random.default_rng(seed)
         self._box = Box(self.settings.cells)
-        fewest, most = self.settings.items
-        self._count = int(self._rng.integers(fewest, most + 1))
+        low, high = self.settings.items
+        self._count = int(self._rng.integers(low, high + 1))
         self._shapes = self._draw_shapes()
         self._items: list[PlacedItem] = []
         self._beginnings = 1
@@ -293,8 +293,8 @@ class Densification:
         smallest = self._smallest(before, former)
         wanted = total_volume(former) + tolerance * math.log(1 - self._rng.random())
         if len(former) == 2:
-            least = max(smallest, wanted * self._rng.uniform(*SHARES))
-            if self._replace(former, least, max(least, wanted - smallest)):
+            min_volume = max(smallest, wanted * self._rng.uniform(*SHARES))
+            if self._replace(former, min_volume, max(min_volume, wanted - smallest)):
                 wanted -= self._items[-1].item.volume
         if len(self._items) < self._count - 1 or not (
             self._replace(former, max(wanted, smallest), math.inf)

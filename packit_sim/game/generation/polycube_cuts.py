@@ -23,7 +23,7 @@ CUBE = NODES // CUBES
 """Steps of the grid along a cube."""
 
 SIZES = (2 / 3, 4 / 3)
-"""The fewest and the most cubes of a piece, relative to the mean, rounded down and up."""
+"""Minimum and maximum number of cubes of a piece, relative to the mean, rounded down and up."""
 
 CLEARANCE = round(0.75 * CONTACT_TOLERANCE * UNITS)
 """Distance of the faces of a piece from those of its cubes, in millionths of the box. The surfaces
@@ -64,7 +64,7 @@ def polycubes(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None
 
 
 def sizes(pieces: int) -> tuple[int, int]:
-    """Return the fewest and the most cubes of a piece."""
+    """Return the minimum and the maximum number of cubes of a piece."""
     mean = CUBES**3 / pieces
     return max(1, math.floor(SIZES[0] * mean)), math.ceil(SIZES[1] * mean)
 
@@ -96,29 +96,29 @@ def locked(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> int:
 def joined_cubes(pieces: int, rng: np.random.Generator) -> Labels | None:
     """Join cubes until a number of pieces are left; None if that does not succeed."""
     labels = np.arange(CUBES**3).reshape(CUBES, CUBES, CUBES)
-    least, most = sizes(pieces)
+    min_cubes, max_cubes = sizes(pieces)
     left = CUBES**3
     while left > pieces:
         counts = np.bincount(labels.ravel())
         names = np.flatnonzero(counts)
         draws = dict(zip(names.tolist(), rng.random(len(names)).tolist(), strict=True))
         for label in sorted(draws, key=lambda name: (counts[name], draws[name])):
-            joined = _with_neighbour(labels, label, counts, most, draws)
+            joined = _with_neighbour(labels, label, counts, max_cubes, draws)
             if joined is not None:
                 labels, left = joined, left - 1
                 break
         else:
             return None
     counts = np.bincount(labels.ravel())
-    return labels if counts[counts > 0].min() >= least else None
+    return labels if counts[counts > 0].min() >= min_cubes else None
 
 
 def _with_neighbour(
-    labels: Labels, label: int, counts: Ints, most: int, draws: dict[int, float]
+    labels: Labels, label: int, counts: Ints, max_cubes: int, draws: dict[int, float]
 ) -> Labels | None:
     """Join a piece with the first neighbour, in the order of `draws`, with which that is valid."""
     for other in sorted(_neighbours(labels, label), key=lambda name: draws[name]):
-        if counts[label] + counts[other] > most:
+        if counts[label] + counts[other] > max_cubes:
             continue
         joined = np.where(labels == label, other, labels)
         if _is_manifold(joined == other) and _order(joined) is not None:
