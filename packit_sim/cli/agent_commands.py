@@ -19,7 +19,9 @@ app = typer.Typer(help="List the agents that can play.", no_args_is_help=True)
 
 @app.command("list")
 def list_command() -> None:
-    """List policies and searches: an agent is SHAPE/ROTATION/LOCATION, optionally +SEARCH=VALUE.
+    """List policies and searches.
+
+    The name of an agent is SHAPE/ROTATION/LOCATION, optionally with +SEARCH=VALUE.
 
     Example: packit agents list
     """

@@ -43,7 +43,7 @@ app = typer.Typer(
 
 @app.command("list")
 def list_command() -> None:
-    """List the built-in datasets: give a name where a command asks for DATASET.
+    """List the built-in datasets, whose names can stand for DATASET in commands.
 
     Example: packit datasets list
     """
@@ -141,7 +141,9 @@ def sequences(
         float, typer.Option(help="Length of a grid step, which is 4 cells, in cm.")
     ] = 5.9,
 ) -> None:
-    """Draw sequences of items for the online game: shapes with equal probability, at real size.
+    """Draw sequences of items, at real size, for the online game.
+
+    Each shape is drawn with the same probability.
 
     The defaults are those of the benchmark BlockOut. Sequence n has the seed SEED + n.
 

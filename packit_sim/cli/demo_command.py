@@ -42,7 +42,7 @@ def demo_command(
         int, typer.Option(min=0, help="Generations of the short evolution.")
     ] = 20,
 ) -> None:
-    """Evolve a pack, let the heuristic agents pack its items again, and draw the results."""
+    """Evolve a pack, let heuristic agents repack its items, and draw the results."""
     started = time.perf_counter()
     prepare_folder(out / "packs.jsonl")
     library = ShapeLibrary.open("everyday")

@@ -22,11 +22,10 @@ _STYLES = {"ok": "green", "missing": "yellow", "problem": "red"}
 def doctor_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Check what works on this machine, and say how to get what does not.
+    """Check what works on this machine, and print remedies.
 
-    It looks for the packages, imports those that may crash in other processes, draws with EGL, and
-    looks at the cores, the memory and the cache folders. Exit code 1 if something that everything
-    needs is broken.
+    It checks the packages (those that may crash in other processes), EGL, the cores, the memory and
+    the cache folders. Exit code 1 if something required is broken.
 
     Example: packit doctor --json
     """

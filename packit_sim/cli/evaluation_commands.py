@@ -101,8 +101,8 @@ def evaluate_command(
     """Let agents play the tasks of a dataset and print the paper's table.
 
     With --out the command can be stopped at any time: repeat it to resume. With --scores each box
-    is simulated under gravity and disassembled: seconds per task, and the first time also the
-    decomposition of its shapes.
+    is simulated under gravity and disassembled. This takes seconds per task; the first time, its
+    shapes are also decomposed.
 
     Example: packit evaluate everyday-v1 --split test --agent largest-first/aligned/blbf
     """
@@ -180,8 +180,8 @@ def compare_command(
 ) -> None:
     """Compare agents on the tasks that both have played.
 
-    With one file its agents are compared with each other; with two files the first's agents are
-    compared with the second's.
+    With one file, its agents are compared with each other. With two files, the agents of the first
+    are compared with those of the second.
 
     Example: packit compare mine.jsonl yours.jsonl
     """

@@ -148,9 +148,9 @@ def generate_command(
 ) -> None:
     """Generate the packs of a dataset: benchmark tasks with known solutions.
 
-    Packs evolve as in the paper. With --dense, they are of large items, all of different shapes,
-    which are replaced by larger ones again and again (simulated annealing): so dense that searches
-    rarely find space for all items.
+    Packs evolve as in the paper. With --dense, packs have large items of different shapes, which
+    are replaced by larger ones again and again (simulated annealing). They become so dense that
+    searches rarely find space for all items.
 
     Puzzles are boxes cut into pieces that fill them: guillotine (cuboids, by planes), pinwheel
     (cuboids that no plane separates), polycubes (of cubes, interlocking), and curved (by slanted
@@ -159,10 +159,10 @@ def generate_command(
 
     Shapes are drawn from the library with replacement and rescaled to fill a box of length 1, so
     that a dataset from a folder of your meshes has tasks with their shapes, but not with their
-    real sizes or numbers: `packit pack` packs your parts as they are.
+    real sizes or numbers. `packit pack` packs your parts at their sizes.
 
-    Pack n has the seed SEED + n, so that each can be generated again on its own. The command can be
-    stopped at any time: repeat it to resume, with the same packs in the end.
+    Pack n has the seed SEED + n, so that each can be generated separately. The command can be
+    stopped at any time: repeat it to resume. The packs are the same in the end.
 
     Example: packit generate --packs 100 --split train --workers 8 --out my-packs
 

@@ -121,7 +121,7 @@ def pack_command(
     """Pack your own parts into boxes, at their real sizes.
 
     The folder gets packing.3mf, .glb, .stl, .png, .html (the report with a 3D view) and .json with
-    the poses. Every distance holds for the files themselves, which are checked again at the end.
+    the poses. Every distance applies to your files, which are reread and checked at the end.
     Ctrl-C writes the best packing so far; the same command resumes from it.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),

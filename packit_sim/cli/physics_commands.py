@@ -45,7 +45,7 @@ def compact_command(
     limit: LimitOption = None,
     out: OutOption = None,
 ) -> None:
-    """Push the items of packs together, off the grid: down, left and back, until meshes touch.
+    """Push the items of packs down, left and back, off the grid, until meshes touch.
 
     "filled" is the items' volume, divided by the volume of the smallest box around them at the
     bottom left back corner. DATASET may also be results of `packit evaluate`.
@@ -85,11 +85,11 @@ def score_command(
     decomposition: DecompositionOption = METHODS[0],
     out: OutOption = None,
 ) -> None:
-    """Score packs: whether they are stable under gravity, and whether their items can be inserted.
+    """Score the stability of packs under gravity, and whether their items can be inserted.
 
     All scores are shares of the volume, except counts of items. "reward" is that of the agent, for
-    results of `packit evaluate`. A pack takes seconds; the first time also the decomposition of its
-    shapes.
+    results of `packit evaluate`. A pack takes seconds; the first time, its shapes are also
+    decomposed.
 
     Example: packit score results.jsonl --limit 10
     """

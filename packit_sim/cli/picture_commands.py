@@ -101,7 +101,7 @@ def render_command(
     color: ColorOption = "item",
     legend: Annotated[bool, typer.Option(help="Explain the colours at the right.")] = True,
 ) -> None:
-    """Draw a pack, a task or a result; without DATASET: shapes of a library side by side.
+    """Draw a pack, a task or a result, or without DATASET shapes of a library side by side.
 
     A .npz file contains the image, depth, segmentation and the camera's projection as arrays.
 
@@ -157,7 +157,7 @@ def film_command(
     cut: CutOption = None,
     color: ColorOption = "item",
 ) -> None:
-    """Film how a pack is packed, item by item; with the camera turntable: a turn around it.
+    """Film how a pack is packed, item by item, or with the camera turntable a turn around it.
 
     --cut and --explode need the camera turntable.
 
@@ -206,9 +206,9 @@ def export_command(
     ] = export.UNIT_MM,
     color: ColorOption = "item",
 ) -> None:
-    """Write a packed box for other tools: its items with their names, poses and colours.
+    """Write a packed box for other tools, with names, poses and colours of its items.
 
-    A .json file comes with a folder of meshes, and `packit verify` checks it.
+    A .json file has a folder of meshes next to it; `packit verify` checks both.
 
     Example: packit export results.jsonl --pack 1 --out box.3mf
     """

@@ -45,9 +45,9 @@ def report_command(
     ] = 3,
     library: DatasetLibraryOption = None,
 ) -> None:
-    """Write a page of runs: tables, plots, the best and worst tasks in 3D, and settings.
+    """Write a page about evaluations and trainings: tables, plots, tasks in 3D, settings.
 
-    The page is one file that opens from disk, without a network.
+    It shows the best and worst tasks. The page is one file that opens without a network.
 
     Example: packit report results.jsonl trainings/first --dataset starter --out report.html
     """

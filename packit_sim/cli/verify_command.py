@@ -35,9 +35,9 @@ def verify_command(
 ) -> None:
     """Check packs with the oracle; exit code 1 if one is wrong.
 
-    A packing is what `packit pack` and `packit nest --packing` write, or what another tool wrote:
-    mesh files with poses. Its fields are described at https://packit-sim.readthedocs.io (Reference,
-    File formats).
+    Packings are checked too: mesh files with poses, written by `packit pack`, `packit nest
+    --packing` or another tool. The fields of a packing are described at
+    https://packit-sim.readthedocs.io (Reference, File formats).
 
     Example: packit verify everyday-v1 --split test
 

@@ -37,7 +37,7 @@ def train_command(
 ) -> None:
     """Train a network to choose shapes; its best weights are best.safetensors in the folder.
 
-    The command can be stopped at any time: repeat it to resume, with the same weights in the end.
+    The command can be stopped at any time: repeat it to resume. The final weights are the same.
     The agent learned@FOLDER/best.safetensors/aligned/blbf plays with the weights.
 
     Example: packit train --set steps=100000 --out trainings/first

@@ -35,7 +35,7 @@ def train_champion_command(
 ) -> None:
     """Train a network to choose placements; its best weights are best.safetensors in the folder.
 
-    The command can be stopped at any time: repeat it to resume, with the same weights in the end.
+    The command can be stopped at any time: repeat it to resume. The final weights are the same.
     The agent placement@FOLDER/best.safetensors plays with the weights.
 
     Example: packit train-champion --out trainings/champion
