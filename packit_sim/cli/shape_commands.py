@@ -324,8 +324,6 @@ def selection(
 
     Parameters
     ----------
-    library : ShapeLibrary
-        The library.
     categories : Sequence[str] | None
         The categories; not used if `ids` are given.
     ids : Sequence[str] | None

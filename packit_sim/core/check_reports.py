@@ -12,8 +12,6 @@ class FileProblem:
 
     Attributes
     ----------
-    file : Path
-        The file.
     pack : int or None
         The number of the pack in the file, from 0 as `read_packs` counts; None for a problem of the
         whole file.
@@ -36,8 +34,6 @@ class Report:
 
     Attributes
     ----------
-    problems : tuple of FileProblem
-        All problems.
     files : int
         The number of files.
     packs : int

@@ -36,11 +36,6 @@ POLL_SECONDS = 0.02
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of numbers and arrays at its first call, without Python objects.
 
-    Parameters
-    ----------
-    function : callable
-        The function.
-
     Returns
     -------
     callable

@@ -91,8 +91,6 @@ def located(where: object, kind: type[PackItError]) -> Iterator[None]:
     ----------
     where : object
         The place, such as a file, or a file and a line.
-    kind : type of PackItError
-        The type of error.
 
     Yields
     ------

@@ -37,8 +37,6 @@ class CollisionMesh:
 
     Parameters
     ----------
-    shape : Shape
-        The shape.
     scale : float
         The scale of its volume.
 
@@ -176,8 +174,6 @@ class LooseMesh:
 
         Parameters
         ----------
-        other : LooseMesh
-            The other mesh.
         shift : array_like of float64, shape (3,)
             Its translation.
         turn : ndarray of float64, shape (3, 3)
@@ -199,8 +195,6 @@ class LooseMesh:
 
         Parameters
         ----------
-        other : LooseMesh
-            The other mesh.
         shift : array_like of float64, shape (3,)
             Its translation.
         turn : ndarray of float64, shape (3, 3)

@@ -62,8 +62,6 @@ class PartArrays(NamedTuple):
         ----------
         vertices : ndarray of float64, shape (n, 3)
             The vertices of the surface.
-        parts : Parts
-            Its parts.
 
         Returns
         -------

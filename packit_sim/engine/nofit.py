@@ -57,8 +57,6 @@ class NoFit:
         ----------
         states : States
             uint8 [x, y, z] over the item's locations, changed in place.
-        placed : PlacedItem
-            The placed item.
         item : Item
             The item to place.
         """
@@ -89,8 +87,6 @@ def no_fit_tables(placed: Sequence[ItemInBox], item: Item) -> list[NoFit] | None
 
     Parameters
     ----------
-    placed : sequence of ItemInBox
-        The items in the box.
     item : Item
         The item to place.
 

@@ -66,8 +66,6 @@ def is_valid(cells: Triple, placed: Iterable[ItemInBox], candidate: PlacedItem) 
     ----------
     cells : Triple
         The cells of the box along x, y and z.
-    placed : iterable of ItemInBox
-        The items in the box.
     candidate : PlacedItem
         The item to place, at the location.
 

@@ -75,8 +75,6 @@ def free_distance(
     ----------
     item : Item
         The item that moves.
-    other : Item
-        The other item.
     offset : ndarray of float64, shape (3,)
         The vector from the item's centre to the other's, in box units.
     axis : {0, 1, 2}

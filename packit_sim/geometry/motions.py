@@ -259,11 +259,6 @@ def motion_and_scale(matrix: Floats) -> tuple[Motion, float]:
 def matrix_fault(matrix: Floats) -> str | None:
     """Return why a matrix is not a rotation with one scale and a translation, or None.
 
-    Parameters
-    ----------
-    matrix : ndarray of float64
-        The matrix.
-
     Returns
     -------
     str or None

@@ -82,11 +82,6 @@ class QuantizedMesh:
     def load(cls, file: Path) -> QuantizedMesh:
         """Read a file that `save` wrote.
 
-        Parameters
-        ----------
-        file : Path
-            The file.
-
         Returns
         -------
         QuantizedMesh

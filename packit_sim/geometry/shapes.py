@@ -215,8 +215,6 @@ class Item:
 
     Parameters
     ----------
-    shape : Shape
-        The shape.
     scale : float
         Ratio of the item's volume to the canonical shape's, more than 0.
     rotation : int

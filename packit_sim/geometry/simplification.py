@@ -57,11 +57,6 @@ class Simplification:
     def __call__(self, shape: Shape) -> tuple[QuantizedMesh, float]:
         """Simplify a shape's mesh.
 
-        Parameters
-        ----------
-        shape : Shape
-            The shape.
-
         Returns
         -------
         mesh : QuantizedMesh
@@ -127,8 +122,6 @@ def collapsed(
 
     Parameters
     ----------
-    mesh : trimesh.Trimesh
-        The mesh.
     triangles : int
         Number of triangles to reduce it to.
     aggressiveness : float

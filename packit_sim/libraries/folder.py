@@ -28,11 +28,6 @@ class MeshFolder(Source):
     If two files would have the same id, as mug.obj and mug.stl, each keeps its suffix. Hidden files
     and folders are ignored. The digest is of the files' content.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
     Raises
     ------
     LibraryError

@@ -97,8 +97,6 @@ class ImportOutcome:
         The id in the library.
     name : str
         The candidate's own id.
-    category : str
-        The category.
     source : str
         The origin of the mesh.
     problem : str, optional
@@ -145,10 +143,6 @@ def import_library(
         written.
     name : str
         The library's name.
-    version : str
-        Its version.
-    settings : ImportSettings, optional
-        The settings.
     splits : mapping of str to sequence of str, optional
         The candidates' ids in each split. By default they are divided equally among all three, and
         near-duplicates stay together.

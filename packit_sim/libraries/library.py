@@ -209,11 +209,6 @@ class ShapeLibrary:
     def __getitem__(self, id: str) -> Shape:
         """Return the shape of an id.
 
-        Parameters
-        ----------
-        id : str
-            The id.
-
         Returns
         -------
         Shape

@@ -106,8 +106,6 @@ class ShapeNet(Source):
 
     Parameters
     ----------
-    folder : Path
-        The folder.
     seed : int, default: 0
         The seed of the splits.
 

@@ -39,14 +39,8 @@ class ShapeInfo:
 
     Attributes
     ----------
-    id : str
-        The id.
-    category : str
-        The category.
     title : str
         A name for people.
-    author : str
-        The author.
     licence : str
         The SPDX identifier of the licence.
     source : str
@@ -91,16 +85,10 @@ class Candidate:
 
     Attributes
     ----------
-    id : str
-        The id.
-    category : str
-        The category.
     read : callable
         Returns the `RawMesh`; it can be sent to another process.
     title : str
         A name for people.
-    author : str
-        The author.
     licence : str
         The SPDX identifier of the licence.
     source : str
@@ -205,11 +193,6 @@ class Source(ABC):
 
     def shape(self, id: str) -> Shape:
         """Return the shape of an id, from the cache or loaded.
-
-        Parameters
-        ----------
-        id : str
-            The id.
 
         Returns
         -------

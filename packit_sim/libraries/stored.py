@@ -77,11 +77,6 @@ class _Splits(Struct):
 class StoredLibrary(Source):
     """A folder that `write` wrote.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
     Raises
     ------
     LibraryError
@@ -165,8 +160,6 @@ def write(
         The folder; a stored library there is replaced.
     name : str
         The library's name.
-    version : str
-        Its version.
     shapes : iterable of tuple
         The mesh and the metadata of each shape (see `entry`).
     split : callable, optional

@@ -239,8 +239,6 @@ def fitted_pieces(
 
     Parameters
     ----------
-    items : sequence of ItemInBox
-        The items.
     settings : PhysicsSettings
         The decomposition, and whether pieces are cut.
 

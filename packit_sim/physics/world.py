@@ -67,8 +67,6 @@ class World:
     ----------
     size : ndarray of float64, shape (3,)
         Extents of the box, in box units.
-    settings : PhysicsSettings
-        The settings of the world.
 
     Attributes
     ----------

@@ -58,11 +58,6 @@ class ContactSheet:
     def save(self, path: str | os.PathLike[str]) -> str:
         """Write the image as PNG, completely or not at all.
 
-        Parameters
-        ----------
-        path : str | os.PathLike[str]
-            The file.
-
         Returns
         -------
         str
@@ -90,8 +85,6 @@ def picture(shape: Shape, side: int = 256) -> RGBImage:
 
     Parameters
     ----------
-    shape : Shape
-        The shape.
     side : int
         Pixels along each side, `MIN_SIDE` to `MAX_SIDE`.
 

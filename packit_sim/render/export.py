@@ -46,10 +46,6 @@ def export(
 
     Parameters
     ----------
-    box : Contents[ItemInBox]
-        The box.
-    path : str | os.PathLike[str]
-        The file to write.
     coloring : Coloring
         The rule that gives items their colours in a GLB.
     unit_mm : float

@@ -88,8 +88,6 @@ def packing(
 
     Parameters
     ----------
-    box : Contents[PlacedItem]
-        The box.
     look : Look
         The look of the box.
     pace : Pace | None
@@ -153,11 +151,6 @@ def shot(
 
 def sides(box: Contents[PlacedItem]) -> list[tuple[int, int]]:
     """Choose the side from which each item enters, on which the fewest earlier cells block it.
-
-    Parameters
-    ----------
-    box : Contents[PlacedItem]
-        The box.
 
     Returns
     -------

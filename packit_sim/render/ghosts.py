@@ -30,8 +30,6 @@ class Ghost:
     ----------
     size : Points
         Extents of the box, of shape (3,), in box units.
-    camera : Camera
-        The camera.
     eye : Points
         The camera's position, of shape (3,), in box units.
     width : int

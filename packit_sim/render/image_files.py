@@ -27,11 +27,6 @@ MAX_SIDE = 2048
 def output_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a file that replaces `path` when the block ends without an error.
 
-    Parameters
-    ----------
-    path : str | os.PathLike[str]
-        The file to write.
-
     Yields
     ------
     BinaryIO
@@ -57,8 +52,6 @@ def save_png(image: RGBImage, path: str | os.PathLike[str], renderer: str) -> No
     ----------
     image : RGBImage
         Array of shape (H, W, 3), uint8.
-    path : str | os.PathLike[str]
-        The file to write.
     renderer : str
         The renderer's name, stored in the metadata.
 

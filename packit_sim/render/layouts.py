@@ -46,8 +46,6 @@ class Layout:
 
         Parameters
         ----------
-        placed : Sequence[ItemInBox]
-            The items.
         size : Floats
             Extents (3,) of the box in box units.
         explode : float
@@ -75,8 +73,6 @@ class Layout:
 
         Parameters
         ----------
-        items : Sequence[Item]
-            The items.
         size : Floats | None
             Extents (3,) of a box next to them, on the left of its usual picture; by
             default there is none.

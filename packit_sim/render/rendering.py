@@ -97,8 +97,6 @@ def take(
 
     Parameters
     ----------
-    world : DrawnWorld
-        The world.
     indices : dict[int, int]
         The item's index for each body's number.
     points : Points

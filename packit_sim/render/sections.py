@@ -44,8 +44,6 @@ def section(placed: PlacedItem, cut: Cut, mesh: trimesh.Trimesh | None = None) -
 
     Parameters
     ----------
-    placed : PlacedItem
-        The item.
     cut : Cut
         The plane.
     mesh : trimesh.Trimesh | None

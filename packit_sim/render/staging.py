@@ -31,11 +31,6 @@ class BodyStager:
 
     Bodies stay as the last picture showed them until the next one needs them otherwise.
 
-    Parameters
-    ----------
-    world : DrawnWorld
-        The world.
-
     Attributes
     ----------
     triangles : int

@@ -29,11 +29,6 @@ _PALETTE_FRAMES = 12
 def require(path: Path | str) -> None:
     """Raise an error if a film cannot be written; call it before long work.
 
-    Parameters
-    ----------
-    path : Path | str
-        The file.
-
     Raises
     ------
     RenderError
@@ -54,8 +49,6 @@ def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) 
 
     Parameters
     ----------
-    path : str | os.PathLike[str]
-        The file.
     pictures : Iterable[RGBImage]
         The frames, of shape (H, W, 3).
     fps : int

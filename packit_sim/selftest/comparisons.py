@@ -197,8 +197,6 @@ def differences(case: Case, name: str, tally: Tally | None = None) -> list[Diffe
 
     Parameters
     ----------
-    case : Case
-        The case.
     name : str
         The name of the check.
     tally : Tally, optional

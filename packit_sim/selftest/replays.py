@@ -63,8 +63,6 @@ def replay_text(check: str, case: Case) -> str:
     ----------
     check : str
         The name of the check in which answers differ.
-    case : Case
-        The case.
 
     Returns
     -------

@@ -77,8 +77,6 @@ class CaseOutcome:
         Comparisons by name.
     core_seconds : float
         Processor time.
-    differences : list of Difference
-        The differences.
     replay : str, optional
         The reduced case as JSON, if there are differences.
     """
@@ -111,8 +109,6 @@ class Totals:
         Wall time of all runs.
     kinds : dict of str to KindTotals
         The comparisons by the kind of items.
-    differences : list of FoundDifference
-        The differences.
     """
 
     format: Literal[1] = 1

@@ -75,8 +75,6 @@ class BoxView:
 
     Parameters
     ----------
-    server : ViserServer
-        Viser's server.
     name : str
         The name of the box's node in the scene, "" for the root.
     on_click : Callable[[int], None] | None

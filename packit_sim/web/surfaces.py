@@ -29,11 +29,6 @@ def reduced(shape: Shape) -> Shape:
 def surface(shape: Shape) -> trimesh.Trimesh:
     """Duplicate the vertices of a reduced shape along sharp edges, for smooth shading.
 
-    Parameters
-    ----------
-    shape : Shape
-        The shape.
-
     Returns
     -------
     trimesh.Trimesh

@@ -22,8 +22,6 @@ class Viewer:
 
     Parameters
     ----------
-    box : Contents[ItemInBox]
-        The box.
     host : str
         The address at which the page is served, see `WebPage`.
     port : int | None

@@ -126,8 +126,6 @@ def _best(episode: Episode, ranked: Callable[[Item, Mask], Iterator[tuple[int, T
 
     Parameters
     ----------
-    episode : Episode
-        The episode.
     ranked : callable
         Yields the costs and the locations of a mask, the best first.
 

@@ -32,8 +32,6 @@ class ActorCritic(MaskableActorCriticPolicy):
     ----------
     observation_space : spaces.Dict
         The observation space of the environment, with features.
-    action_space : spaces.Discrete
-        Its action space.
     lr_schedule : callable
         The learning rate by the share of the steps that are left.
     settings : NetworkSettings, optional

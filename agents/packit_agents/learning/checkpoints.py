@@ -116,8 +116,6 @@ def write_checkpoint(path: Path, tensors: dict[str, Any], state: CheckpointState
 
     Parameters
     ----------
-    path : Path
-        The file.
     tensors : dict
         State dicts of the networks and the optimizer.
     state : CheckpointState
@@ -145,8 +143,6 @@ def read_checkpoint(
 
     Parameters
     ----------
-    path : Path
-        The file.
     device : torch.device
         The device of the tensors.
 

@@ -110,8 +110,6 @@ def log_probabilities(
 
     Parameters
     ----------
-    network : torch.nn.Module
-        The network.
     observations : dict of ndarray
         Observation fields (b, ...).
     valid : ndarray

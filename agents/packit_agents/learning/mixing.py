@@ -22,8 +22,6 @@ class Mixture:
     ----------
     tasks : sequence of Task
         The original tasks, all with the same box.
-    library : ShapeLibrary
-        The library of their shapes.
     share : float
         Share of the drawn tasks that are mixed; the rest are original.
     """

@@ -85,8 +85,6 @@ class Encoder(nn.Module):
 
     Parameters
     ----------
-    settings : NetworkSettings
-        Settings of the network.
     placement_features : int
         Number of placement features of each shape, 0 for none.
     """
@@ -118,8 +116,6 @@ class PackNN(nn.Module):
 
     Parameters
     ----------
-    settings : NetworkSettings
-        Settings of the network.
     placement_features : int
         Number of placement features of each shape, 0 for none.
     value : bool
@@ -204,8 +200,6 @@ def network(
 
     Parameters
     ----------
-    settings : NetworkSettings
-        Settings of the network.
     placement_features : int
         Number of placement features of each shape, 0 for none.
     value : bool

@@ -24,8 +24,6 @@ class RunFolder:
 
     Parameters
     ----------
-    path : Path
-        The folder.
     provenance : dict
         The settings, and the digests of the tasks and the library, in JSON's types.
 
@@ -60,13 +58,7 @@ class RunFolder:
         return claimed(self._path / ".lock", self._path)
 
     def write_curve(self, curve: list[CurvePoint]) -> None:
-        """Write the learning curve.
-
-        Parameters
-        ----------
-        curve : list of CurvePoint
-            The curve.
-        """
+        """Write the learning curve."""
         content = json.dumps([point.to_json() for point in curve], indent=1)
         replace_text(self._path / CURVE_FILE, content + "\n")
 

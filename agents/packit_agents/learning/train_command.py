@@ -74,8 +74,6 @@ def draw(curve: list[CurvePoint], path: Path) -> None:
 
     Parameters
     ----------
-    curve : list of CurvePoint
-        The curve.
     path : Path
         The picture to write.
     """

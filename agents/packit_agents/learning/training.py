@@ -85,8 +85,6 @@ class Training:
 
     Parameters
     ----------
-    settings : TrainingSettings
-        The settings.
     folder : Path
         A new folder, or that of a training with the same settings, which resumes.
     device : str

@@ -48,12 +48,8 @@ def write_weights(
 
     Parameters
     ----------
-    path : Path
-        The file.
     net : torch.nn.Module
         The network.
-    settings : NetworkSettings
-        Its settings.
     placement_features : int
         Number of placement features that it observes.
     provenance : mapping

@@ -129,8 +129,6 @@ class PlacementTraining:
 
     Parameters
     ----------
-    settings : PlacementTrainingSettings
-        The settings.
     folder : Path
         A new folder, or that of a training with the same settings, which resumes.
 

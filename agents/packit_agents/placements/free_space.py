@@ -87,8 +87,6 @@ def turned_item(item: Item, allowed: tuple[int, ...], cells: Triple) -> TurnedIt
 
     Parameters
     ----------
-    item : Item
-        The item.
     allowed : tuple of int
         The rotations. Of those with the same cells the first is kept.
     cells : Triple
@@ -126,8 +124,6 @@ class LoneItem:
 
     Attributes
     ----------
-    placed : PlacedItem
-        The item.
     cells : tuple of int
         The cells of the box along x, y and z.
     """
@@ -154,8 +150,6 @@ class FreeSpace:
 
     Parameters
     ----------
-    items : sequence of TurnedItem
-        The items.
     rows : sequence of Words
         Words uint64 [rotation, z, x] of each item: bit y is a location that may be feasible.
     known : sequence of int
@@ -177,8 +171,6 @@ class FreeSpace:
 
         Parameters
         ----------
-        items : sequence of Item
-            The items.
         cells : Triple
             The cells of the box along x, y and z.
         allowed : tuple of int
@@ -213,8 +205,6 @@ class FreeSpace:
 
         Parameters
         ----------
-        item : int
-            The item.
         box : BaseBox
             The box. The items that were in it at an earlier call must be in it, in this order.
 
@@ -257,12 +247,8 @@ class FreeSpace:
 
         Parameters
         ----------
-        item : int
-            The item.
         rotation : int
             The rotation, as an index of `TurnedItem.items`.
-        location : Triple
-            The location.
         """
         i, j, k = location
         rows = self._rows[item].copy()

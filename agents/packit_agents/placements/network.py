@@ -110,11 +110,6 @@ class PlacementNetwork:
     def read(cls, path: Path) -> PlacementNetwork:
         """Read a network.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-
         Returns
         -------
         PlacementNetwork

@@ -137,10 +137,6 @@ def placements(box: BaseBox[Any], space: FreeSpace, outside: npt.NDArray[np.bool
 
     Parameters
     ----------
-    box : BaseBox
-        The box.
-    space : FreeSpace
-        Its free space.
     outside : ndarray
         Bool (n items,), the items to place. Of equal items the first counts, and of those that
         fit the `MAX_ITEMS` largest.
@@ -231,8 +227,6 @@ def choose(found: Placements, feasible: Iterable[int]) -> int | None:
 
     Parameters
     ----------
-    found : Placements
-        The placements.
     feasible : iterable of int
         The numbers of feasible placements, the best first.
 

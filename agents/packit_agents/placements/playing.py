@@ -67,8 +67,6 @@ def play(layout: ScoredLayout, scorer: Scorer, rng: np.random.Generator) -> list
         The layout, at its beginning; it is full afterwards.
     scorer : callable
         Scores the best placements, of which one is drawn.
-    rng : numpy.random.Generator
-        Source of randomness.
 
     Returns
     -------
@@ -91,8 +89,6 @@ def plays(task: Task, scorer: Scorer, count: int, seed: tuple[int, ...]) -> list
 
     Parameters
     ----------
-    task : Task
-        The task.
     scorer : callable
         Its scores mean the probabilities of placements.
     count : int

@@ -30,8 +30,6 @@ class ComparedPlacements:
 
     Attributes
     ----------
-    found : Placements
-        The placements.
     scores : ndarray
         float32 (n,), the score of each.
     chosen : int

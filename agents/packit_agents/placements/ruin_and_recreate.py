@@ -64,10 +64,6 @@ class RuinAndRecreate:
         ----------
         agent : Agent
             The agent, whose policies choose placements.
-        episode : Episode
-            The episode.
-        rng : numpy.random.Generator
-            Source of randomness.
         on_progress : OnProgress
             Called after each layout.
 

@@ -128,8 +128,6 @@ class ScoredLayout:
         ----------
         scorer : callable
             Scores the placements.
-        rng : numpy.random.Generator
-            Source of randomness.
         temperature : float
             Factor on the noise that is added to the scores: at 1, placements are drawn with the
             probabilities that the scores mean.

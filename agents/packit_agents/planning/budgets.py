@@ -70,8 +70,6 @@ class Clock:
 
     Parameters
     ----------
-    budget : Budget
-        The budget.
     started : float
         The start of the search, in seconds of `time.thread_time`.
     rollouts : int

@@ -24,8 +24,6 @@ def proposals(
         The agent whose policy for the stage scores the actions.
     episode : Episode
         The episode, at a choice.
-    rng : numpy.random.Generator
-        Source of randomness.
     count : int, optional
         Largest number of actions; all by default.
 
@@ -111,8 +109,6 @@ def fill_up(agent: Agent, episode: Episode, rng: np.random.Generator) -> list[in
         The agent whose policies play.
     episode : Episode
         The episode; it is at its end afterwards.
-    rng : numpy.random.Generator
-        Source of randomness.
 
     Returns
     -------

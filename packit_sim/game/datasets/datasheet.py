@@ -45,10 +45,6 @@ def page(
     ----------
     source : Path or str
         The dataset's name or path.
-    parts : sequence of SplitSummary
-        Its splits.
-    library : ShapeLibrary
-        The library of its shapes.
     picture : str
         The path of its picture, from the page.
     licence : str

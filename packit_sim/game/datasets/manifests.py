@@ -69,11 +69,6 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
     def read(cls, path: Path) -> Manifest:
         """Read a manifest.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-
         Returns
         -------
         Manifest
@@ -124,8 +119,6 @@ def find_manifest(path: Path, data: bytes) -> Path | None:
 
     Parameters
     ----------
-    path : Path
-        The file.
     data : bytes
         Its content.
 
@@ -152,8 +145,6 @@ def write_described(path: Path, data: bytes, packs: int, libraries: Sequence[Lib
 
     Parameters
     ----------
-    path : Path
-        The file.
     data : bytes
         Its content.
     packs : int
@@ -189,11 +180,6 @@ def prepare(path: Path) -> None:
     """Prepare the writing of a file with its manifest, before the work.
 
     What a killed process left is finished or removed; the caller has the file's lock.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
 
     Raises
     ------

@@ -159,11 +159,6 @@ def _natural(name: str) -> list[int | str]:
 def read_pack_file(file: Path) -> Iterator[tuple[OriginalPack, list[OriginalItem]]]:
     """Read a pack file.
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-
     Yields
     ------
     recorded : OriginalPack

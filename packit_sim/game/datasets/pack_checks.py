@@ -48,8 +48,6 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     ----------
     pack : Pack
         The pack to check.
-    library : ShapeLibrary
-        The library of its shapes.
 
     Returns
     -------
@@ -125,10 +123,6 @@ def density_problems(
 
     Parameters
     ----------
-    pack : Pack
-        The pack.
-    placed : sequence of PlacedItem or PosedItem
-        Its items.
     densified : Densified
         Its provenance.
 

@@ -285,8 +285,6 @@ def write_packs(path: Path | str, packs: Iterable[Pack]) -> None:
     ----------
     path : Path or str
         The file; its folder is created.
-    packs : iterable of Pack
-        The packs.
 
     Raises
     ------

@@ -47,8 +47,6 @@ class LibraryRef:
     ----------
     name : str
         The library's name.
-    version : str
-        Its version.
     digest : str
         The SHA-256 of its content, in hex.
     source : str, optional

@@ -62,8 +62,6 @@ class Evolved(_Record, frozen=True, kw_only=True, tag="evolution"):
         The generation in which the pack was found.
     size : float
         The linear factor on all items of the pack.
-    settings : EvolutionSettings
-        The settings of the evolution.
     after : int, optional
         The generation after which the pack was the best so far, for packs of a history.
     """
@@ -84,8 +82,6 @@ class Densified(_Record, frozen=True, kw_only=True, tag="densification"):
         The seed of the densification.
     rounds : int
         The number of rounds after which the pack was as it is.
-    settings : DensificationSettings
-        The settings of the densification.
     """
 
     seed: Count
@@ -159,8 +155,6 @@ class Played(_Record, frozen=True, kw_only=True, tag="rollout"):
         The name of the agent.
     task : int
         The number of the task in its dataset.
-    task_digest : str
-        The digest of the task.
     seed : int
         The seed of the evaluation.
     rules : Rules

@@ -54,8 +54,6 @@ def result_problems(
 
     Parameters
     ----------
-    pack : Pack
-        The result.
     played : Played
         Its provenance.
     volume : callable, optional

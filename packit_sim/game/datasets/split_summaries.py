@@ -43,12 +43,6 @@ class SplitSummary:
 
     Attributes
     ----------
-    file : Path
-        The file.
-    packs : sequence of Pack
-        Its packs.
-    statistics : DatasetStatistics
-        Their statistics.
     sha256 : str
         The SHA-256 of the file, in hex.
     version : str or None

@@ -43,8 +43,6 @@ class Summary:
     ----------
     mean : Estimate
         The mean, with its 95% interval.
-    median : float
-        The median.
     minimum : float
         The smallest value.
     maximum : float
@@ -111,10 +109,6 @@ class DatasetStatistics:
         ----------
         split : str
             The name of the split.
-        packs : sequence of Pack
-            The packs.
-        library : ShapeLibrary
-            Their library.
 
         Returns
         -------

@@ -50,8 +50,6 @@ class EnvState:
     ----------
     task : int or Task
         The number of the task, or the task itself if it was made on the fly.
-    episode : EpisodeState
-        The state of the episode.
     random : dict
         The state of the environment's random generator.
     terminated : bool

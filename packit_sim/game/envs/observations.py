@@ -94,8 +94,6 @@ class Observer:
 
         Parameters
         ----------
-        episode : Episode
-            The episode.
         action_mask : ndarray of bool, shape (actions,)
             The valid actions.
 

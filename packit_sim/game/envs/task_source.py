@@ -139,8 +139,6 @@ class TaskSource:
         ----------
         last : int
             The number of the last task.
-        rng : np.random.Generator
-            The source of random numbers.
 
         Returns
         -------

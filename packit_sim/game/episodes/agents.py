@@ -41,10 +41,6 @@ class Search(Protocol):
         ----------
         agent : Agent
             The agent that the search belongs to.
-        episode : Episode
-            The episode.
-        rng : np.random.Generator
-            The source of random numbers.
         on_progress : OnProgress
             Called after each rollout.
         """
@@ -59,8 +55,6 @@ class Agent:
     ----------
     name : str
         "shape/rotation/location", or "shape/rotation/location+search=value".
-    shape, rotation, location : Policy
-        The policies.
     search : Search, optional
         The search; by default the policies play alone.
 
@@ -150,10 +144,6 @@ class Agent:
 
         Parameters
         ----------
-        episode : Episode
-            The episode.
-        rng : np.random.Generator
-            The source of random numbers.
         on_progress : OnProgress
             Called by the search, if there is one.
 

@@ -27,8 +27,6 @@ class Policy(Protocol):
         ----------
         episode : Episode
             The episode; it must not be changed.
-        rng : np.random.Generator
-            The source of random numbers.
 
         Returns
         -------
@@ -52,8 +50,6 @@ class Scored(Protocol):
         ----------
         episode : Episode
             The episode; it must not be changed.
-        rng : np.random.Generator
-            The source of random numbers.
 
         Returns
         -------

@@ -151,14 +151,6 @@ def play(
 
     Parameters
     ----------
-    task : Task
-        The task.
-    agent : Agent
-        The agent.
-    rng : np.random.Generator
-        The source of random numbers.
-    rules : Rules
-        The rules to play by.
     on_progress : OnProgress
         Called by the agent's search, if it has one.
 
@@ -198,8 +190,6 @@ def evaluate(
     ----------
     agents : Sequence[Agent | str]
         The agents, or their names, such as "largest-first/aligned/blbf".
-    tasks : Sequence[Task]
-        The tasks.
     seed : int
         The seed of the evaluation.
     on_rollout : Callable[[Rollout], None]

@@ -47,8 +47,6 @@ def judge(
     ----------
     rollouts : Sequence[Rollout]
         The rollouts. Those that have all `SCORES`, by the same decomposition, are not judged again.
-    library : ShapeLibrary
-        The library of their shapes.
     pieces : Method
         The method that decomposes shapes into convex pieces.
     on_judged : Callable[[Rollout], None]

@@ -56,8 +56,6 @@ class TrainingRecord:
 
     Attributes
     ----------
-    folder : Path
-        The folder.
     settings : Mapping[str, Any]
         All settings by name; those of a part are named PART.NAME.
     curve : tuple[CurvePoint, ...]

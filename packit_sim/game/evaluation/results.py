@@ -74,8 +74,6 @@ class Rollout:
 
         Parameters
         ----------
-        episode : Episode
-            The episode.
         agent : str
             The name of the agent.
         number : int
@@ -197,11 +195,6 @@ class Rollout:
 
 def read_results(path: Path | str) -> list[Rollout]:
     """Read a file of results.
-
-    Parameters
-    ----------
-    path : Path | str
-        The file.
 
     Returns
     -------

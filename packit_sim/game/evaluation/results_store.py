@@ -118,10 +118,6 @@ def check_evaluation(
         The digest of the weights of each agent, and others that are known for the same weights.
     tasks : Mapping[int, Task]
         The tasks by number.
-    seed : int
-        The seed.
-    rules : Rules
-        The rules.
 
     Raises
     ------

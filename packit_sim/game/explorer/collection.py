@@ -106,8 +106,6 @@ class PackCollection:
     ----------
     packs : Sequence[Pack]
         Packs of a dataset, or results.
-    library : ShapeLibrary
-        The library of their shapes.
     tasks : Sequence[Pack]
         The packs of the tasks that agents played: they show which items were left outside, and
         follow the results in the sequence.

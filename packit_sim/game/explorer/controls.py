@@ -43,10 +43,6 @@ class ViewRequest:
         The number of the selected item.
     wanted : int | None
         The number of the item that "Why not here?" is about.
-    rotation : int
-        Its rotation.
-    location : Triple
-        Its location.
     """
 
     pack: int

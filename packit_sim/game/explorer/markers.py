@@ -34,8 +34,6 @@ class FitMarkers:
 
     Parameters
     ----------
-    server : ViserServer
-        Viser's server.
     name : str
         The name of the node in the scene.
     """

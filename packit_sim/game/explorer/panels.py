@@ -36,8 +36,6 @@ def items(view: PackView, colors: Sequence[Color], step: int, chosen: int | None
 
     Parameters
     ----------
-    view : PackView
-        The pack.
     colors : Sequence[Color]
         The colour of each item.
     step : int

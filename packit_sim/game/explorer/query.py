@@ -23,8 +23,6 @@ class FitQuery:
     ----------
     box : Box
         The box; it must not change while the query is used.
-    item : Item
-        The item.
     """
 
     box: Box

@@ -82,10 +82,6 @@ class DensificationState(Struct, frozen=True):
 
     Attributes
     ----------
-    seed : int
-        The seed.
-    settings : DensificationSettings
-        The settings.
     random : dict
         The state of the random generator.
     items : tuple of PackedItem
@@ -122,10 +118,6 @@ class Densification:
     ----------
     library : ShapeLibrary
         The library of shapes, or one of its splits.
-    seed : int
-        The seed.
-    settings : DensificationSettings, optional
-        The settings.
 
     Attributes
     ----------
@@ -210,11 +202,6 @@ class Densification:
 
     def restore(self, state: DensificationState) -> None:
         """Resume from the state of a densification of the same library.
-
-        Parameters
-        ----------
-        state : DensificationState
-            The state.
 
         Raises
         ------

@@ -54,14 +54,8 @@ class EvolutionState(Struct, frozen=True):
 
     Attributes
     ----------
-    seed : int
-        The seed.
-    settings : EvolutionSettings
-        The settings.
     random : dict
         The state of the random generator.
-    search : SearchState
-        The state of the search.
     stale : int
         Generations without improvement.
     evaluated : int
@@ -95,8 +89,6 @@ class Evolution:
     ----------
     library : ShapeLibrary
         The library of shapes, or one of its splits.
-    seed : int
-        The seed.
     settings : EvolutionSettings, optional
         The settings; by default the paper's.
 
@@ -185,11 +177,6 @@ class Evolution:
     def restore(self, state: EvolutionState) -> None:
         """Resume from the state of an evolution of the same library.
 
-        Parameters
-        ----------
-        state : EvolutionState
-            The state.
-
         Raises
         ------
         ArgumentError
@@ -236,8 +223,6 @@ def evolve(
     ----------
     library : ShapeLibrary
         The library of shapes, or one of its splits.
-    seed : int
-        The seed.
     settings : EvolutionSettings, optional
         The settings; by default the paper's.
     on_generation : callable

@@ -100,8 +100,6 @@ class Holes:
 
     Attributes
     ----------
-    box : Box
-        The box.
     rows : Words
         Its inner cells (see `hole_kernels.inner_rows`).
     """
@@ -127,10 +125,6 @@ class Holes:
 
         Parameters
         ----------
-        shape : Shape
-            The shape.
-        scale : float
-            Its scale.
         turns : sequence of int
             The rotations to look at, in this order.
         each : int
@@ -177,14 +171,10 @@ class Holes:
 
         Parameters
         ----------
-        shape : Shape
-            The shape.
         min_volume : float
             The least volume of the item, in cubic box units.
         max_volume : float
             The largest volume of the item, in cubic box units.
-        rng : numpy.random.Generator
-            Source of randomness.
         precision : float
             The relative precision of the volume.
 

@@ -94,8 +94,6 @@ class GenerationJob:
     history : bool
         Whether an evolution gives all packs of its history, not the best pack alone (for the
         hardness curve: paper, figure 4). Densifications have no history.
-    settings : EvolutionSettings or DensificationSettings
-        The settings of the evolutions, or of the densifications.
 
     Raises
     ------

@@ -46,8 +46,6 @@ class Recipe:
         The box's cells along x, y and z.
     digest : str
         The digest of the library; recipes with different libraries are not equal.
-    library : ShapeLibrary
-        The library.
     """
 
     pool: tuple[str, ...]
@@ -77,8 +75,6 @@ class PackCreator:
 
     Parameters
     ----------
-    pool : sequence of Shape
-        The shapes.
     scales : sequence of float
         The scales of items, including the pack's size factor.
     cells : tuple of int
@@ -104,8 +100,6 @@ class PackCreator:
 
         Parameters
         ----------
-        chromosome : Chromosome
-            The chromosome.
         threshold : float, default: 0.0
             The density below which the result does not matter.
 

@@ -160,8 +160,6 @@ def generate_puzzles(
 
     Parameters
     ----------
-    job : PuzzleJob
-        The puzzles.
     folder : Path
         The dataset's folder.
     shapes : Path, optional

@@ -24,8 +24,6 @@ class SearchState(Struct, frozen=True):
     ----------
     population : list
         The genes of each chromosome.
-    densities : list of float
-        Their densities.
     """
 
     population: list[list[list[int]]]
@@ -35,17 +33,10 @@ class SearchState(Struct, frozen=True):
 class EvolutionStrategy(ABC):
     """A search for dense packs.
 
-    Parameters
-    ----------
-    settings : EvolutionSettings
-        The settings.
-
     Attributes
     ----------
     population : list of Chromosome
         The chromosomes that the search continues from.
-    densities : list of float
-        Their densities.
     """
 
     def __init__(self, settings: EvolutionSettings) -> None:

@@ -95,10 +95,6 @@ def draw_environment(task: Task, path: Path | str, placed: int = 4) -> None:
 
     Parameters
     ----------
-    task : Task
-        The task.
-    path : Path | str
-        The file to write.
     placed : int
         The number of the solution's items in the box; the item of median volume among the others
         is chosen.
@@ -167,10 +163,6 @@ def draw_evolution(packs: Sequence[Pack], library: ShapeLibrary, path: Path | st
     ----------
     packs : Sequence[Pack]
         The packs, in the order of generations.
-    library : ShapeLibrary
-        The library of their shapes.
-    path : Path | str
-        The file to write.
 
     Raises
     ------
@@ -225,10 +217,6 @@ def draw_failures(
         The rollouts, one for each column.
     tasks : Sequence[Task]
         All tasks of the dataset.
-    library : ShapeLibrary
-        The library of their shapes.
-    path : Path | str
-        The file.
     """
     columns = range(len(rollouts))
     names = [[f"{row} {n}" for n in columns] for row in ("left", "solved")]

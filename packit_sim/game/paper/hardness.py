@@ -42,8 +42,6 @@ class GenerationScore:
 
     Attributes
     ----------
-    generation : int
-        The generation.
     under_way : int
         The number of evolutions that had not ended before.
     reward : Estimate
@@ -66,8 +64,6 @@ def by_evolution(packs: Sequence[Pack], file: Path) -> Evolutions:
 
     Parameters
     ----------
-    packs : Sequence[Pack]
-        The packs.
     file : Path
         Their file, for the message of the error.
 

@@ -84,8 +84,6 @@ class PaperTable:
 
     Attributes
     ----------
-    title : str
-        The title.
     rows : tuple[PaperRow, ...]
         The agents.
     metrics : tuple[str, ...]
@@ -201,8 +199,6 @@ class Reproduced:
 
     Attributes
     ----------
-    row : PaperRow
-        The row.
     score : Score
         Our score.
     comparison : Comparison | None

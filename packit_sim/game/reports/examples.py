@@ -116,8 +116,6 @@ def extremes(rollouts: Sequence[Rollout], each: int) -> list[tuple[str, Rollout]
 
     Parameters
     ----------
-    rollouts : Sequence[Rollout]
-        All rollouts.
     each : int
         The number of the highest, and of the lowest.
 
@@ -145,8 +143,6 @@ def gallery(
     ----------
     runs : Runs
         The results.
-    library : ShapeLibrary
-        The library of their shapes.
     each : int
         The number of the best tasks, and of the worst.
     agent : str | None

@@ -44,8 +44,6 @@ def page(title: str, runs: Runs, gallery: Gallery | None, command: str) -> str:
 
     Parameters
     ----------
-    title : str
-        The title.
     runs : Runs
         The results.
     gallery : Gallery | None

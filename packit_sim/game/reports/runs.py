@@ -77,8 +77,6 @@ class Runs:
     ----------
     played : tuple[EvaluationRun, ...]
         The results of agents.
-    learned : tuple[TrainingRun, ...]
-        The trainings.
     """
 
     played: tuple[EvaluationRun, ...]

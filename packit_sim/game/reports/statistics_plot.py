@@ -34,8 +34,6 @@ def save(splits: Sequence[DatasetStatistics], path: Path | str) -> None:
 
     Parameters
     ----------
-    splits : sequence of DatasetStatistics
-        The statistics of each split.
     path : Path or str
         The picture to write.
 

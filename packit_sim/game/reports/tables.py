@@ -20,8 +20,6 @@ class Cell:
 
     Attributes
     ----------
-    text : str
-        The text.
     low_high : str
         The interval, shown below it.
     value : float | str
@@ -63,8 +61,6 @@ class Table:
     ----------
     caption : str
         The content of the table.
-    columns : tuple[Column, ...]
-        The columns.
     rows : tuple[tuple[Cell, ...], ...]
         A cell for each column; the first one names the row.
     """

@@ -33,8 +33,6 @@ def bisect(shape: Shape, solid: Solid, max_distance: float, max_pieces: int) -> 
 
     Parameters
     ----------
-    shape : Shape
-        The shape.
     solid : Solid
         Its voxels.
     max_distance : float

@@ -62,8 +62,6 @@ class Decomposition:
 
     Attributes
     ----------
-    pieces : tuple[Piece, ...]
-        The pieces.
     distances : tuple[float, ...]
         One-sided Hausdorff distance of each piece from the shape (see `Solid.hausdorff`).
     method : str
@@ -136,8 +134,6 @@ def decompose_all(
 
     Parameters
     ----------
-    shapes : Sequence[Shape]
-        The shapes.
     settings : DecompositionSettings | None
         Settings; None for the defaults.
     workers : int | None

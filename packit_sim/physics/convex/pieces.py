@@ -114,11 +114,6 @@ class MassProperties:
     def of(cls, pieces: Sequence[Piece]) -> MassProperties:
         """Compute the mass properties of pieces.
 
-        Parameters
-        ----------
-        pieces : sequence of Piece
-            The pieces.
-
         Returns
         -------
         MassProperties
@@ -160,8 +155,6 @@ def covering(pieces: Sequence[Piece], surface: Floats) -> list[Piece]:
 
     Parameters
     ----------
-    pieces : Sequence[Piece]
-        The pieces.
     surface : ndarray
         Triangles (m, 3, 3). Grains of it (see `_GRAIN`) that are in no piece are added to the
         nearest one.

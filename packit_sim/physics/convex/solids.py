@@ -24,11 +24,6 @@ class Solid:
     Distances are between centres of voxels, less one voxel, so that distances below about the side
     of a voxel are 0.
 
-    Parameters
-    ----------
-    shape : Shape
-        The shape.
-
     Attributes
     ----------
     voxel : float
