@@ -11,7 +11,6 @@ import trimesh
 from PIL import Image
 from trimesh import creation
 
-from packit_sim import scene
 from packit_sim.core.errors import MeshError, RenderError
 from packit_sim.geometry.shapes import Shape
 from packit_sim.render import contact_sheets, lettering
@@ -194,7 +193,7 @@ def test_many_shapes_need_more_than_one_world(
 ) -> None:
     tiles = [(shape.id, shape) for shape in ZOO[:3]]
     in_one = contact_sheet(tiles, side=SIDE)
-    monkeypatch.setattr(scene, "MAX_SHAPES", 1)
+    monkeypatch.setattr("packit_sim.render.scene.MAX_SHAPES", 1)
     in_three = contact_sheet(tiles, side=SIDE)
     assert np.array_equal(in_one.image, in_three.image)
 
