@@ -135,7 +135,7 @@ def _states(
     states = np.full(screening.location_counts(occupancy.cells, item), FREE, dtype=np.uint8)
     for placed, table in zip(occupancy.placed, tables, strict=True):
         table.merge_into(states, placed, item)
-    if is_checking():
+    if tables and is_checking():
         screened = screen(occupancy, item)
         assert ((states == screened) | (screened == OPEN)).all()
     return states, tables
