@@ -27,6 +27,12 @@ settings.register_profile("all", deadline=None, max_examples=100, print_blob=Tru
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
+CHECKED = {
+    *("test_box", "test_episode", "test_heuristics", "test_nofit", "test_off_grid", "test_online"),
+    *("test_physics_env", "test_placement", "test_placements", "test_rollouts", "test_settling"),
+}
+"""The tests of state that is updated in steps: in these it is compared with state from scratch."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("packit")
@@ -52,10 +58,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("mask_seed", [(seed, n) for n in range(masks)], ids=str)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def checked_state() -> Iterator[None]:
-    """State that is updated in steps is compared with state from scratch, here and in children."""
-    with debugging.checking(os.environ.setdefault(debugging.CHECK_VARIABLE, "1") == "1"):
+@pytest.fixture(scope="module", autouse=True)
+def checked_state(request: pytest.FixtureRequest) -> Iterator[None]:
+    """State that is updated in steps is compared with state from scratch, here and in children.
+
+    PACKIT_CHECK_STATE=1 compares in all tests, which takes twice as long in those of searches.
+    """
+    name = request.module.__name__.rpartition(".")[2]
+    value = os.environ.get(debugging.CHECK_VARIABLE, str(int(name in CHECKED)))
+    with pytest.MonkeyPatch.context() as patch, debugging.checking(value == "1"):
+        patch.setenv(debugging.CHECK_VARIABLE, value)
         yield
 
 

@@ -23,6 +23,7 @@ from packit_agents.placements.ruin_and_recreate import RuinAndRecreate
 from packit_agents.placements.scored_layout import ScoredLayout
 from packit_agents.planning.budgets import Budget
 from packit_sim.box import Box
+from packit_sim.core import debugging
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.pack_files import load_tasks
 from packit_sim.game.episodes.agents import Agent
@@ -406,7 +407,8 @@ def test_a_search_that_finds_nothing_better_takes_more_items_out() -> None:
     """The champion leaves a large item outside; six items fewer make no space for it."""
     task = load_tasks("everyday-v1", split="validation")[44]
     agent = Agent.from_name("champion+ruin-recreate=200")
-    assert play(task, agent, np.random.default_rng(1)).total == pytest.approx(1)
+    with debugging.checking(False):  # it would take minutes
+        assert play(task, agent, np.random.default_rng(1)).total == pytest.approx(1)
 
 
 def test_the_search_needs_placements_and_a_grid(weights) -> None:

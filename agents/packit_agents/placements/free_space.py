@@ -262,6 +262,9 @@ class FreeSpace:
         if len(box.placed):
             remove_blocked(box.arrays, turned.arrays, whole, box.spans)
         assert not (rows & ~whole).any(), "no location becomes free again"
-        removed = (whole & ~rows)[..., None] >> np.arange(MAX_NODES, dtype=np.uint64) & 1
-        for n, k, i, j in np.argwhere(removed).tolist():
-            assert not box.is_feasible(turned.items[n], (i, j, k)), "the meshes exclude it"
+        removed = whole & ~rows
+        for n, k, i in np.argwhere(removed).tolist():
+            for j in range(MAX_NODES):
+                if int(removed[n, k, i]) >> j & 1:
+                    placed = turned.items[n], (i, j, k)
+                    assert not box.is_feasible(*placed), "the meshes exclude it"
