@@ -30,6 +30,11 @@ ConnectionHandler = Callable[[server.ServerConnection], Awaitable[None]]
 def guarded(host: str, protocol: str) -> Iterator[list[int]]:
     """Guard the WebSocket servers that start within the block.
 
+    This is the one place that replaces a function of another library: viser calls
+    `websockets.asyncio.server.serve` by that name and lets nobody check requests. While the block
+    runs, the name stands for a function that checks them first. `tests/test_hooks.py` lists the
+    versions with which it was tried.
+
     Parameters
     ----------
     host : str

@@ -271,6 +271,13 @@ def check_results(
 def write_results(path: Path | str, rollouts: Iterable[Rollout]) -> None:
     """Write a file of results, completely or not at all.
 
+    Parameters
+    ----------
+    path : Path | str
+        The file; its folder is created.
+    rollouts : iterable of Rollout
+        The rollouts, in the order of the file.
+
     Examples
     --------
     >>> from packit_sim import evaluate, load_tasks, read_results, write_results

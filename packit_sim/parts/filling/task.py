@@ -84,6 +84,17 @@ class PackSettings:
     ------
     ArgumentError
         If a clearance is negative, or the accuracy is not above 0.
+
+    Examples
+    --------
+    >>> from packit_sim import PackSettings
+    >>> settings = PackSettings(clearance=1.0, wall_clearance=2.0, unit="mm", removable=True)
+    >>> settings.clearance
+    1.0
+    >>> PackSettings(clearance=-1.0)
+    Traceback (most recent call last):
+        ...
+    packit_sim.core.errors.ArgumentError: clearance -1.0 is not possible: at least 0, finite
     """
 
     clearance: float = 0.0

@@ -1,0 +1,105 @@
+"""Hooks into other libraries that these do not promise to keep: each still does its job."""
+
+import asyncio
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from typing import Literal
+
+import msgspec
+import pytest
+
+from packit_sim.core import typed_json
+from packit_sim.core.errors import PackFormatError
+
+TRIED = {
+    "msgspec": ("0.19.0", "0.20.0", "0.21.1", "0.22.0"),
+    "numba": ("0.68.1",),
+    "viser": ("1.1.1",),
+    "websockets": ("16.1.1",),
+}
+"""The versions with which the tests below were run."""
+
+
+@pytest.mark.parametrize("library", TRIED)
+def test_the_installed_version_was_tried(library) -> None:
+    if version(library) not in TRIED[library]:
+        pytest.skip(
+            f"{library} {version(library)} is new here: tried with {', '.join(TRIED[library])}; "
+            "if the other tests of this file pass, add it to TRIED"
+        )
+
+
+KERNELS = """
+import sys
+from numba import njit
+from packit_sim.core.compilation import _stamp
+
+@njit(cache=True)
+def double(number):
+    return 2 * number
+
+_stamp(double, sys.argv[1])
+assert double(21) == 42
+print(sum(double.stats.cache_hits.values()))
+"""
+
+
+def test_numba_uses_cached_code_only_with_the_same_stamp(tmp_path) -> None:
+    (tmp_path / "kernels.py").write_text(KERNELS, encoding="utf-8")
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def hits(stamp: str) -> int:
+        command = [sys.executable, str(tmp_path / "kernels.py"), stamp]
+        run = subprocess.run(command, capture_output=True, check=True, env=environment, text=True)
+        return int(run.stdout)
+
+    assert [hits(stamp) for stamp in ("one", "one", "two", "two")] == [0, 1, 0, 1]
+
+
+class Record(msgspec.Struct, forbid_unknown_fields=True):
+    name: Literal["a", "b"]
+    sizes: tuple[float, ...] = ()
+    count: int = 0
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{}", "field 'name' is missing"),
+        ('{"name": "a", "nam": 1}', "field 'nam' is unknown"),
+        ('{"name": "c"}', "field 'name' is 'c': choose from a, b"),
+        ('{"name": "a", "sizes": [1, "x"]}', "field 'sizes[1]' is 'x': expected float, got str"),
+        ('{"name": "a", "count": 1.5}', "field 'count' is 1.5: expected int, got float"),
+        ("[]", "it must be a JSON object, not list"),
+    ],
+)
+def test_messages_of_msgspec_are_understood(text, sentence) -> None:
+    with pytest.raises(PackFormatError) as error:
+        typed_json.decode(text, Record, PackFormatError)
+    assert str(error.value) == sentence
+
+
+def test_viser_serves_by_the_function_that_is_guarded() -> None:
+    pytest.importorskip("viser")
+    from websockets.asyncio import client, server
+    from websockets.exceptions import InvalidStatus
+
+    from packit_sim.web.web_page import WebPage
+
+    serve = server.serve
+    page = WebPage()
+    assert server.serve is serve
+
+    async def connect() -> None:
+        address = page.address.replace("http", "ws")
+        async with client.connect(address, origin="http://elsewhere.example"):
+            pass
+
+    try:
+        with pytest.raises(InvalidStatus) as refused:
+            asyncio.run(connect())
+        assert refused.value.response.status_code == 403
+    finally:
+        page.close()
