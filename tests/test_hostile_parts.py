@@ -24,7 +24,7 @@ from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.packing_files import verify_packing
-from packit_sim.parts.reading import part_files
+from packit_sim.parts.reading import files
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
@@ -106,7 +106,7 @@ def test_a_file_that_is_named_often_is_read_once(
         read.append(file)
         return mesh_files.read(file)
 
-    monkeypatch.setattr(part_files, "read", count)
+    monkeypatch.setattr(files, "read", count)
     parts = find_parts([file]).parts
     assert len(parts) == 50 and len(read) == 1 and all(one.mesh is parts[0].mesh for one in parts)
 
