@@ -108,7 +108,7 @@ def builtin_instance(name: str, rotations: str = "cube") -> BuiltinInstance:
     if made.corners is None:
         return BuiltinInstance(tuple(types), container, None)
     placements = tuple(
-        Placement(number, transformations.translation_matrix(corner))
+        Placement.from_matrix(number, transformations.translation_matrix(corner))
         for number, corners in enumerate(made.corners)
         for corner in corners
     )
