@@ -14,7 +14,7 @@ UNWRITTEN = {"PackedParts", "pack"}
 
 
 def docstring(name: str) -> str:
-    """A name's docstring: the class's for a constant such as `TOP`, the package's for its version."""
+    """A name's docstring: the class's for a constant such as `TOP`, the package's for `__version__`."""
     value = packit_sim if name == "__version__" else getattr(packit_sim, name)
     return inspect.getdoc(value) or ""
 
