@@ -64,6 +64,18 @@ def pack(
         If another process packs into the same folder.
     NestingError
         If no valid packing was found.
+
+    Examples
+    --------
+    >>> from trimesh import creation
+    >>> from packit_sim import PackSettings, Part, pack
+    >>> block = Part("block", creation.box((10, 10, 10)), count=6)
+    >>> settings = PackSettings(workers=1, iterations=20)
+    >>> packed = pack([block], "25x25x15mm", settings=settings)
+    >>> packed.count
+    4
+    >>> packed.left_out
+    (LeftOut(name='block', count=2, reason='no space was found'),)
     """
     start = clock.perf_counter()
     check_range("time", time, POSITIVE)

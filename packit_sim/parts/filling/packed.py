@@ -52,6 +52,21 @@ class PackedParts:
         The number and the reason of each part that constraints left out.
     searches : int
         How many searches, each from the best packing before it, led to this one.
+
+    Examples
+    --------
+    >>> from trimesh import creation
+    >>> from packit_sim import PackSettings, Part, pack
+    >>> from packit_sim.parts import check, export, summary
+    >>> block = Part("block", creation.box((10, 10, 10)), count=4)
+    >>> settings = PackSettings(workers=1, iterations=20)
+    >>> packed = pack([block], "25x25x15mm", settings=settings)
+    >>> summary(packed)["density"]
+    '0.427'
+    >>> check(packed).problems
+    ()
+    >>> export(packed, "packed")[-1].name
+    'packing.json'
     """
 
     task: PackTask
