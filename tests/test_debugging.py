@@ -11,7 +11,7 @@ import pytest
 from packit_agents.placements.free_space import FreeSpace
 from packit_sim.box import Box
 from packit_sim.core import debugging
-from packit_sim.engine import feasibility, nofit, occupancy
+from packit_sim.engine import nofit, occupancy
 from packit_sim.engine.occupancy import Occupancy
 from packit_sim.engine.screening_kernels import FREE
 from packit_sim.game.datasets.packs import LibraryRef, Pack, Task
@@ -96,7 +96,7 @@ def test_a_wrong_table_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     box = Box((40, 40, 40))
     box.place(Item(BALL, 0.2**3), (2, 2, 2))
     tables = [nofit.NoFit(*sorted((box.placed[0].item, cube_of(8)), key=lambda item: item.key))]
-    monkeypatch.setattr(feasibility.nofit, "tables", lambda placed, item: tables)
+    monkeypatch.setattr(nofit, "no_fit_tables", lambda placed, item: tables)
     with debugging.checking():
         box.feasible(cube_of(8))
         tables[0].states[:] = FREE
