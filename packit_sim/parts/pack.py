@@ -41,8 +41,6 @@ def pack(
         fewest boxes.
     time : float
         Seconds of the search, from the call on.
-    seed : int
-        The seed.
     out : Path or str, optional
         A folder to export to. If it has a packing of the same task, the search starts with it, and
         only a better one replaces it.

@@ -19,8 +19,6 @@ def candidate(task: PackTask, packings: Sequence[Packing], searches: int = 1) ->
 
     Parameters
     ----------
-    task : PackTask
-        The task.
     packings : sequence of Packing
         The packing of each box.
     searches : int
@@ -60,11 +58,6 @@ def in_order(packed: PackedParts) -> PackedParts:
     """Put the parts of each box into an order of packing, if there are constraints.
 
     Where gravity matters, parts come straight down to where they rest, if they may touch.
-
-    Parameters
-    ----------
-    packed : PackedParts
-        The packed parts.
 
     Returns
     -------

@@ -36,8 +36,6 @@ def prepared_task(
         A box, or several.
     objective : str
         One of `GOALS`.
-    settings : PackSettings
-        The settings.
 
     Returns
     -------

@@ -49,8 +49,6 @@ class PackingSearch:
         The packing that the search begins with, or one without boxes.
     end : float
         When it ends, by `time.perf_counter`.
-    seed : int
-        The seed.
     callback : callable, optional
         Called with each better packing.
 

@@ -149,14 +149,8 @@ class PackTask:
 
     Attributes
     ----------
-    parts : tuple of PreparedPart
-        The parts.
-    boxes : tuple of BoxType
-        The boxes.
     objective : str
         One of `GOALS`.
-    settings : PackSettings
-        The settings.
     keep_out : tuple of PreparedPart
         The volumes that stay free in every box.
     fixed : tuple of PreparedPart

@@ -44,13 +44,6 @@ class BrokenConstraint:
 def broken_constraints(packing: Packing, constraints: Constraints) -> list[BrokenConstraint]:
     """Find the constraints that a packing does not meet.
 
-    Parameters
-    ----------
-    packing : Packing
-        The packing.
-    constraints : Constraints
-        The constraints.
-
     Returns
     -------
     list of BrokenConstraint
@@ -85,8 +78,6 @@ def broken_by_geometry(
         The parts of the packing.
     kept : sequence of int
         The numbers of the parts that are in it.
-    constraints : Constraints
-        The constraints.
 
     Returns
     -------

@@ -58,13 +58,6 @@ class FilteredPacking:
 def filter_packing(packing: Packing, constraints: Constraints) -> FilteredPacking:
     """Leave parts out of a packing until it meets its constraints.
 
-    Parameters
-    ----------
-    packing : Packing
-        The packing.
-    constraints : Constraints
-        The constraints.
-
     Returns
     -------
     FilteredPacking

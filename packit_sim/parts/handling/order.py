@@ -15,8 +15,6 @@ def packing_order(packing: Packing, constraints: Constraints | None = None) -> t
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     constraints : Constraints, optional
         The constraints that it meets: whether parts come straight down or through the sides, and
         which parts are fixed.

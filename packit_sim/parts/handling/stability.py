@@ -57,8 +57,6 @@ def stage_motions(
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     order : sequence of int
         The numbers of the placements in the order of packing; others are left out.
     masses : sequence of float

@@ -81,8 +81,6 @@ def stacking(
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     contact : float, optional
         The contact distance in the container's unit; by default `CONTACT` of its longest side.
     fixed : collection of int

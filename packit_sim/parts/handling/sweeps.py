@@ -46,15 +46,8 @@ class PartSweeps:
     Lengths are relative to the container's longest side that is not infinite. Answers about two
     parts do not depend on any third one; they are cached.
 
-    Parameters
-    ----------
-    packing : Packing
-        The packing.
-
     Attributes
     ----------
-    packing : Packing
-        The packing.
     unit : float
         The container's longest side that is not infinite.
     size : ndarray of float64, shape (3,)

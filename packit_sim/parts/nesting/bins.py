@@ -33,13 +33,6 @@ class BinsSearch(NestSearch):
 
     Among packings with equally many boxes, the one with the least total volume of boxes is best,
     then the one whose emptiest box holds the least volume: it is nearest to losing that box.
-
-    Parameters
-    ----------
-    task : SearchTask
-        The task.
-    seed : int
-        The seed.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:

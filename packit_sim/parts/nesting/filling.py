@@ -39,10 +39,6 @@ def constructed(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    task : SearchTask
-        The task.
     sizes : sequence of three floats
         The sides of each box.
     rng : ndarray of uint64, shape (1,)
@@ -72,10 +68,6 @@ def filled(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    task : SearchTask
-        The task.
     poses : Poses
         The items' poses, without conflicts.
     boxes : ndarray of float64, shape (b, 4)
@@ -114,10 +106,6 @@ def rebuilt(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    task : SearchTask
-        The task.
     poses : Poses
         The items' poses, without conflicts.
     boxes : ndarray of float64, shape (b, 4)
@@ -149,10 +137,6 @@ def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) ->
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    task : SearchTask
-        The task.
     poses : Poses
         The items' poses.
     boxes : ndarray of float64, shape (b, 4)
@@ -206,10 +190,6 @@ def with_random_poses(
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
-    task : SearchTask
-        The task.
     poses : Poses
         The items' poses.
     items : list of int

@@ -33,13 +33,6 @@ class KnapsackSearch(NestSearch):
 
     Rebuilds gain more than exchanges if few large items fit in, and next to nothing if many small
     ones do. So their time, at most that of exchanges, follows from the gains of both so far.
-
-    Parameters
-    ----------
-    task : SearchTask
-        The task.
-    seed : int
-        The seed.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:

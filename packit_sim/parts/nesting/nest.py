@@ -73,8 +73,6 @@ class NestSettings:
     iterations : int, optional
         Pass limit of each search, instead of the time limit: the same seed and number of workers
         then give the same packing.
-    search : SearchSettings
-        The settings of the search.
     start : Packing, optional
         A packing of the same items to begin with, such as an earlier result, even for another
         container or clearance. Items that it lacks, that have a rotation outside their set, or
@@ -133,8 +131,6 @@ def nest(
         fewest boxes, and then the smallest of several sizes.
     time : float
         Seconds, from the call on (see `NestSettings.clock`). The first packing may take longer.
-    seed : int
-        The seed.
     clearance : float
         Smallest distance between the surfaces of two items, and of items and obstacles; here the
         contact tolerance is not taken off.

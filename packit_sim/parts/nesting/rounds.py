@@ -30,8 +30,6 @@ class Problems:
 
     Parameters
     ----------
-    types : tuple of ItemType
-        The types of items.
     unit : float
         The longest fixed side of the container.
     clearance : float
@@ -140,12 +138,8 @@ def rounds(
 
     Parameters
     ----------
-    problems : Problems
-        The problem.
     searches : sequence of NestSearch
         The searches, one for each worker.
-    limits : Limits
-        The limits.
     workers : Workers or Threads
         The threads or processes that they run in.
     check : callable

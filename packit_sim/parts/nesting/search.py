@@ -24,10 +24,6 @@ class NestSearch(ABC):
 
     Parameters
     ----------
-    task : SearchTask
-        The task.
-    seed : int
-        The seed.
     order : ndarray of int64, optional
         The items, the most important first. All are searched for at once without it, or if the
         task has poses to begin with.
@@ -55,15 +51,7 @@ class NestSearch(ABC):
         self._level = 0
 
     def advance(self, problem: Problem, budget: SearchBudget) -> None:
-        """Search until the budget is spent.
-
-        Parameters
-        ----------
-        problem : Problem
-            The problem.
-        budget : SearchBudget
-            The budget.
-        """
+        """Search until the budget is spent."""
         if not self._is_begun:
             self._is_begun = True
             self._offer(problem, self._constructed(problem))
@@ -83,15 +71,7 @@ class NestSearch(ABC):
                 self._add_items(problem)
 
     def adopt(self, problem: Problem, solution: Solution) -> None:
-        """Take over a better solution.
-
-        Parameters
-        ----------
-        problem : Problem
-            The problem.
-        solution : Solution
-            The solution.
-        """
+        """Take over a better solution."""
         self.best = solution
 
     def _is_over(self, budget: SearchBudget) -> bool:

@@ -28,11 +28,6 @@ def search_frame(item_type: ItemType) -> Floats:
     For free rotations, the axes of the frame are parallel to the sides of the mesh's smallest
     bounding box, if that is smaller than the one in the mesh's own frame.
 
-    Parameters
-    ----------
-    item_type : ItemType
-        The type of item.
-
     Returns
     -------
     ndarray of float64, shape (3, 3)
@@ -44,11 +39,6 @@ def search_frame(item_type: ItemType) -> Floats:
 def in_search_frame(item_type: ItemType) -> ItemType:
     """Return an item type in the frame of the search.
 
-    Parameters
-    ----------
-    item_type : ItemType
-        The type of item.
-
     Returns
     -------
     ItemType
@@ -59,11 +49,6 @@ def in_search_frame(item_type: ItemType) -> ItemType:
 
 def searched_rotations(item_type: ItemType) -> Floats:
     """Return the rotations that are searched, from the mesh's own frame.
-
-    Parameters
-    ----------
-    item_type : ItemType
-        The type of item.
 
     Returns
     -------

@@ -32,8 +32,6 @@ class Separation:
 
     Parameters
     ----------
-    task : SearchTask
-        The task.
     poses : Poses
         The poses to begin with.
     boxes : ndarray of float64, shape (b, 4)
@@ -86,12 +84,8 @@ class Separation:
 
         Parameters
         ----------
-        problem : Problem
-            The problem.
         rng : ndarray of uint64, shape (1,)
             The state of the kernels' generator.
-        budget : SearchBudget
-            The budget.
         is_precise : bool
             True to let the surfaces compute the nodes of fields even while much overlaps.
 

@@ -30,8 +30,6 @@ class StateCheck:
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
     resumed : State, optional
         The state of a resumed attempt.
     """
@@ -48,8 +46,6 @@ class StateCheck:
         ----------
         problem : Problem
             The problem; not changed, not even the fields that the comparison computes.
-        state : State
-            The state.
         boxes : ndarray of float64, shape (b, 4)
             The boxes.
 

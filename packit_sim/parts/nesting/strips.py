@@ -21,13 +21,6 @@ class StripSearch(NestSearch):
     2009). As in sparrow (Gardeyn et al., 2025), the attempt after a failure continues from the
     failed poses, disrupted by exchanging two large items. Our own are the step sizes, which adapt
     to successes and failures, and the strip's growth when more items join.
-
-    Parameters
-    ----------
-    task : SearchTask
-        The task.
-    seed : int
-        The seed.
     """
 
     def __init__(self, task: SearchTask, seed: int) -> None:

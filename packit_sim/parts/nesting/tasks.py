@@ -148,8 +148,6 @@ class SearchTask:
     sizes : tuple of tuple of float
         The sides of the container; the height of a strip is infinite. For bins, the sides of each
         available size, the largest first.
-    settings : SearchSettings
-        The settings.
     obstacles : ndarray of float64, shape (m, 3)
         The positions of the obstacles.
     start : Poses, optional

@@ -37,8 +37,6 @@ class CheckedMesh:
 
     Parameters
     ----------
-    item_type : ItemType
-        The type.
     scale : float
         The scale of its lengths.
     tolerance : float

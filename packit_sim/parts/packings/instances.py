@@ -56,11 +56,6 @@ ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 def instances_in(folder: Path | str) -> list[Path]:
     """Find the instances in a folder and the folders in it.
 
-    Parameters
-    ----------
-    folder : Path or str
-        The folder.
-
     Returns
     -------
     list of Path
@@ -215,8 +210,6 @@ def write_solution(packing: Packing, path: Path | str, instance: str = "") -> No
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     path : Path or str
         The JSON file.
     instance : str

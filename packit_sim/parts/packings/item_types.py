@@ -151,8 +151,6 @@ class ItemType:
 
         Parameters
         ----------
-        item : Item
-            The item.
         demand : int
             How many of it to place.
         rotations : str

@@ -32,8 +32,6 @@ class Packing:
 
     Parameters
     ----------
-    types : tuple of ItemType
-        The types of items.
     container : BoxContainer
         The container, or the largest.
     placements : tuple of Placement

@@ -129,8 +129,6 @@ def write_packing(
     types : sequence of ItemType
         The types of items. The meshes without a file below the folder of `path` are written to
         NAME-meshes next to it, as OBJ, without rounding.
-    container : BoxContainer
-        The container.
     placements : sequence of Placement
         The items.
     clearance : float

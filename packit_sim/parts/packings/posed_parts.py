@@ -17,8 +17,6 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     side : float, default: 1.0
         The container's longest side that is not infinite, in box units.
 
@@ -43,8 +41,6 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Box
 
     Parameters
     ----------
-    packing : Packing
-        The packing.
     numbers : sequence of int
         The numbers of the placements.
     side : float, default: 4.0

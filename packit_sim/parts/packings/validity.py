@@ -49,8 +49,6 @@ class Body:
     ----------
     name : str
         What messages call it.
-    item_type : ItemType
-        Its type.
     placement : Placement
         Where it is.
     unit : float
@@ -66,8 +64,6 @@ class Body:
         The corners of its bounding box.
     tolerance : float
         See `tolerance`.
-    volume : float
-        Its volume.
     """
 
     def __init__(self, name: str, item_type: ItemType, placement: Placement, unit: float) -> None:
@@ -162,8 +158,6 @@ def problems(
     ----------
     bodies : iterable of Body
         The items.
-    container : Container
-        Their container, or each of their containers.
     clearance : float
         The smallest distance that the surfaces of two items may have.
     obstacles : sequence of Body

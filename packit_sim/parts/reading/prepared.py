@@ -48,8 +48,6 @@ class PreparedPart:
 
     Attributes
     ----------
-    part : Part
-        The part.
     unit : str
         The user's unit.
     scale : float
@@ -103,8 +101,6 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
 
     Parameters
     ----------
-    part : Part
-        The part.
     unit : str
         The user's unit.
     accuracy : float, optional
@@ -161,8 +157,6 @@ def boxed(part: PreparedPart, least: float) -> PreparedPart:
 
     Parameters
     ----------
-    part : PreparedPart
-        The part.
     least : float
         The length of that side.
 

@@ -36,10 +36,6 @@ def too_large(
 
     Parameters
     ----------
-    part : PreparedPart
-        The part.
-    boxes : sequence of BoxType
-        The boxes.
     margin : float
         The distance that the walls keep.
     unit : str
@@ -81,8 +77,6 @@ def unit_notes(
     ----------
     parts : sequence of PreparedPart
         The parts, which fit.
-    boxes : sequence of BoxType
-        The boxes.
     margin : float
         The distance that the walls keep.
     unit : str

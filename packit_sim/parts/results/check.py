@@ -66,11 +66,6 @@ _known: WeakKeyDictionary[PackedParts, Check] = WeakKeyDictionary()
 def check(packed: PackedParts) -> Check:
     """Check the original files of packed parts at their poses, independently of the search.
 
-    Parameters
-    ----------
-    packed : PackedParts
-        The packed parts.
-
     Returns
     -------
     Check

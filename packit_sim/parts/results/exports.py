@@ -36,8 +36,6 @@ def export(packed: PackedParts, folder: Path | str) -> list[Path]:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     folder : Path or str
         The folder; its files of an earlier packing are replaced, each in one step.
 

@@ -45,8 +45,6 @@ def film(packed: PackedParts, path: Path | str, box: int = 0) -> Path:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     path : Path or str
         The file, .gif or .mp4.
     box : int

@@ -97,8 +97,6 @@ class BoxSteps:
         Its sides, with the unit.
     parts : tuple of (str, int)
         The names of its parts, and how many of each.
-    steps : tuple of Step
-        The steps.
     picture : str
         The packed box, as a data URI.
     """
@@ -115,8 +113,6 @@ def write_instructions(packed: PackedParts, path: Path | str) -> Path:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     path : Path or str
         The HTML file.
 
@@ -157,8 +153,6 @@ def packing_instructions(
         The names of boxes, and their packings; a packing of several boxes becomes several.
     unit : str, default: "mm"
         The name of the unit of length.
-    title : str
-        The title.
     constraints : Constraints, optional
         The constraints that the packings meet: whether parts come straight down or through the
         sides. The fixed parts are in the box from the start, if there is one packing.

@@ -27,12 +27,8 @@ def write_page(packed: PackedParts, found: Check, path: Path) -> Path:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     found : Check
         The result of their check.
-    path : Path
-        The file.
 
     Returns
     -------

@@ -52,8 +52,6 @@ def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[Item
     ----------
     packing : Packing
         The parts in the box.
-    path : str or PathLike
-        The file.
     keep_out : sequence of ItemType
         Volumes that stay free, in the box's coordinates: they are grey.
     """

@@ -82,8 +82,6 @@ def write_record(
         The packing.
     found : Check
         The result of its check.
-    folder : Path
-        The folder.
     written : sequence of Path
         The packing's other files; those of an earlier packing that it does not have are removed.
 
@@ -224,13 +222,6 @@ def own_folder(folder: Path) -> Iterator[None]:
 
 def read_earlier(folder: Path, task: PackTask) -> PackedParts | None:
     """Read the packing of the same task in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    task : PackTask
-        The task.
 
     Returns
     -------

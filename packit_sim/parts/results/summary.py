@@ -14,8 +14,6 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     found : Check, optional
         The result of `check`; without it the summary does not say what a check would find.
 
@@ -54,8 +52,6 @@ def table(packed: PackedParts, found: Check | None = None) -> str:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     found : Check, optional
         The result of `check`.
 

@@ -12,8 +12,6 @@ def view(packed: PackedParts, box: int = 0, port: int | None = None) -> Viewer:
 
     Parameters
     ----------
-    packed : PackedParts
-        The packed parts.
     box : int
         The number of the box, from 0.
     port : int, optional

@@ -35,14 +35,10 @@ class Upload:
 
     Attributes
     ----------
-    number : int
-        Its number.
     file : Path
         Where it is.
     unit : str
         The unit of length in which it is read if it does not define one.
-    parts : tuple of Part
-        The parts in it.
     """
 
     number: int
