@@ -33,7 +33,7 @@ class Layout:
     >>> layout = Layout.standing(load_tasks("starter")[0].items)  # in rows on the floor
     >>> len(layout.poses)
     35
-    >>> layout.poses[0].position.round(2).tolist()
+    >>> layout.poses[0].translation.round(2).tolist()
     [1.3, 1.06, 0.02]
     """
 
