@@ -6,10 +6,12 @@ chosen by HYPOTHESIS_PROFILE: `quick` draws the same few examples on every run, 
 """
 
 import os
+import re
 import shutil
 import signal
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,6 +28,15 @@ settings.register_profile("quick", deadline=None, max_examples=15, derandomize=T
 settings.register_profile("all", deadline=None, max_examples=100, print_blob=True)
 settings.register_profile("thorough", deadline=None, max_examples=1000, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
+
+ROOT = Path(__file__).parents[1]
+
+collect_ignore = [
+    file.name
+    for file in (ROOT / "tests").glob("test_*.py")
+    if not (ROOT / "benchmarks").is_dir()  # in an unpacked source distribution
+    and re.search(r"^\s*(from|import) (benchmarks|campaigns)\b", file.read_text("utf-8"), re.M)
+]
 
 CHECKED = {
     *("test_box", "test_episode", "test_heuristics", "test_nofit", "test_off_grid", "test_online"),

@@ -29,6 +29,7 @@ from packit_sim.game.evaluation.results import ResultsError, Rollout, read_resul
 from packit_sim.game.reports.examples import gallery
 from packit_sim.game.reports.runs import Runs
 from packit_sim.geometry.lattice import CELL, STEP, Triple
+from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import stored
 from packit_sim.libraries.library import ShapeLibrary
@@ -162,7 +163,7 @@ def test_what_counts() -> None:
     landed, elsewhere = PosedItem(cube, here), PosedItem(cube, there)
 
     def item(inside: bool, landed: PosedItem | None) -> SettledItem:
-        return SettledItem(PosedItem(cube, here), np.eye(4), (), (), inside, landed)
+        return SettledItem(PosedItem(cube, here), Motion(), (), (), inside, landed)
 
     assert item(True, landed).counts
     assert not item(True, elsewhere).counts

@@ -276,7 +276,7 @@ def test_what_stands_before_the_glass_is_not_behind_it() -> None:
     items = [cube_of(30)]
     standing = Layout.standing(items)
     near = dataclasses.replace(
-        standing.poses[0], position=CENTRE + 1.2 * np.array((0.47, 0.88, 0.0))
+        standing.poses[0], translation=CENTRE + 1.2 * np.array((0.47, 0.88, 0.0))
     )
     layout = Layout((near,), standing.points)
     shots = []

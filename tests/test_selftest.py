@@ -9,9 +9,10 @@ from trimesh import creation
 
 from campaigns import exactness
 from campaigns.common import table_in_page
+from packit_sim import placement
 from packit_sim.box import Box
 from packit_sim.core.parallel import Workers
-from packit_sim.engine import collision, feasibility, insertion, nofit, oracle
+from packit_sim.engine import collision, nofit, oracle
 from packit_sim.engine.collision_meshes import collision_mesh
 from packit_sim.engine.feasibility import Blockers
 from packit_sim.engine.occupancy import Occupancy
@@ -81,7 +82,7 @@ def test_cases_are_drawn_from_seed_and_number() -> None:
 
 def test_a_planted_defect_is_found_reduced_and_replayed(monkeypatch, tmp_path) -> None:
     """An engine that is wrong at one location, as soon as a mask is half full."""
-    real = feasibility.feasible
+    real = placement.feasible
 
     def wrong(occupancy, item):
         mask = real(occupancy, item)
@@ -94,7 +95,7 @@ def test_a_planted_defect_is_found_reduced_and_replayed(monkeypatch, tmp_path) -
     monkeypatch.setattr(case_runs, "reduced", lambda case, name: reduced(case, name, 2.0))
     file = totals_at(tmp_path / "totals.json", CONTACTS)
     with monkeypatch.context() as patch:
-        patch.setattr(feasibility, "feasible", wrong)
+        patch.setattr(placement, "feasible", wrong)
         result = packit("selftest", "--minutes", 0.01, "--seed", 7, "--out", file)
         assert result.returncode == 1
         replay = tmp_path / f"selftest-7-{CONTACTS}.json"
@@ -128,13 +129,13 @@ def _none(placed, item, mask):
     ("where", "name", "planted", "case", "check", "found"),
     [
         (Box, "blbf", lambda *_: None, small(), "blbf", "BLBF"),
-        (feasibility, "blockers", _no_items, small(), "blockers", "why not"),
+        (placement, "blockers", _no_items, small(), "blockers", "why not"),
         (nofit.NoFit, "conflict", lambda *_: False, small(), "table", "table offsets"),
         (nofit, "_table", lambda *_: 1 / 0, small(), "masks", "masks"),
         (Box, "feasible_in_any", Box.feasible, small(easy=True), "rotations", "union"),
         (Occupancy, "truncate", lambda *_: None, small(), "history", "restored"),
-        (insertion, "insertable_mask", _all, small(kinematic=True), "kinematic", "ways up"),
-        (insertion, "insertable_mask", _none, small(kinematic=True), "kinematic", "clear"),
+        (placement, "insertable_mask", _all, small(kinematic=True), "kinematic", "ways up"),
+        (placement, "insertable_mask", _none, small(kinematic=True), "kinematic", "clear"),
     ],
 )
 def test_each_check_finds_what_it_is_for(

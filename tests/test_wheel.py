@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -76,6 +77,20 @@ def test_the_wheel_claims_only_its_own_names_and_has_everything(wheel) -> None:
     assert code == checked_out("packit_sim")
     assert below(names, "packit_agents/") == checked_out("agents/packit_agents")
     assert {"py.typed", "__init__.py", "__init__.pyi"} <= code
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_the_sdist_has_neither_benchmarks_nor_campaigns_and_its_tests_are_found(
+    wheel, tmp_path
+) -> None:
+    (sdist,) = wheel.parent.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (unpacked,) = tmp_path.iterdir()
+    assert not {"benchmarks", "campaigns"} & {path.name for path in unpacked.iterdir()}
+    found = run(sys.executable, "-m", "pytest", "--collect-only", "-q", cwd=unpacked)
+    assert "test_box.py" in found and "error" not in found.splitlines()[-1]
 
 
 @pytest.mark.slow

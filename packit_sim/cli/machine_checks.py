@@ -42,6 +42,7 @@ BASE = {
     "gymnasium": "gymnasium",
     "jinja2": "jinja2",
     "joblib": "joblib",
+    "lazy_loader": "lazy-loader",
     "lxml": "lxml",
     "msgspec": "msgspec",
     "networkx": "networkx",

@@ -92,7 +92,8 @@ class SettlingBox(BaseBox[SettledItem]):
         if is_checking():
             assert len(occupancy.placed) == len(self.placed) + 1
             for before, after in zip(self.placed, occupancy.placed, strict=False):
-                assert (before.item, before.landed) == (after.item, after.landed)
+                assert before.item == after.item
+                assert before.landed in (None, after.landed), "an item lands once"
         self._occupancy = occupancy
         return settled
 
