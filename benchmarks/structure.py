@@ -23,7 +23,7 @@ from rich.table import Table
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {"packit_sim": ROOT / "packit_sim", "packit_agents": ROOT / "agents/packit_agents"}
-MOST_ARGUMENTS = 8
+MAX_ARGUMENTS = 8
 MOTION = re.compile(r"\[:3, ?:?3\]")
 """The rotation or the translation of a matrix (4, 4), taken out or set."""
 
@@ -77,7 +77,7 @@ def long_signatures(text: str) -> Iterator[tuple[str, int]]:
             own = node.args
             names = [each.arg for each in (*own.posonlyargs, *own.args, *own.kwonlyargs)]
             count = len([name for name in names if name not in ("self", "cls")])
-            if count > MOST_ARGUMENTS:
+            if count > MAX_ARGUMENTS:
                 yield node.name, count
 
 

@@ -164,7 +164,7 @@ def test_an_order_that_is_not_possible_gets_one_sentence(bench) -> None:
 
 
 def test_files_that_can_not_be_packed_are_refused_and_not_kept(bench, monkeypatch) -> None:
-    monkeypatch.setattr(uploads_module, "MOST_BYTES_TOGETHER", 1000)
+    monkeypatch.setattr(uploads_module, "MAX_BYTES_TOGETHER", 1000)
     for name, data, sentence in (
         ("bad.stl", b"solid", "bad.stl"),
         ("notes.txt", b"", "choose a mesh file"),

@@ -19,7 +19,7 @@ from packit_sim.core.compilation import kernel
 from packit_sim.engine.crossing_kernels import APART, CROSSING, MARGIN, UNSURE, apart, cross
 from packit_sim.geometry.arrays import Floats, Ints
 
-MOST = 256
+MAX_TRIANGLES = 256
 """Limit of each surface's triangles; with more, two trees are faster than all pairs."""
 
 _STACK = 64
@@ -32,11 +32,11 @@ class Workspace(NamedTuple):
     Attributes
     ----------
     numbers, other_numbers : ndarray
-        (MOST,) int64, the triangles' numbers.
+        (MAX_TRIANGLES,) int64, the triangles' numbers.
     corners : ndarray
-        (MOST, 3, 3) float64, the corners of the other surface's triangles, moved.
+        (MAX_TRIANGLES, 3, 3) float64, the corners of the other surface's triangles, moved.
     boxes, other_boxes : ndarray
-        (MOST, 2, 3) float64, lowest and highest corners of their boxes.
+        (MAX_TRIANGLES, 2, 3) float64, lowest and highest corners of their boxes.
     """
 
     numbers: Ints
@@ -50,11 +50,11 @@ class Workspace(NamedTuple):
 def workspace():
     """Return a `Workspace`, not filled."""
     return Workspace(
-        np.empty(MOST, np.int64),
-        np.empty(MOST, np.int64),
-        np.empty((MOST, 3, 3)),
-        np.empty((MOST, 2, 3)),
-        np.empty((MOST, 2, 3)),
+        np.empty(MAX_TRIANGLES, np.int64),
+        np.empty(MAX_TRIANGLES, np.int64),
+        np.empty((MAX_TRIANGLES, 3, 3)),
+        np.empty((MAX_TRIANGLES, 2, 3)),
+        np.empty((MAX_TRIANGLES, 2, 3)),
     )
 
 

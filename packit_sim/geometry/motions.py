@@ -20,7 +20,7 @@ Quaternion = tuple[float, float, float, float]
 ROTATION_SLACK = 1e-6
 """Largest error of a rotation matrix: rounding of single precision."""
 
-LEAST_SCALE = 1e-30
+MIN_SCALE = 1e-30
 """Smallest scale of a matrix."""
 
 _UNIT_SLACK = 1e-3
@@ -272,7 +272,7 @@ def matrix_fault(matrix: Floats) -> str | None:
         return f"has the last row {matrix[3].tolist()}: it must be 0, 0, 0, 1"
     linear, _ = split(matrix)
     largest = np.abs(linear).max()
-    if largest < LEAST_SCALE:
+    if largest < MIN_SCALE:
         return "leaves nothing of the mesh: its scale is 0"
     linear = linear / largest
     square = linear.T @ linear

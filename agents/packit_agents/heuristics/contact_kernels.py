@@ -22,7 +22,7 @@ from packit_sim.geometry.word_kernels import count_bits
 _X, _Y, _Z = np.uint64(16), np.uint64(4), np.uint64(1)
 """Distances in bits between neighbours along x, y and z in a word."""
 
-_MOST_NEIGHBOURS = 6
+_MAX_NEIGHBOURS = 6
 
 _FACE = np.int16(16)
 """Cells in a face of a brick."""
@@ -66,7 +66,7 @@ def sum_neighbours(words):
                 if z + 1 < nz:
                     sums[x, y, z + 1] += above
                 across = left + right + back + front + below + above
-                sums[x, y, z] += _MOST_NEIGHBOURS * count_bits(own) - across
+                sums[x, y, z] += _MAX_NEIGHBOURS * count_bits(own) - across
     return sums
 
 
@@ -161,7 +161,7 @@ def bound_contacts(sums, outer, offsets, runs, mask):
         for first in range(0, len(offsets), _AT_ONCE):
             some[:] = 0
             for n in range(first, min(first + _AT_ONCE, len(offsets))):
-                limit = np.int16(_MOST_NEIGHBOURS * count_bits(outer[n]))
+                limit = np.int16(_MAX_NEIGHBOURS * count_bits(outer[n]))
                 counts = there[begin + offsets[n] : end + offsets[n]]
                 for m in range(len(some)):
                     some[m] += min(counts[m], limit)
@@ -243,7 +243,7 @@ def _contacts(filled, item, locations, known, number, least):
         if neighbours:
             low, middle, high = _digits(words, i + bricks[n, 0], j + bricks[n, 1], k + bricks[n, 2])
             own = outer[n]
-            total -= min(neighbours, _MOST_NEIGHBOURS * count_bits(own))
+            total -= min(neighbours, _MAX_NEIGHBOURS * count_bits(own))
             total += count_bits(own & low)
             total += 2 * count_bits(own & middle) + 4 * count_bits(own & high)
             if total < least:

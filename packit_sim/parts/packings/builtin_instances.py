@@ -31,7 +31,7 @@ processor's rounding."""
 CUBE_SIDE = 10
 """Side of a cube that is cut."""
 
-LEAST_INWARDS = 0.05
+MIN_INWARDS = 0.05
 """How far each corner of a piece moves into it when its bounding box shrinks by 1 an axis."""
 
 FLAT = 1e-6
@@ -274,7 +274,7 @@ def _is_checkable(piece: trimesh.Trimesh) -> bool:
     """
     arms = (piece.triangles - piece.bounds.mean(axis=0)) / piece.extents
     inwards = (arms * piece.face_normals[:, None]).sum(axis=2)
-    return float(inwards.min()) > LEAST_INWARDS
+    return float(inwards.min()) > MIN_INWARDS
 
 
 def _half(piece: trimesh.Trimesh, point: Floats, normal: Floats) -> trimesh.Trimesh:

@@ -16,12 +16,12 @@ from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.reading.files import ReadSettings, find_parts, with_own_names
 from packit_sim.parts.reading.part import Part
 
-MOST_BYTES = 256 * 2**20
+MAX_BYTES = 256 * 2**20
 """The largest file."""
 
-MOST_FILES = 500
+MAX_FILES = 500
 
-MOST_BYTES_TOGETHER = 2 * 2**30
+MAX_BYTES_TOGETHER = 2 * 2**30
 
 _MAX_NAME = 200
 """Most bytes of a file's name; file systems allow 255, with what temporary files add."""
@@ -91,12 +91,12 @@ class Uploads:
         suffix = PurePosixPath(name).suffix.lower()
         if suffix not in SUFFIXES:
             raise ArgumentError(f"{name}: choose a mesh file ({', '.join(SUFFIXES)})")
-        if len(self.files) >= MOST_FILES:
-            raise ArgumentError(f"{name}: there are {MOST_FILES} files already")
+        if len(self.files) >= MAX_FILES:
+            raise ArgumentError(f"{name}: there are {MAX_FILES} files already")
         together = sum(each.file.stat().st_size for each in self.files.values())
-        if length > MOST_BYTES or together + length > MOST_BYTES_TOGETHER:
+        if length > MAX_BYTES or together + length > MAX_BYTES_TOGETHER:
             raise ArgumentError(
-                f"{name}: too large: at most {MOST_BYTES:,} bytes, and {MOST_BYTES_TOGETHER:,} "
+                f"{name}: too large: at most {MAX_BYTES:,} bytes, and {MAX_BYTES_TOGETHER:,} "
                 "of all files together"
             )
         number = next(self._numbers)

@@ -32,7 +32,7 @@ from packit_sim.parts.results.instructions import write_instructions
 from packit_sim.parts.results.page import add_box
 from packit_sim.parts.results.record import INSTRUCTIONS
 from packit_sim.parts.results.summary import summary
-from packit_sim.parts.workbench.uploads import MOST_BYTES, MOST_FILES, Uploads
+from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Uploads
 from packit_sim.web.http_server import (
     HttpRoute,
     HttpServer,
@@ -43,7 +43,7 @@ from packit_sim.web.http_server import (
 from packit_sim.web.origins import LOOPBACK
 from packit_sim.web.page_models import Models, page_files
 
-_MOST_JSON = 2**20
+_MAX_JSON = 2**20
 
 _TYPES = {
     ".3mf": "model/3mf",
@@ -71,7 +71,7 @@ class PackingJob(Struct, forbid_unknown_fields=True):
 
     box: str
     unit: str
-    files: Annotated[list[_Asked], Meta(max_length=MOST_FILES)]
+    files: Annotated[list[_Asked], Meta(max_length=MAX_FILES)]
     objective: Goal = "volume"
     clearance: str = "0"
     wall_clearance: str = "0"
@@ -169,9 +169,9 @@ class Workbench:
         return found | {
             ("GET", "/state"): HttpRoute(self._state),
             ("GET", "/files/"): HttpRoute(self._download),
-            ("POST", "/parts"): HttpRoute(self._upload, MOST_BYTES),
-            ("POST", "/remove"): HttpRoute(self._remove, _MOST_JSON),
-            ("POST", "/pack"): HttpRoute(self._pack, _MOST_JSON),
+            ("POST", "/parts"): HttpRoute(self._upload, MAX_BYTES),
+            ("POST", "/remove"): HttpRoute(self._remove, _MAX_JSON),
+            ("POST", "/pack"): HttpRoute(self._pack, _MAX_JSON),
             ("POST", "/stop"): HttpRoute(self._end),
         }
 
