@@ -27,7 +27,10 @@ ABSENT = {
     *("packit_sim.render", "packit_sim.game.reports", "packit_sim.scene", "packit_sim.web"),
 }
 
-SETTINGS = {"packit_sim.physics", "packit_sim.physics.settings"}
+SETTINGS = {
+    *("packit_sim.physics", "packit_sim.physics.settings"),
+    *("packit_sim.physics.convex", "packit_sim.physics.convex.settings"),
+}
 """The only modules of physics that rules refer to; they hold plain values."""
 
 

@@ -400,7 +400,7 @@ def test_nothing_rests_on_parts_that_carry_nothing_and_loads_are_limited() -> No
     parts = [cube(name="glass", no_stack=True, mass=5), cube(name="cube", count=2, mass=20)]
     packed = pack(parts, (10, 10, 30), settings=QUICK)
     assert not packed.task.constraints.is_empty
-    tops = {packed.part(one).part.name: one.pose[2, 3] for _, one in packed.placements}
+    tops = {packed.part(one).part.name: one.pose.translation[2] for _, one in packed.placements}
     assert max(tops, key=lambda name: tops[name]) == "glass" or set(tops) == {"cube"}
     weak = [cube(name="weak", count=3, mass=20, max_load=20)]
     packed = pack(weak, (10, 10, 30), settings=QUICK)
@@ -683,7 +683,7 @@ def test_a_volume_stays_free_in_every_box(objective, tmp_path) -> None:
     assert obstacle["name"] == "pillar" and obstacle["pose"][0][0] == 10
     moved = replace(packed, task=replace(packed.task, keep_out=()))
     assert check(moved).problems == ()
-    at = packed.placements[0][1].pose[:3, 3]
+    at = packed.placements[0][1].pose.translation
     inside = Part("block", creation.box((300, 300, 300)).apply_translation(at))
     around = replace(packed.task, keep_out=(prepare(inside, "mm"),))
     assert any("block (kept free)" in each for each in check(replace(packed, task=around)).problems)

@@ -36,7 +36,7 @@ def test_checked_searches_find_the_same_packings(objective: str, detailed: bool)
         with checking(on):
             settings = NestSettings(workers=2, iterations=120)
             packing = nest(items(detailed), BoxContainer(size), objective, 600, settings=settings)
-        found.append([(p.type, p.box, p.pose.tolist()) for p in packing.placements])
+        found.append([(p.type, p.box, p.pose.matrix.tolist()) for p in packing.placements])
     assert found[0] == found[1]
 
 

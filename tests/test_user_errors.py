@@ -78,7 +78,7 @@ WRONG = [
     ("nest absent", "no instance 'absent': choose"),
     ("nest absent.json", "absent.json"),
     ("nest broken.json", "broken.json"),
-    ("nest folder", "no instance 'folder'"),
+    ("nest folder", "folder is a folder without a strip-packing instance"),
     ("nest x.json --rotations some", "'some'"),
     ("nest x.json --iterations 0", "--iterations"),
     ("nest x.json --seed -1", "--seed"),

@@ -95,7 +95,7 @@ class Surface(NamedTuple):
         if len(triangles) == 0:
             raise MeshError("a mesh without triangles has no distance to another one")
         if not np.isfinite(triangles).all():
-            raise MeshError("a mesh with infinite vertices or NaN has no distance to another one")
+            raise MeshError("a mesh whose vertices are not finite has no distance to another one")
         triangles = triangles[tree_order(triangles)]
         return cls(triangles, *boxes_of(triangles))
 
