@@ -55,7 +55,7 @@ class SearchSettings:
     weight_decay : float
         Factor of the weight of a pair that does not overlap.
     first_items : int
-        Fewest items that are searched for alone.
+        Minimum number of items that are searched for alone.
     first_levels : float
         Share of the search after which all items are searched for, at the latest.
     shrink, least_shrink : float
@@ -70,7 +70,7 @@ class SearchSettings:
     more_space : float
         Share by which a strip grows if added items find no place; twice as much the next time.
     max_inserted, max_removed : int
-        Most items of an exchange that come into a knapsack, and that go.
+        Maximum numbers of items of an exchange that come into a knapsack, and that go.
     exchange_gain : tuple of float
         Smallest and largest gain that an exchange aims for, as shares of the value.
     exchange_choices : int
@@ -83,7 +83,7 @@ class SearchSettings:
     least_rebuilding : float
         Least time for rebuilds, as a share of the time for exchanges.
     max_rebuilt : int
-        Most items that a rebuild takes out of a knapsack.
+        Maximum number of items that a rebuild takes out of a knapsack.
     rebuilt_neighbours : float
         Probability that these are neighbours.
     shuffle : float
