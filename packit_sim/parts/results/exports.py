@@ -48,8 +48,10 @@ def export(packed: PackedParts, folder: Path | str) -> list[Path]:
     ------
     ArgumentError
         If nothing is packed.
-    PackItError
-        If a file can't be written.
+    RenderError
+        If a picture or a model can't be written.
+    OSError
+        If the page or the record can't be written.
     """
     if not packed.packings:
         why = "".join(f": {each.name}: {each.reason}" for each in packed.left_out[:1])
