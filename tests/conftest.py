@@ -31,11 +31,15 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 ROOT = Path(__file__).parents[1]
 
+NOT_DISTRIBUTED = re.compile(
+    r'^\s*(from|import) (benchmarks|campaigns)\b|"(benchmarks|campaigns)["/]', re.MULTILINE
+)
+
 collect_ignore = [
     file.name
     for file in (ROOT / "tests").glob("test_*.py")
     if not (ROOT / "benchmarks").is_dir()  # in an unpacked source distribution
-    and re.search(r"^\s*(from|import) (benchmarks|campaigns)\b", file.read_text("utf-8"), re.M)
+    and NOT_DISTRIBUTED.search(file.read_text(encoding="utf-8"))
 ]
 
 CHECKED = {
