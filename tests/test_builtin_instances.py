@@ -27,7 +27,7 @@ DIGESTS = {
     "cut-cube-8": "528f177c11f67b5c",
     "cut-cube-16": "56e1b8b03afde110",
 }
-"""Of the rounded vertices of all types of each instance."""
+"""Digests of the rounded vertices of all types, by instance."""
 
 
 def mesh(item_type: ItemType) -> trimesh.Trimesh:

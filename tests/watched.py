@@ -1,4 +1,4 @@
-"""What a program makes while a test watches: each call of a function is recorded."""
+"""Recorded calls of functions, for tests of what a program makes."""
 
 from __future__ import annotations
 

@@ -185,7 +185,7 @@ CASES: dict[str, Callable[[str, str, Path | None], Case]] = {
     "clearance": clearance,
     "library": library,
 }
-"""What takes a problem's name, rotation set and the folder of --data, by the kinds of problems."""
+"""The function for each kind of problem: of its name, rotation set and the folder of --data."""
 
 
 def names(kind: str, data: Path | None) -> list[str]:

@@ -188,7 +188,7 @@ def _parsed(data: bytes | str) -> Any:
 
 
 class _Problem(NamedTuple):
-    """What msgspec says: a sentence, the path of a field, and the kind of problem."""
+    """A message of msgspec: its sentence, the path of a field, and the kind of problem."""
 
     text: str
     path: str

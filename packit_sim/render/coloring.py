@@ -28,7 +28,7 @@ _SHADES = (0.0, 0.25, 0.45)
 """Shares of white in the palette's colours, for more categories than it has colours."""
 
 _RAMP = ((0.24, 0.22, 0.52), (0.13, 0.46, 0.58), (0.36, 0.70, 0.46), (0.99, 0.90, 0.42))
-"""Colours from low to high, lighter at each step, so that brightness alone tells them apart."""
+"""Colours from low to high, lighter at each step, so that brightness alone distinguishes them."""
 
 UNKNOWN_COLOR: Color = (0.72, 0.72, 0.72)
 """The colour of items without a number."""

@@ -23,7 +23,7 @@ _EDGE_RADIUS = 0.004
 
 _WHITE = (1.0, 1.0, 1.0)
 _AWAY = Motion.shift(np.array((0.0, 0.0, -1e4)))
-"""Where bodies are that are hidden."""
+"""The place of hidden bodies, out of every picture."""
 
 
 class BodyStager:

@@ -2,7 +2,7 @@
 
 A convex region is the set of points behind all of its planes. Clipping a surface to it gives the
 points whose hull is the region's piece (Sutherland and Hodgman's reentrant clipping, 1974); the
-farthest voxel in a piece tells how far the piece protrudes from a solid (`solids.Solid`). A slack
+farthest voxel in a piece shows how far the piece protrudes from a solid (`solids.Solid`). A slack
 keeps points that rounding puts in front of their own plane. Arguments are not changed.
 """
 
