@@ -50,12 +50,15 @@ class RawMesh:
         Centimetres in the file's unit of length, if the file or its format defines it.
     parts : int
         The number of meshes in the file's scene, counting every instance.
+    notes : tuple of str
+        What the user should know about how the file was understood.
     """
 
     mesh: trimesh.Trimesh
     up: str = "z"
     unit_cm: float | None = None
     parts: int = 1
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +73,14 @@ class RawPart:
         Its mesh, in the scene's coordinates.
     count : int
         The number of its instances in the same orientation.
+    node : str, optional
+        What finds it again in the file, if the file has other parts.
     """
 
     name: str
     raw: RawMesh
     count: int = 1
+    node: str | None = None
 
 
 def read(file: Path) -> RawMesh:
@@ -200,7 +206,8 @@ class _Scene:
         """Join the meshes below each of the uppermost nodes; count equal ones."""
         graph = self.scene.graph
         found: dict[object, RawPart] = {}
-        for name, nodes in self._groups().items():
+        groups = self._groups()
+        for name, nodes in groups.items():
             meshes = []
             for node in nodes:
                 matrix, geometry = graph[node]
@@ -216,7 +223,8 @@ class _Scene:
                 found[key] = replace(found[key], count=found[key].count + 1)
             else:
                 mesh = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
-                found[key] = RawPart(name, self._raw(mesh, len(meshes)))
+                node = name if len(groups) > 1 else None
+                found[key] = RawPart(name, self._raw(mesh, len(meshes)), node=node)
         return list(found.values())
 
     def _groups(self) -> dict[str, list[str]]:

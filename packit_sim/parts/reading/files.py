@@ -145,7 +145,8 @@ def find_parts(
     if assumed:
         files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
         notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
-    return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(notes))
+    own_notes = dict.fromkeys(notes)
+    return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(own_notes))
 
 
 def _defines_unit(file: Path) -> bool:
@@ -211,14 +212,14 @@ def _parts(
             f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
             "(--separate packs each by itself)"
         )
-        if note not in notes:
-            notes.append(note)
+        notes.append(note)
     found = []
     for each in raw_parts:
         options = {"rotations": settings.rotations, **row.settings}
         name = str(options.pop("name", row.file.stem))
         options["count"] = row.count * each.count
         unit = options.pop("unit", None)
+        notes += [f"{row.file.name}: {note}" for note in each.raw.notes]
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
         found.append(
             Part(
@@ -228,7 +229,7 @@ def _parts(
                 unit_cm=unit_cm,
                 up=settings.up or each.raw.up,
                 file=row.file,
-                node=each.name if len(raw_parts) > 1 else None,
+                node=each.node,
                 **options,
             )
         )
