@@ -112,9 +112,8 @@ def test_the_literature_needs_a_folder_of_its_meshes(tmp_path, capsys, monkeypat
 
 
 def test_without_the_literature_the_built_in_instances_are_measured(tmp_path) -> None:
-    for kind in ("speed", "clearance"):
-        assert set(names(kind, None)) <= set(builtin_names())
-        assert set(names(kind, tmp_path)) <= set(names("literature", None))
+    assert set(names("clearance", None)) <= set(builtin_names())
+    assert set(names("clearance", tmp_path)) <= set(names("literature", None))
     assert cases.clearance("gears-12", "cube", None).clearance == pytest.approx(0.1)
     results = Results(tmp_path)
     run_all([Search("builtin", "cut-cube-8", "cube", 0, 0.5)], results, workers=1)

@@ -6,14 +6,13 @@
     .venv/bin/python -m benchmarks.nesting knapsacks
     .venv/bin/python -m benchmarks.nesting bins
     .venv/bin/python -m benchmarks.nesting clearance --data ../shared/esicup --rotations axis
-    .venv/bin/python -m benchmarks.nesting speed --workers 1 --seconds 20
     .venv/bin/python -m benchmarks.nesting.ablations
     .venv/bin/python -m benchmarks.nesting --verify --data ../shared/esicup
     .venv/bin/python -m benchmarks.nesting --table --data ../shared/esicup
 
 The literature's meshes are not part of the project: `--data` is a folder of them
-(docs/reference/instances.md says where they are published). Without it, `clearance` and `speed`
-take our own instances, and `--verify` leaves out the packings of the literature's.
+(docs/reference/instances.md says where they are published). Without it, `clearance` takes our own
+instances, and `--verify` leaves out the packings of the literature's.
 
 Each result is written to `benchmarks/results/nesting.json` at once, and its packing to a file in
 `benchmarks/results/nesting/`: what has a result is not searched again. `--rotations axis` stands

@@ -46,7 +46,7 @@ BUILTIN_WITH_CLEARANCE = ("gears-12", "polytopes-20")
 DATA_HELP = "folder of the literature's instances: `3d_irregular` of github.com/ESICUP/datasets"
 """The help of --data."""
 
-OF_INSTANCES = ("literature", "speed", "clearance")
+OF_INSTANCES = ("literature", "clearance")
 """The kinds whose problems may be the literature's instances."""
 
 SETS_OF_ITEMS = 10
@@ -127,12 +127,6 @@ def builtin(name: str, rotations: str, data: Path | None) -> Case:
     return Case("builtin", name, rotations, types, container, "strip", others)
 
 
-def speed(name: str, rotations: str, data: Path | None) -> Case:
-    """Take an instance, to count what one process computes."""
-    types, container = _instance(name, rotations, data)
-    return Case("speed", name, rotations, types, container, "strip")
-
-
 def clearance(name: str, rotations: str, data: Path | None) -> Case:
     """Take an instance, with a clearance of 1% of the base's longer side."""
     types, container = _instance(name, rotations, data)
@@ -181,7 +175,6 @@ CASES: dict[str, Callable[[str, str, Path | None], Case]] = {
     "strips": strips,
     "knapsacks": knapsacks,
     "bins": bins,
-    "speed": speed,
     "clearance": clearance,
     "library": library,
 }
@@ -190,9 +183,9 @@ CASES: dict[str, Callable[[str, str, Path | None], Case]] = {
 
 def names(kind: str, data: Path | None) -> list[str]:
     """List the problems of a kind; without the literature's data, our own instances."""
-    if kind == "literature" or (kind == "speed" and data):
+    if kind == "literature":
         return literature_names()
-    if kind in ("builtin", "speed"):
+    if kind == "builtin":
         return list(builtin_names())
     if kind == "clearance":
         return list(WITH_CLEARANCE if data else BUILTIN_WITH_CLEARANCE)

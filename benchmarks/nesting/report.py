@@ -103,7 +103,6 @@ def write_report(runs: dict[str, dict[str, Any]], out: Path, data: Path | None =
         *_bins(by_kind["bins"]),
         *_library(by_kind["library"]),
         *_clearance(by_kind["clearance"]),
-        *_speed(by_kind["speed"]),
         *_ablations(list(ablations.read(out).values())),
     ]
     page = PAGE if out == RESULTS else out / "nesting.md"
@@ -277,21 +276,6 @@ def _clearance(runs: Runs) -> Iterator[str]:
     yield _table(
         "instance, rotations, clearance, smallest distance by FCL, height, time, kept, valid", rows
     )
-
-
-def _speed(runs: Runs) -> Iterator[str]:
-    """Yield the table of what one process computes in a second."""
-    measured = [run for run in runs if "per second" in run]
-    if not measured:
-        return
-    yield "## What one process computes in a second\n"
-    measures = list(measured[0]["per second"])
-    rows = [
-        [f"`{run['name']}`", run["rotations"],
-         *(f"{run['per second'][each]:,.0f}" for each in measures)]
-        for run in measured
-    ]  # fmt: skip
-    yield _table(", ".join(["instance", "rotations", *measures]), rows)
 
 
 def _ablations(runs: Runs) -> Iterator[str]:

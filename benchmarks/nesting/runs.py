@@ -18,7 +18,6 @@ from trimesh.collision import CollisionManager
 from benchmarks.common import machine, write_json
 from benchmarks.nesting.cases import CASES, Case, needs_data
 from packit_sim import NestSettings, Packing, nest
-from packit_sim.parts.nesting.rounds import Problems
 from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.packings.placements import Placement
 
@@ -154,8 +153,7 @@ def run(
     Returns
     -------
     result : dict
-        Its numbers; `curve` has the seconds and the score of each better packing. With one process
-        there are also costs, surface tests, passes and nodes a second.
+        Its numbers; `curve` has the seconds and the score of each better packing.
     packing : Packing
         The packing.
     """
@@ -186,10 +184,6 @@ def run(
     }
     if case.clearance:
         result |= {"clearance": case.clearance, "smallest distance": smallest_distance(packing)}
-    if workers == 1:
-        counts = Problems(case.types, case.container.longest, 0.0).get().counts / elapsed
-        measures = ("costs", "surface tests", "passes", "nodes")
-        result["per second"] = dict(zip(measures, counts.round(1).tolist(), strict=True))
     return result, packing
 
 
