@@ -34,13 +34,13 @@ def test_the_installed_version_was_tried(library) -> None:
 KERNELS = """
 import sys
 from numba import njit
-from packit_sim.core.compilation import _stamp
+from packit_sim.core.compilation import stamp
 
 @njit(cache=True)
 def double(number):
     return 2 * number
 
-_stamp(double, sys.argv[1])
+stamp(double, sys.argv[1])
 assert double(21) == 42
 print(sum(double.stats.cache_hits.values()))
 """

@@ -37,8 +37,8 @@ TRIES = 30
 UNIT = 10.0
 
 in_conflict = overlap_kernels.in_conflict
-cross = overlap_kernels._cross
-distance = overlap_kernels._distance
+cross = overlap_kernels.cross_at_shift
+distance = overlap_kernels.distance_at_shift
 
 
 @kernel

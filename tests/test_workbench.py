@@ -175,7 +175,7 @@ def test_files_that_can_not_be_packed_are_refused_and_not_kept(bench, monkeypatc
         assert status == 422 and sentence in json.loads(answer)["error"]
         assert "packit-workbench" not in answer.decode()
     assert state(bench)["files"] == []
-    assert not list((bench._folder / "parts").glob("*"))
+    assert not list((bench.folder / "parts").glob("*"))
 
 
 def test_only_requests_of_the_page_are_answered(bench) -> None:
@@ -217,7 +217,7 @@ def test_the_command_serves_the_page_until_ctrl_c() -> None:
 def test_nothing_stays_when_it_is_closed() -> None:
     with Workbench() as bench:
         send(bench, "cube.stl", creation.box((6, 6, 6)))
-        folder = bench._folder
+        folder = bench.folder
         assert list(folder.rglob("cube.stl"))
     assert not folder.exists()
     bench.close()

@@ -76,7 +76,7 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
         compiled = numba.njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # numba found no folder that is writable
         return numba.njit(nogil=True, **options)(function)
-    _stamp(compiled, _digest(function.__module__))
+    stamp(compiled, _digest(function.__module__))
     compile_or_load = compiled.compile
 
     def alone(signature: Any) -> Any:
@@ -87,7 +87,7 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
     return compiled
 
 
-def _stamp(compiled: Any, digest: str) -> None:
+def stamp(compiled: Any, digest: str) -> None:
     """Use numba's cached machine code of a kernel only if it was stored with the same digest.
 
     This is the one place that uses private names of numba: `_cache._cache_file._source_stamp` of a

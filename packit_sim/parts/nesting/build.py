@@ -132,7 +132,6 @@ def build(
         closed=_closed(centred, parts),
         solids=_solids(types, centred, parts),
         distances=_distances(types, centred, clearance, settings),
-        counts=np.zeros(4, np.int64),
         shift=np.zeros(3),
         waiting=np.zeros((STACK, 2), np.int64),
         triangle=np.zeros((3, 3)),

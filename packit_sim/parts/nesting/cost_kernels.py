@@ -118,7 +118,6 @@ def fine_cost(problem, state, i, o, p, limit):
     float
         The cost if it is below the limit, else any number of at least the limit.
     """
-    problem.counts[0] += 1
     lookup = problem.lookup
     a = state.types[i]
     box = lookup.boxes[a, o]

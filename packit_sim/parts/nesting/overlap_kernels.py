@@ -177,13 +177,12 @@ def _node(problem, first, other, rel, field, x, y, z):
     shift[2] = (z - (w - 1) * 0.5) * voxel
     clearance = problem.lookup.clearance / voxel
     rough = (field[x, y, z] >> 1) / SCALE
-    problem.counts[3] += 1
-    if not _cross(problem, first, other, rel):
+    if not cross_at_shift(problem, first, other, rel):
         # Surfaces that don't cross: apart, or one item inside the other, which has no depth here.
         if rough + clearance < 0.5 and _nested(problem, first, other, rel):
             return min(rough, -0.5)
         most = (_REACH + clearance) * voxel
-        return _distance(problem, first, other, rel, most) / voxel - clearance
+        return distance_at_shift(problem, first, other, rel, most) / voxel - clearance
     gx = float((field[min(u - 1, x + 1), y, z] >> 1) - (field[max(0, x - 1), y, z] >> 1))
     gy = float((field[x, min(v - 1, y + 1), z] >> 1) - (field[x, max(0, y - 1), z] >> 1))
     gz = float((field[x, y, min(w - 1, z + 1)] >> 1) - (field[x, y, max(0, z - 1)] >> 1))
@@ -200,7 +199,7 @@ def _node(problem, first, other, rel, field, x, y, z):
         shift[0] = ox + middle * scale * gx
         shift[1] = oy + middle * scale * gy
         shift[2] = oz + middle * scale * gz
-        if _cross(problem, first, other, rel):
+        if cross_at_shift(problem, first, other, rel):
             low = middle
         else:
             high = middle
@@ -218,16 +217,15 @@ def in_conflict(problem, first, other, rel, sx, sy, sz, maybe_nested):
     # In this order: a crossing is the most frequent conflict, and a distance or an inside are only
     # defined for surfaces that don't cross.
     return (
-        _cross(problem, first, other, rel)
-        or (limit > 0 and _distance(problem, first, other, rel, limit) < limit)
+        cross_at_shift(problem, first, other, rel)
+        or (limit > 0 and distance_at_shift(problem, first, other, rel, limit) < limit)
         or (maybe_nested and _nested(problem, first, other, rel))
     )
 
 
 @inner_kernel
-def _cross(problem, first, other, rel):
+def cross_at_shift(problem, first, other, rel):
     """Return whether the surfaces of two types cross at `problem.shift`."""
-    problem.counts[1] += 1
     s = problem.surfaces
     a, b = first, other
     return surfaces_cross(
@@ -245,7 +243,7 @@ def _cross(problem, first, other, rel):
 
 
 @inner_kernel
-def _distance(problem, first, other, rel, limit):
+def distance_at_shift(problem, first, other, rel, limit):
     """Return the distance of surfaces that don't cross at `problem.shift`, or the limit."""
     s = problem.surfaces
     a, b = first, other

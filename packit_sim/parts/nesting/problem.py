@@ -1,6 +1,6 @@
 """The arrays of a nesting problem, which its kernels read, and the state that they change.
 
-All arrays but fields, counts and work arrays are constant: threads share them. A state belongs to
+All arrays but fields and work arrays are constant: threads share them. A state belongs to
 one search.
 """
 
@@ -197,8 +197,6 @@ class Problem(NamedTuple):
         (t,) float64, largest distance along an axis of near samples from an item.
     surfaces, closed, solids, distances
         The exact data, which decides where fields leave doubt.
-    counts : ndarray
-        (4,) int64, numbers of fine costs, tests of surfaces, passes, and computed nodes.
     shift, waiting, triangle : ndarray
         Work arrays.
     """
@@ -213,7 +211,6 @@ class Problem(NamedTuple):
     closed: Closed
     solids: Solids
     distances: Distances
-    counts: Any
     shift: Any
     waiting: Any
     triangle: Any
@@ -266,8 +263,8 @@ class State(NamedTuple):
 
 
 def with_own_arrays(problem: Problem) -> Problem:
-    """Return a problem that shares all but counts and work arrays: for a thread."""
-    return problem._replace(**_emptied(problem, "counts", "shift", "waiting", "triangle"))
+    """Return a problem that shares all but work arrays: for a thread."""
+    return problem._replace(**_emptied(problem, "shift", "waiting", "triangle"))
 
 
 def with_own_fields(problem: Problem) -> Problem:

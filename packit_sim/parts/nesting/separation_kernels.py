@@ -284,7 +284,6 @@ def separate(problem, state, best, boxes, samples, passes, weights, rng):
     for _ in range(passes):
         if least == 0:
             break
-        problem.counts[2] += 1
         for n in range(count - 1, 0, -1):  # Fisher and Yates' shuffle
             m = int(random(rng) * (n + 1))
             order[n], order[m] = order[m], order[n]

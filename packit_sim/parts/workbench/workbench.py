@@ -110,6 +110,8 @@ class Workbench:
     ----------
     address : str
         The page's URL for a browser on this machine.
+    folder : Path
+        The temporary folder.
 
     Raises
     ------
@@ -118,8 +120,8 @@ class Workbench:
     """
 
     def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="packit-workbench-"))
-        self._uploads = Uploads(self._folder / "parts")
+        self.folder = Path(tempfile.mkdtemp(prefix="packit-workbench-"))
+        self._uploads = Uploads(self.folder / "parts")
         self._starting = threading.Lock()
         self._changed = threading.Lock()
         self._version = 0
@@ -133,19 +135,19 @@ class Workbench:
         try:
             self._server = HttpServer(self._routes(), host, port)
         except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
             raise
         self.address = self._server.address
 
     def close(self) -> None:
         """End the page and its search, and remove its folder; calling it again does nothing."""
-        if not self._folder.exists():
+        if not self.folder.exists():
             return
         self._server.close()
         self._stop.set()
         if self._search is not None:
             self._search.join()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def __enter__(self) -> Workbench:
         return self
@@ -266,7 +268,7 @@ class Workbench:
         locked: tuple[_Locked, ...],
     ) -> None:
         """Search, in a separate thread."""
-        out = self._folder / "packing"
+        out = self.folder / "packing"
         total = sum(part.count for part in parts)
 
         def better(packed: PackedParts, seconds: float) -> None:
