@@ -34,8 +34,6 @@ class Report:
 
     Attributes
     ----------
-    files : int
-        The number of files.
     packs : int
         The number of packs, including unreadable ones.
     items : int

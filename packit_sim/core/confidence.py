@@ -57,8 +57,6 @@ class Comparison:
 
     Attributes
     ----------
-    pairs : int
-        The number of pairs.
     difference : Estimate
         The mean of first minus second.
     ratio : Estimate

@@ -39,11 +39,6 @@ class CollisionMesh:
     ----------
     scale : float
         The scale of its volume.
-
-    Attributes
-    ----------
-    triangles : int
-        Number of triangles.
     """
 
     def __init__(self, shape: Shape, scale: float) -> None:

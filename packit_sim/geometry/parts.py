@@ -80,8 +80,6 @@ def part_numbers(faces: Ints, vertices: int) -> Ints:
     ----------
     faces : ndarray of int64, shape (m, 3)
         Its triangles, as indices of vertices.
-    vertices : int
-        Number of vertices.
 
     Returns
     -------

@@ -47,8 +47,6 @@ class ShapeInfo:
         The origin of the mesh.
     size_cm : tuple of float, optional
         The object's real extents along x, y, z in cm, if known.
-    triangles : int
-        The number of triangles.
     watertight : bool
         Whether every edge has two triangles.
     solid : bool

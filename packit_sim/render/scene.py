@@ -43,11 +43,6 @@ class Scene:
     Close the scene, or use it in a `with` statement. Only the thread that created it may use it,
     and no forked child: PyBullet would crash.
 
-    Parameters
-    ----------
-    box : Contents[ItemInBox]
-        The box to show.
-
     Raises
     ------
     RenderError

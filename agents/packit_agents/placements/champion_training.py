@@ -52,8 +52,6 @@ class PlacementTrainingSettings:
         Number of tasks of each dataset in a round.
     plays : int
         Number of plays of each task in a round.
-    rounds : int
-        Number of rounds.
     width : int
         Units of a hidden layer.
     step : StepSettings

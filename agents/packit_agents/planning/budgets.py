@@ -17,8 +17,6 @@ class Budget:
 
     Parameters
     ----------
-    rollouts : int, optional
-        Number of rollouts.
     seconds : float, optional
         Seconds of processor time of the thread that searches.
     """

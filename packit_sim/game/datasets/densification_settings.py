@@ -29,8 +29,6 @@ class DensificationSettings(JsonRecord):
         if the library does not have as many.
     copies : int
         The number of items that may have the same shape.
-    rounds : int
-        The number of rounds.
     moves : int
         The number of moves in a round.
     tolerance : float

@@ -48,8 +48,6 @@ class Manifest(Struct, frozen=True, omit_defaults=True):
         The version of the file's format.
     version : str
         The version of PackIt-Sim that wrote the file.
-    packs : int
-        The number of packs.
     sha256 : str
         The SHA-256 of the file, in hex.
     libraries : tuple of LibraryRef

@@ -44,11 +44,6 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
     them. Items that settled off the grid must be inside the box if they count; whether they overlap
     or rest is not judged.
 
-    Parameters
-    ----------
-    pack : Pack
-        The pack to check.
-
     Returns
     -------
     list of str

@@ -146,8 +146,6 @@ def load_tasks(
         The name of a built-in dataset, or a path (see `dataset_file`).
     library : ShapeLibrary, optional
         The library of its shapes; by default the one that the dataset records.
-    split : str, optional
-        One of its splits.
 
     Returns
     -------

@@ -135,8 +135,6 @@ class Puzzle(_Record, frozen=True, kw_only=True, tag="puzzle"):
     ----------
     cuts : PuzzleName
         The way in which it was cut.
-    pieces : int
-        The number of pieces.
     seed : int
         The seed of the cuts.
     """

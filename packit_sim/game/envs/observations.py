@@ -41,8 +41,6 @@ class Observer:
         Cells of the box along each axis.
     max_shapes : int
         The largest number of items of a task.
-    actions : int
-        The number of actions.
     stages : Sequence[Stage]
         The stages, of rotation and location, to observe: those that the agent plays, or
         must know the result of.

@@ -43,10 +43,6 @@ class Score:
 
     Attributes
     ----------
-    agent : str
-        The agent's name.
-    tasks : int
-        The number of tasks.
     reward : Estimate
         Average Reward.
     success : dict[float, Estimate]

@@ -116,8 +116,6 @@ def check_evaluation(
         The results.
     weights : Mapping[str, tuple[str | None, ...]]
         The digest of the weights of each agent, and others that are known for the same weights.
-    tasks : Mapping[int, Task]
-        The tasks by number.
 
     Raises
     ------

@@ -44,8 +44,6 @@ def polycubes(pieces: int, rng: np.random.Generator) -> list[PuzzlePiece] | None
 
     Parameters
     ----------
-    pieces : int
-        The number of pieces.
     rng : numpy.random.Generator
         The generator that decides which pieces join.
 

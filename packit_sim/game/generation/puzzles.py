@@ -72,8 +72,6 @@ class PuzzleJob:
     ----------
     cuts : tuple of PuzzleName
         The kinds.
-    pieces : tuple of int
-        The numbers of pieces.
     packs : int, default: 1
         The number of puzzles of each kind and number of pieces.
     seed : int, default: 0
@@ -109,8 +107,6 @@ def cut_puzzle(cuts: PuzzleName, pieces: int, seed: int = 0) -> Box:
     cuts : str
         The kind: "guillotine" (cuboids, by planes), "pinwheel" (cuboids that no plane separates),
         "polycubes" (interlocking, of cubes), or "curved" (by slanted and curved surfaces).
-    pieces : int
-        The number of pieces.
     seed : int, default: 0
         The seed of the cuts.
 

@@ -78,8 +78,6 @@ class PortfolioRow:
     ----------
     label : str
         An agent, or several that divide the time.
-    tasks : int
-        The number of tasks.
     rewards : dict[float, Estimate]
         Average Reward after each number of seconds.
     success : Estimate

@@ -61,8 +61,6 @@ class PaperRow:
 
     Attributes
     ----------
-    agent : str
-        The agent's name.
     label : str
         The paper's name for it.
     paper : Numbers

@@ -50,8 +50,6 @@ class TaskExamples:
 
     Attributes
     ----------
-    task : int
-        Its number.
     rank : str
         "best" or "worst".
     examples : tuple[Example, ...]
@@ -69,8 +67,6 @@ class Gallery:
 
     Attributes
     ----------
-    agent : str
-        The agent's name.
     tasks : tuple[TaskExamples, ...]
         The tasks, its best first.
     models : Models

@@ -23,10 +23,6 @@ class Headline:
 
     Attributes
     ----------
-    agents : int
-        The number of agents.
-    tasks : int
-        The number of tasks.
     best : str
         The agent with the highest Average Reward.
     reward : str

@@ -46,8 +46,6 @@ class FilteredPacking:
         The packing, its placements in an order of packing.
     kept : tuple of int
         The number of each of its placements in the packing before.
-    left_out : tuple of LeftOutPart
-        The other parts.
     """
 
     packing: Packing
