@@ -23,12 +23,31 @@ TETRAHEDRON = (
 )
 
 
-def archive(resources: str, build: str) -> Callable[[Path], None]:
+PACKAGE = {
+    "[Content_Types].xml": '<Types xmlns="http://schemas.openxmlformats.org/package/2006/'
+    'content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.'
+    'relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.'
+    '3dmanufacturing-3dmodel+xml"/></Types>',
+    "_rels/.rels": '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/'
+    'relationships"><Relationship Target="/3D/3dmodel.model" Id="r" Type="http://schemas.microsoft.'
+    'com/3dmanufacturing/2013/01/3dmodel"/></Relationships>',
+}
+"""What every 3MF archive has."""
+
+
+def package(files: dict[str, str | bytes]) -> Callable[[Path], None]:
+    """A 3MF archive with these files, and what every one has."""
+
     def write(file: Path) -> None:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("3D/3dmodel.model", MODEL.format(resources, build))
+            for name, content in {**PACKAGE, **files}.items():
+                archive.writestr(name, content)
 
     return write
+
+
+def archive(resources: str, build: str) -> Callable[[Path], None]:
+    return package({"3D/3dmodel.model": MODEL.format(resources, build)})
 
 
 def zip_bomb(file: Path) -> None:
@@ -42,11 +61,11 @@ def zip_bomb(file: Path) -> None:
 
 def laughs(depth: int) -> Callable[[Path], None]:
     """Objects of ten of the object before, so many deep."""
-    objects = [f'<object id="0">{TETRAHEDRON}</object>']
-    for n in range(1, depth + 1):
+    objects = [f'<object id="1">{TETRAHEDRON}</object>']
+    for n in range(2, depth + 2):
         parts = f'<component objectid="{n - 1}"/>' * 10
         objects.append(f'<object id="{n}"><components>{parts}</components></object>')
-    return archive("".join(objects), f'<item objectid="{depth}"/>')
+    return archive("".join(objects), f'<item objectid="{depth + 1}"/>')
 
 
 DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>
@@ -161,28 +180,69 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "bomb.3mf": (zip_bomb, "unpacks to 1,258,2"),
     "laughs.3mf": (laughs(9), "triangles are too many"),
-    "giggles.3mf": (laughs(2), "only 300 of its 400 triangles"),
     "circle.3mf": (
         archive(
             '<object id="1"><components><component objectid="1"/></components></object>',
             '<item objectid="1"/>',
         ),
-        "a part of itself",
+        "lib3mf can't read it: Could not find Object associated to Component",
+    ),
+    "deep.3mf": (
+        archive(
+            f'<object id="1">{TETRAHEDRON}</object>'
+            + "".join(
+                f'<object id="{n}"><components><component objectid="{n - 1}"/></components>'
+                "</object>"
+                for n in range(2, 5000)
+            ),
+            "".join(f'<item objectid="{n}"/>' for n in range(1, 5000, 50)),
+        ),
+        "nested more than 200 deep",
     ),
     "crowd.3mf": (
-        archive(f'<object id="0">{TETRAHEDRON}</object>', '<item objectid="0"/>' * 20_000),
+        archive(f'<object id="1">{TETRAHEDRON}</object>', '<item objectid="1"/>' * 20_000),
         "20,000 instances of objects are too many",
     ),
     "laughs-of-nothing.3mf": (
         archive(
-            "".join(
+            '<object id="1"><mesh><vertices/><triangles/></mesh></object>'
+            + "".join(
                 f'<object id="{n}"><components>{f"""<component objectid="{n - 1}"/>""" * 10}'
                 "</components></object>"
-                for n in range(1, 10)
+                for n in range(2, 11)
             ),
-            '<item objectid="9"/>',
+            '<item objectid="10"/>',
         ),
-        "instances of objects are too many",
+        "no part to print: no solid .*, left out: 'item 1'",
+    ),
+    "bare.3mf": (package({"_rels/.rels": "<a/>"}), "names no 3D model in _rels/.rels"),
+    "gone.3mf": (package({}), "the archive holds no 3D/3dmodel.model"),
+    "flat.3mf": (
+        archive(
+            f'<object id="1">{TETRAHEDRON}</object>',
+            '<item objectid="1" transform="1 0 0 0 1 0 0 0 0 0 0 0"/>',
+        ),
+        "flattens its object",
+    ),
+    "furlongs.3mf": (
+        package(
+            {
+                "3D/3dmodel.model": MODEL.format("", "").replace(
+                    'unit="millimeter"', 'unit="furlong"'
+                )
+            }
+        ),
+        "its unit 'furlong' is none of micron, millimeter,",
+    ),
+    "extended.3mf": (
+        package(
+            {
+                "3D/3dmodel.model": MODEL.format(
+                    f'<object id="1">{TETRAHEDRON}</object>', '<item objectid="1"/>'
+                ).replace("<model", '<model xmlns:q="http://q.example" requiredextensions="q"')
+            }
+        ),
+        "requires an extension of 3MF that lib3mf does not read",
     ),
     "laughs.dae": (laughing_nodes(9), "1,111,111,112 instances of objects are too many"),
     "circle.dae": (
@@ -194,7 +254,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
         "20,000 materials of one object are too many",
     ),
     "solids.stl": (text(f"solid s\n{FACET}endsolid s\n" * 5000), "5,000 solids are too many"),
-    "hollow.3mf": (archive("", ""), "can't be read as 3MF|no triangles"),
+    "hollow.3mf": (archive("", ""), "it has no part to print"),
     "entities.dae": (
         text(
             '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaaaaaaaaaaaaaaaa">'
@@ -214,6 +274,7 @@ GOOD: dict[str, Callable[[Path], None]] = {
     "path.obj": text("mtllib ../../../../../../etc/passwd\nmtllib /dev/zero\n" + OBJ),
     "tasse-bol-杯.obj": text(OBJ),
     "two words.3mf": laughs(1),
+    "giggles.3mf": laughs(2),
 }
 """Files that look worse than they are."""
 

@@ -87,10 +87,12 @@ def test_glb_has_the_colours_of_the_picture(tmp_path: Path) -> None:
 
 
 def test_3mf_has_every_item_in_its_place(written: Callable[[str], Path]) -> None:
-    scene = trimesh.load_scene(written(".3mf"))
+    scene, box = trimesh.load_scene(written(".3mf")), packed()
     assert scene.metadata["units"] == "millimeter"
-    check_nodes(scene, scene.graph.base_frame, UNIT)
-    assert len(scene.geometry) == 3
+    assert len(scene.geometry) == 3 and len(scene.graph.nodes_geometry) == 5
+    corners = [UNIT * (one.item.mesh.bounds + one.center) for one in box.placed]
+    assert np.allclose(scene.bounds[0], np.min(corners, axis=(0, 1)), atol=1e-4)
+    assert np.allclose(scene.bounds[1], np.max(corners, axis=(0, 1)), atol=1e-4)
 
 
 def test_3mf_is_as_its_specification_says(written: Callable[[str], Path]) -> None:
@@ -107,14 +109,18 @@ def test_3mf_is_as_its_specification_says(written: Callable[[str], Path]) -> Non
     assert model.tag == f"{core}model" and model.get("unit") == "millimeter"
     assert [child.tag for child in model] == [f"{core}resources", f"{core}build"]
     objects = {child.get("id"): child for child in model[0]}
-    assert len(objects) == len(model[0]) == 3
+    assert len(objects) == len(model[0]) == 3 + 5
     assert all(int(id) > 0 for id in objects)
     assert [item.get("objectid") in objects for item in model[1]] == [True] * 5
     for item in model[1]:
         matrix = np.array(item.get("transform").split(), dtype=float).reshape(4, 3)
         assert np.linalg.det(matrix[:3]) > 0
-    for child in objects.values():
-        (mesh,) = child
+    known = []
+    for id, (mesh,) in objects.items():
+        known.append(id)
+        if mesh.tag == f"{core}components":
+            assert [one.get("objectid") in known for one in mesh] == [True]
+            continue
         vertices, triangles = mesh
         corners = np.array([[int(t.get(v)) for v in ("v1", "v2", "v3")] for t in triangles])
         assert corners.min() >= 0 and corners.max() < len(vertices)

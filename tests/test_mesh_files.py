@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -122,7 +121,7 @@ def test_bad_files_are_named_with_what_is_wrong(tmp_path: Path, name: str) -> No
 @pytest.mark.parametrize("name", GOOD)
 def test_files_that_look_bad_are_read(tmp_path: Path, name: str) -> None:
     bad_meshes.write(tmp_path, [name])
-    assert len(read(tmp_path / name).mesh.faces) in (4, 12, 40)
+    assert len(read(tmp_path / name).mesh.faces) in (4, 12, 40, 400)
 
 
 def test_bad_files_take_little_time_and_memory(tmp_path: Path) -> None:
@@ -192,8 +191,8 @@ def test_no_external_entity_is_read(tmp_path: Path, suffix: str) -> None:
         file.write_text(text.replace("<COLLADA", f"{entity}<COLLADA", 1))
     else:
         text = bad_meshes.MODEL.format("&secret;", '<item objectid="0"/>')
-        with ZipFile(file, "w") as archive:
-            archive.writestr("3D/3dmodel.model", text.replace("<model", f"{entity}<model", 1))
+        text = text.replace("<model", f"{entity}<model", 1)
+        bad_meshes.package({"3D/3dmodel.model": text})(file)
     with pytest.raises(MeshError, match="Entity 'secret' not defined"):
         read(file)
 

@@ -106,7 +106,7 @@ def test_3mf_is_read_as_slicers_do(folder) -> None:
             assert extreme(triangles, (0, 1)) * 0.1 == pytest.approx(own, abs=2e-5)
 
 
-@pytest.mark.parametrize("suffix", ["3mf", "glb", "stl"])
+@pytest.mark.parametrize("suffix", ["glb", "stl"])
 def test_exports_read_back_by_trimesh_have_the_poses(folder, suffix) -> None:
     packed = packed_bins(folder)
     scene = trimesh.load_scene(folder / "out" / f"packing.{suffix}")
@@ -543,7 +543,7 @@ def test_parts_of_a_scene_are_packed_by_themselves(tmp_path) -> None:
     plate.export(tmp_path / "plate.3mf")
     packed = pack([tmp_path / "plate.3mf"], (20, 20, 12), settings=QUICK)
     assert {part.part.name: part.part.count for part in packed.task.parts} == {
-        "plate/pin-0": 3,
+        "plate/pin": 3,
         "plate/lid": 1,
     }
     assert packed.count == 4 and check(packed).problems == ()
@@ -721,10 +721,10 @@ def test_parts_are_packed_around_a_fixed_part_and_rest_on_it(tmp_path) -> None:
     low = sorted(box.vertices(one)[:, 2].min() for box, one in packed.placements)
     assert np.array(low) == pytest.approx([8.5] * packed.count, abs=0.01)  # under it: stuck
     assert packed.count >= 2 and "in the way" in packed.left_out[0].reason
-    scene = trimesh.load_scene(out / "packing.3mf")
-    assert sorted(scene.graph.nodes_geometry)[-1] == "fixed 01 shelf"
-    assert sorted(scene.graph.nodes_geometry)[:2] == ["01 cube", "02 cube"]
-    low, high = scene.bounds
+    found = bodies(out / "packing.3mf")
+    assert sorted(found)[-1] == "fixed 01 shelf" and sorted(found)[:2] == ["01 cube", "02 cube"]
+    corners = np.concatenate([triangles.reshape(-1, 3) for triangles in found.values()])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     assert (low[2], high[2]) == pytest.approx((6.5, 14.5), abs=0.01)
     (obstacle,) = json.loads((out / "packing.json").read_text())["obstacles"]
     assert (obstacle["name"], obstacle["is part"]) == ("shelf", True)

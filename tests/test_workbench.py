@@ -1,7 +1,6 @@
 """The workbench: what its page may ask for, and what it packs."""
 
 import http.client
-import io
 import json
 import os
 import signal
@@ -9,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -21,6 +21,7 @@ from packit_sim.core.errors import RenderError
 from packit_sim.parts.results import exports
 from packit_sim.parts.workbench import uploads as uploads_module
 from packit_sim.parts.workbench.workbench import Workbench
+from tests.read_3mf import bodies
 
 ORDER = {"box": "20x10x15", "unit": "mm", "seconds": 1.0, "clearance": "0.5"}
 
@@ -78,18 +79,14 @@ def is_done(found: dict[str, Any]) -> bool:
     return not found["busy"] and bool(found.get("result", {}).get("downloads"))
 
 
-def centres(data: bytes) -> dict[str, Any]:
+def centres(data: bytes, folder: Path) -> dict[str, Any]:
     """The middle of each part in a 3MF file, by its name."""
-    scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf")
-    found = {}
-    for node in scene.graph.nodes_geometry:
-        pose, name = scene.graph[node]
-        vertices = trimesh.transform_points(scene.geometry[name].vertices, pose)
-        found[node] = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    return found
+    (folder / "packing.3mf").write_bytes(data)
+    corners = {name: own.reshape(-1, 3) for name, own in bodies(folder / "packing.3mf").items()}
+    return {name: (own.min(axis=0) + own.max(axis=0)) / 2 for name, own in corners.items()}
 
 
-def test_parts_are_packed_and_stay_where_they_are_locked(bench) -> None:
+def test_parts_are_packed_and_stay_where_they_are_locked(bench, tmp_path) -> None:
     number = send(bench, "folder/cube.stl", creation.box((6, 6, 6)))
     other = send(bench, "cube.stl", creation.box((2, 4, 6)))
     assert [each["name"] for each in state(bench)["files"]] == ["cube.stl", "cube.stl"]
@@ -103,7 +100,7 @@ def test_parts_are_packed_and_stay_where_they_are_locked(bench) -> None:
     assert found["result"]["problems"] == [] and "packing.3mf" in found["result"]["downloads"]
     assert len(found["result"]["models"]["boxes"][0]["items"]) == 3
     status, data = ask(bench, "GET", "/files/packing.3mf")
-    before = centres(data)
+    before = centres(data, tmp_path)
     assert status == 200 and len(before) == 3
     assert "size" not in state(bench, found["version"])  # nothing new
     assert "result" not in state(bench, found["version"])
@@ -116,7 +113,7 @@ def test_parts_are_packed_and_stay_where_they_are_locked(bench) -> None:
     assert found["result"]["problems"] == []
     assert sorted(found["result"]["boxes"][0]["parts"]) == ["cube", "cube", "cube", "cube-2"]
     assert "instructions.html" in found["result"]["downloads"]
-    after = centres(ask(bench, "GET", "/files/packing.3mf")[1])
+    after = centres(ask(bench, "GET", "/files/packing.3mf")[1], tmp_path)
     assert np.abs(after["fixed 01 cube"] - before[f"{kept + 1:02d} cube"]).max() < 1e-3
 
     status, answer = post(bench, "/pack", {**order, "files": files[:1], "locked": [0, 1, 2, 3]})

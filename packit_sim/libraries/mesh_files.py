@@ -1,7 +1,7 @@
 """Reading of mesh files in eight formats.
 
-trimesh reads them, after the checks of `mesh_limits`. A file is read completely or not at all, and
-may not refer to others outside its folder.
+lib3mf reads 3MF and trimesh the others, after the checks of `mesh_limits`. A file is read
+completely or not at all, and may not refer to others outside its folder.
 """
 
 from __future__ import annotations
@@ -14,26 +14,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
-from zipfile import ZipFile
 
 import numpy as np
 import trimesh
-from lxml import etree
 from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM
 from packit_sim.geometry.motions import split
 from packit_sim.libraries import mesh_limits
+from packit_sim.libraries.mesh_3mf import Plate, read_plate
 from packit_sim.libraries.obj_faces import simple_faces
 
 SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Suffixes of the files that can be read, in lower case."""
 
 _T = TypeVar("_T")
-
-_3MF_UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
-"""The units of 3MF, in the order of `UNITS_CM`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +98,7 @@ def read(file: Path) -> RawMesh:
     MeshError
         If the file can't be read; the message names the file and the reason.
     """
-    return _taken(file, _Scene.joined)
+    return _taken(file, lambda scene: scene.joined())
 
 
 def read_parts(file: Path) -> list[RawPart]:
@@ -116,18 +112,18 @@ def read_parts(file: Path) -> list[RawPart]:
     Returns
     -------
     list of RawPart
-        The scene's parts: its uppermost nodes with meshes below them. A file without a scene has
-        one part.
+        The scene's parts: its uppermost nodes with meshes below them, or the items of a 3MF file. A
+        file without a scene has one part.
 
     Raises
     ------
     MeshError
         If the file can't be read; the message names the file and the reason.
     """
-    return _taken(file, _Scene.separate)
+    return _taken(file, lambda scene: scene.separate())
 
 
-def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
+def _taken(file: Path, taken: Callable[[_Scene | _Plate], _T]) -> _T:
     """Open a file's scene and apply a function to it; every error is a MeshError."""
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
@@ -152,17 +148,17 @@ def _taken(file: Path, taken: Callable[[_Scene], _T]) -> _T:
         raise MeshError(f"{file}: can't be read as {suffix[1:].upper()}: {problem:.200}") from error
 
 
-def _read(content: bytes, suffix: str, folder: Path) -> _Scene:
+def _read(content: bytes, suffix: str, folder: Path) -> _Scene | _Plate:
     if not content.strip():
         raise MeshError("the file is empty")
     expected = mesh_limits.CHECKS[suffix](content) if suffix in mesh_limits.CHECKS else 0
+    if suffix == ".3mf":
+        return _Plate(read_plate(content))
     up, unit_cm = "z", None
     if suffix in (".glb", ".gltf"):
         up, unit_cm = "y", UNITS_CM["m"]
     elif suffix == ".dae":
         up, unit_cm = _dae_asset(content)
-    elif suffix == ".3mf":
-        unit_cm = _3mf_unit(content)
     elif suffix == ".obj":
         content = simple_faces(content)
     options: dict[str, Any] = {"ignore_broken": False} if suffix == ".dae" else {}
@@ -259,6 +255,38 @@ class _Scene:
         return RawMesh(mesh, self.up, self.unit_cm, parts)
 
 
+@dataclass(frozen=True)
+class _Plate:
+    """The parts of a 3MF file."""
+
+    plate: Plate
+
+    def joined(self) -> RawMesh:
+        """Join all items."""
+        items = [(part, shift) for part in self.plate.parts for shift in part.shifts]
+        meshes = [
+            trimesh.Trimesh(each.vertices + shift, each.triangles, process=False)
+            for each, shift in items
+        ]
+        return self._raw(trimesh.util.concatenate(meshes), len(meshes))
+
+    def separate(self) -> list[RawPart]:
+        """Return each part; several without a name are numbered as in the file."""
+        is_only = len(self.plate.parts) == 1
+        return [
+            RawPart(
+                part.name or ("" if is_only else str(part.item)),
+                self._raw(trimesh.Trimesh(part.vertices, part.triangles, process=False)),
+                len(part.shifts),
+                str(part.item),
+            )
+            for part in self.plate.parts
+        ]
+
+    def _raw(self, mesh: trimesh.Trimesh, parts: int = 1) -> RawMesh:
+        return RawMesh(mesh, "z", self.plate.unit_cm, parts, self.plate.notes)
+
+
 class _FolderResolver(FilePathResolver):
     """Reads the files that a glTF refers to, if they are in its folder; trimesh 4 reads any."""
 
@@ -269,16 +297,6 @@ class _FolderResolver(FilePathResolver):
                 raise MeshError(f"it refers to {name!r}, which is not in its folder")
         content: bytes = super().get(name)
         return content
-
-
-def _3mf_unit(content: bytes) -> float:
-    archive = ZipFile(io.BytesIO(content))
-    with archive.open(mesh_limits.model_of_3mf(archive)) as model:
-        _, root = next(etree.iterparse(model, events=("start",)))
-        unit = root.get("unit", "millimeter")
-    if unit not in _3MF_UNITS:
-        raise MeshError(f"its unit {unit!r} is none of {', '.join(_3MF_UNITS)}")
-    return tuple(UNITS_CM.values())[_3MF_UNITS.index(unit)]
 
 
 def _dae_asset(content: bytes) -> tuple[str, float]:

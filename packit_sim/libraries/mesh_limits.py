@@ -6,6 +6,7 @@ import io
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 from zipfile import BadZipFile, ZipFile
@@ -24,6 +25,9 @@ MAX_TRIANGLES = 20_000_000
 
 MAX_INSTANCES = 2000
 """Maximum number of instances of objects in a file's scene: the time grows with its square."""
+
+MAX_DEPTH = 200
+"""Maximum depth of objects in objects."""
 
 _MIN_BYTES = {"vertex": 3, "face": 4}
 """Minimum bytes of an element of a PLY file: three coordinates, or a count and three indices."""
@@ -131,36 +135,54 @@ def _check_gltf(content: bytes, size: int | None = None) -> int:
 
 
 def _check_3mf(content: bytes) -> int:
-    """Refuse archives that unpack to too much, and objects with too many instances.
-
-    Returns the number of triangles: trimesh omits some of deeply nested components.
-    """
+    """Refuse archives that unpack to too much, and entries that are not what the archive says."""
     try:
         archive = ZipFile(io.BytesIO(content))
         unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > MAX_BYTES:
+            raise MeshError(f"it unpacks to {unpacked:,} bytes: at most {MAX_BYTES:,}")
+        broken = archive.testzip()
     except BadZipFile as error:
         raise MeshError(f"it is no ZIP archive: {error}") from error
-    if unpacked > MAX_BYTES:
-        raise MeshError(f"it unpacks to {unpacked:,} bytes: at most {MAX_BYTES:,}")
-    with archive.open(model_of_3mf(archive)) as model:
-        triangles: dict[str, int] = {}
-        components: dict[str, list[str]] = {}
-        items = []
-        for _, element in etree.iterparse(model, tag=("{*}object", "{*}item"), events=("end",)):
-            target = str(element.get("id") or element.get("objectid"))
-            if etree.QName(element).localname == "item":
-                items.append(target)
-            else:
-                triangles[target] = sum(1 for _ in element.iter("{*}triangle"))
-                parts = element.iter("{*}component")
-                components[target] = [str(part.get("objectid")) for part in parts]
-            element.clear()
+    if broken is not None:
+        raise MeshError(f"{broken!r} in its archive is broken")
+    names = archive.namelist()
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise MeshError(f"its archive has {twice[0]!r} twice")
+    return 0
 
-    count = _total(triangles, components, items)
+
+def check_expanded(
+    triangles: Mapping[_T, int], components: Mapping[_T, Sequence[_T]], items: Sequence[_T]
+) -> dict[_T, int]:
+    """Refuse a build of too many triangles or meshes, counting every instance.
+
+    Parameters
+    ----------
+    triangles : mapping
+        The number of triangles of each object.
+    components : mapping
+        The objects in each object.
+    items : sequence
+        The object of each item of the build.
+
+    Returns
+    -------
+    dict
+        The number of triangles of each object that is shown, with its components.
+
+    Raises
+    ------
+    MeshError
+        If there are too many, or an object is a part of itself.
+    """
+    totals = _totals(triangles, components, items)
+    count = sum(totals[item] for item in items)
     if count > MAX_TRIANGLES:
         raise MeshError(f"{count:,} triangles are too many: at most {MAX_TRIANGLES:,}")
-    _check_instances(_total(dict.fromkeys(components, 1), components, items))
-    return count
+    _check_instances(_total({key: min(n, 1) for key, n in triangles.items()}, components, items))
+    return totals
 
 
 def _check_dae(content: bytes) -> int:
@@ -185,30 +207,34 @@ def _check_dae(content: bytes) -> int:
 
 def _total(own: Mapping[_T, int], parts: Mapping[_T, Sequence[_T]], roots: Sequence[_T]) -> int:
     """Sum a number over all instances in a scene, given each object's own number and its parts."""
+    totals = _totals(own, parts, roots)
+    return sum(totals[root] for root in roots)
+
+
+def _totals(
+    own: Mapping[_T, int], parts: Mapping[_T, Sequence[_T]], roots: Sequence[_T]
+) -> dict[_T, int]:
+    """Sum a number over all instances in each object of a scene."""
     known: dict[_T, int] = {}
 
     def total(one: _T, above: frozenset[_T]) -> int:
         if one in above:
             raise MeshError(f"its object {one!r} is a part of itself")
+        if len(above) > MAX_DEPTH:
+            raise MeshError(f"its objects are nested more than {MAX_DEPTH} deep")
         if one not in known:
             below = (total(part, above | {one}) for part in parts.get(one, ()))
             known[one] = own.get(one, 0) + sum(below)
         return known[one]
 
-    return sum(total(root, frozenset()) for root in roots)
+    for root in roots:
+        total(root, frozenset())
+    return known
 
 
 def _check_instances(count: int, what: str = "instances of objects") -> None:
     if count > MAX_INSTANCES:
         raise MeshError(f"{count:,} {what} are too many: at most {MAX_INSTANCES:,}")
-
-
-def model_of_3mf(archive: ZipFile) -> str:
-    """Return the name of the 3D model in a 3MF archive, or raise MeshError if there is none."""
-    names = [name for name in archive.namelist() if "3d/3dmodel.model" in name.lower()]
-    if not names:
-        raise MeshError("the archive holds no 3D/3dmodel.model")
-    return names[0]
 
 
 CHECKS: Mapping[str, Callable[[bytes], int]] = {

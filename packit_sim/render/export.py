@@ -15,10 +15,12 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from packit_sim.core.errors import ArgumentError, RenderError
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Shape
 from packit_sim.render.coloring import Color, Coloring, by_item, hexadecimal
+from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from packit_sim.render.image_files import output_file
 from packit_sim.render.lettering import plain
 
@@ -114,16 +116,15 @@ def _glb(box: Contents[ItemInBox], coloring: Coloring) -> bytes:
 
 
 def _3mf(placed: Sequence[ItemInBox], unit_mm: float) -> bytes:
-    scene = trimesh.Scene()
-    for name, one, pose in zip(names(placed), placed, _poses_mm(placed, unit_mm), strict=True):
-        shape = one.item.shape
-        own = _mesh_name(shape)
-        if own in scene.geometry:
-            base = scene.graph.base_frame
-            scene.graph.update(frame_from=base, frame_to=name, matrix=pose, geometry=own)
-        else:
-            scene.add_geometry(shape.mesh, name, own, transform=pose)
-    return bytes(scene.export(file_type="3mf"))
+    poses = _poses_mm(placed, unit_mm)
+    return encode_3mf(
+        PlacedMesh(name, _mesh_name(one.item.shape), *_arrays(one.item.shape), pose)
+        for name, one, pose in zip(names(placed), placed, poses, strict=True)
+    )
+
+
+def _arrays(shape: Shape) -> tuple[Floats, Ints]:
+    return np.asarray(shape.mesh.vertices), np.asarray(shape.mesh.faces, dtype=np.int64)
 
 
 def _stl(placed: Sequence[ItemInBox], unit_mm: float) -> bytes:

@@ -217,13 +217,15 @@ def _parts(
     for each in raw_parts:
         options = {"rotations": settings.rotations, **row.settings}
         name = str(options.pop("name", row.file.stem))
+        if len(raw_parts) > 1 or (each.node and each.name and "name" not in row.settings):
+            name = f"{name}/{each.name}"
         options["count"] = row.count * each.count
         unit = options.pop("unit", None)
         notes += [f"{row.file.name}: {note}" for note in each.raw.notes]
         known, unit_cm = _unit(each.raw.unit_cm, str(unit or settings.unit))
         found.append(
             Part(
-                name if len(raw_parts) == 1 else f"{name}/{each.name}",
+                name,
                 each.raw.mesh,
                 unit=known,
                 unit_cm=unit_cm,

@@ -1,7 +1,7 @@
 """The check of packed parts by their original files, independent of the search.
 
-trimesh reads the files again. The collision meshes of the search play no role, and neither does
-the nester's own check.
+trimesh reads the files again, and `second_reader.py` those in 3MF. The collision meshes of the
+search play no role, and neither does the nester's own check.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
+from packit_sim.parts.results.second_reader import read_3mf
 from packit_sim.placement import LooseMesh, winding_number
 
 SIZE = 1e4
@@ -122,11 +123,13 @@ def _has_manifold() -> bool:
 
 
 def _read(part: Part) -> trimesh.Trimesh:
-    """Read the mesh of a part's file by trimesh; take the given mesh if there is no file."""
+    """Read the mesh of a part's file again; take the given mesh if there is no file."""
     if part.file is None:
         return trimesh.Trimesh(part.mesh.vertices, part.mesh.faces)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
+        if part.file.suffix.lower() == ".3mf":
+            return read_3mf(part.file, part.node)
         content, kind = part.file.read_bytes(), part.file.suffix.lower()[1:]
         if kind == "obj":  # trimesh would cut polygons wrongly
             content = simple_faces(content)

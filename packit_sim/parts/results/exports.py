@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import trimesh
 from trimesh.visual import TextureVisuals
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.geometry.arrays import Floats
-from packit_sim.geometry.motions import Motion
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
@@ -22,8 +22,8 @@ from packit_sim.parts.results.pictures import draw, shown
 from packit_sim.parts.results.record import write_record
 from packit_sim.render.coloring import by_item
 from packit_sim.render.export import Y_UP, material
+from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from packit_sim.render.image_files import output_file
-from packit_sim.render.lettering import plain
 
 MOST_TRIANGLES = 20_000_000
 """Largest number of triangles of an STL file, which has each copy of a part: 1 GB."""
@@ -79,12 +79,12 @@ def export(packed: PackedParts, folder: Path | str) -> list[Path]:
 
 
 def names(packed: PackedParts, contents: Packing) -> list[str]:
-    """Return a unique ASCII name for each part in a box, such as "03 bracket"."""
+    """Return a unique name for each part in a box, such as "03 bracket"."""
     placements, fixed = contents.placements, len(packed.task.fixed)
     digits = max(2, len(str(len(placements))))
     numbers = [f"fixed {n:0{digits}d}" for n in range(1, fixed + 1)]
     numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
-    own = [plain(packed.part(one).part.name) for one in placements]
+    own = [packed.part(one).part.name for one in placements]
     return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
 
 
@@ -93,7 +93,7 @@ def _encoded(packed: PackedParts, contents: Packing, suffix: str) -> bytes | Non
     if suffix == "glb":
         return _glb(packed, contents)
     if suffix == "3mf":
-        return bytes(_scene(packed, contents, "mm").export(file_type="3mf"))
+        return encode_3mf(_placed(packed, contents, "mm"))
     triangles = sum(len(packed.part(one).part.mesh.faces) for one in contents.placements)
     if triangles > MOST_TRIANGLES:
         return None
@@ -119,26 +119,38 @@ def _scene(
     if frame is not None:
         scene.graph.update(frame_from=parent, frame_to="box", matrix=frame)
         parent = "box"
-    for n, (name, number, pose) in enumerate(_posed(packed, contents, unit)):
-        part, own_type = packed.task.all_parts[number].part, packed.task.types[number]
-        own = f"{number:03d} {plain(part.name)}"
-        middle = own_type.middle * factor(packed.task.unit, unit)
-        # about its middle: GLB has single precision, with few digits far from 0
-        matrix = pose.shifted(pose.direction(middle)).matrix
+    for n, each in enumerate(_placed(packed, contents, unit)):
+        own = each.mesh_name
         if own in scene.geometry:
-            scene.graph.update(frame_from=parent, frame_to=name, matrix=matrix, geometry=own)
+            scene.graph.update(
+                frame_from=parent, frame_to=each.name, matrix=each.matrix, geometry=own
+            )
             continue
-        vertices = part.user_from_file.direction(part.mesh.vertices * part.scale(unit)) - middle
-        mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        mesh = trimesh.Trimesh(each.vertices, each.triangles, process=False)
         if colors is not None:
             mesh.visual = TextureVisuals(material=material(colors[n]))
-        scene.add_geometry(mesh, name, own, parent_node_name=parent, transform=matrix)
+        scene.add_geometry(mesh, each.name, own, parent_node_name=parent, transform=each.matrix)
     return scene
 
 
-def _posed(packed: PackedParts, contents: Packing, unit: Unit) -> Iterator[tuple[str, int, Motion]]:
-    """Yield each part's name and number, and its pose with lengths in a unit."""
+def _placed(packed: PackedParts, contents: Packing, unit: Unit) -> Iterator[PlacedMesh]:
+    """Yield the file's mesh of each part in a unit, about its middle, at its pose.
+
+    Formats with single precision have few digits far from 0.
+    """
+    meshes: dict[int, tuple[str, Floats, Ints]] = {}
     length = factor(packed.task.unit, unit)
     for name, one in zip(names(packed, contents), contents.placements, strict=True):
-        yield name, one.type, one.pose.at(one.pose.translation * length)
+        part, middle = packed.part(one).part, packed.task.types[one.type].middle * length
+        if one.type not in meshes:
+            vertices = part.user_from_file.direction(part.mesh.vertices * part.scale(unit))
+            mesh = trimesh.Trimesh(vertices - middle, part.mesh.faces, process=False)
+            mesh.merge_vertices(merge_tex=True, merge_norm=True)
+            faces = np.asarray(mesh.faces, dtype=np.int64)
+            own_name, taken = part.name, {known for known, _, _ in meshes.values()}
+            if own_name in taken:  # of a fixed part
+                own_name = f"{own_name} ({one.type + 1})"
+            meshes[one.type] = own_name, np.asarray(mesh.vertices), faces
+        pose = one.pose.at(one.pose.translation * length)
+        matrix = pose.shifted(pose.direction(middle)).matrix
+        yield PlacedMesh(name, *meshes[one.type], matrix)
