@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from zipfile import ZipFile
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from packit_sim.core.errors import MeshError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.libraries import mesh_limits
 from packit_sim.libraries.model_3mf import Object3MF, read_model
+from packit_sim.libraries.outline_3mf import read_outline
 from packit_sim.libraries.slicer_settings import ObjectSettings, read_settings
 
 _MOST_NAMES = 3
@@ -53,7 +52,7 @@ class Plate:
 
 
 def read_plate(content: bytes) -> Plate:
-    """Read a 3MF file that has passed the checks of `mesh_limits`.
+    """Read a 3MF file.
 
     Returns
     -------
@@ -67,9 +66,9 @@ def read_plate(content: bytes) -> Plate:
     MeshError
         If the file can't be read, has too many triangles, or no part.
     """
-    archive = ZipFile(io.BytesIO(content))
-    model = read_model(archive, content)
-    settings = read_settings(archive)
+    outline = read_outline(content)
+    model = read_model(outline, content)
+    settings = read_settings(outline.archive)
     if model.degenerate and any(each.triangles for each in settings.values()):
         raise MeshError("triangles with fewer than three corners hide where its modifiers begin")
     names = _names(model.objects, settings)
@@ -144,18 +143,14 @@ def _joined(
 ) -> tuple[Floats, Ints]:
     """Join the meshes of an object and of all its components."""
     meshes: list[tuple[Floats, Ints]] = []
-    waiting = [(key, np.eye(4), 0)]
+    waiting = [(key, np.eye(4))]
     while waiting:
-        key, matrix, depth = waiting.pop()
-        if depth > mesh_limits.MAX_DEPTH:
-            raise MeshError(f"its components are nested more than {mesh_limits.MAX_DEPTH} deep")
+        key, matrix = waiting.pop()
         own = objects[key]
         if len(own.triangles):
             meshes.append(_moved(own.vertices, own.triangles, matrix))
         waiting += [
-            (part, matrix @ place, depth + 1)
-            for part, place in reversed(own.components)
-            if triangles[part]
+            (part, matrix @ place) for part, place in reversed(own.components) if triangles[part]
         ]
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [own + start for (_, own), start in zip(meshes, starts, strict=False)]

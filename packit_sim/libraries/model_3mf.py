@@ -14,6 +14,7 @@ from lxml import etree
 from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.libraries.outline_3mf import UUID, Outline
 
 _UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
 """The units of 3MF, in the order of `UNITS_CM`."""
@@ -25,6 +26,11 @@ unknown attributes and metadata (slicers write both), a missing UUID, items of t
 _UNSUPPORTED = 32914
 """lib3mf's warning of a required extension that it does not know."""
 
+_NO_SOLID = ("anti_overhang_mesh", "cutting_mesh", "infill_mesh", "support_mesh")
+"""Cura's settings of objects that are no solids."""
+
+_TYPES = "[Content_Types].xml"
+
 _CONTENT_TYPES = (
     '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
     '<Default Extension="rels" '
@@ -32,8 +38,6 @@ _CONTENT_TYPES = (
     '<Default Extension="model" '
     'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
 )
-
-_UUID = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}UUID"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Object3MF:
     name : str
         Its name, or "".
     kind : str
-        Its type in lower case; only a "model" is a solid.
+        Its type, or why it is no solid; only a "model" is one.
     id : int, optional
         Its number in the root model; None for objects of other models in the archive.
     file_id : int
@@ -91,81 +95,43 @@ class Model3MF:
     degenerate: int
 
 
-def read_model(archive: ZipFile, content: bytes) -> Model3MF:
+def read_model(outline: Outline, content: bytes) -> Model3MF:
     """Read a 3MF file.
 
     Parameters
     ----------
-    archive : ZipFile
-        Its archive.
+    outline : Outline
+        Its outline.
     content : bytes
-        The same, as bytes.
-
-    Returns
-    -------
-    Model3MF
-        What it holds.
+        Its bytes.
 
     Raises
     ------
     MeshError
         If it can't be read, or if a part of its geometry can't.
     """
-    unit, flags = _read_root(archive)
-    notes = []
-    if unit is None:
-        notes.append("it names no unit: millimetres, as the standard says")
-    elif unit not in _UNITS:
+    unit = outline.unit or "millimeter"
+    if unit not in _UNITS:
         raise MeshError(f"its unit {unit!r} is none of {', '.join(_UNITS)}")
-    model, warnings, degenerate = _open(archive, content)
-    notes += warnings
+    model, notes, degenerate = _open(outline.archive, content)
+    if outline.unit is None:
+        notes.append("it names no unit: millimetres, as the standard says")
     objects = {}
     found, root = model.GetObjects(), model.RootModelPart().GetPath()
     while found.MoveNext():
         each = found.GetCurrentObject()
         objects[each.GetUniqueResourceID()] = _object(each, root)
     items = []
-    build = model.GetBuildItems()
-    while build.MoveNext():
+    build, flags = model.GetBuildItems(), outline.printable
+    if build.Count() != len(flags):
+        raise MeshError(f"only {build.Count():,} of its {len(flags):,} items could be read")
+    for flag in flags:
+        build.MoveNext()
         item = build.GetCurrent()
-        key, matrix = item.GetObjectResource().GetUniqueResourceID(), item.GetObjectTransform()
-        items.append((key, _matrix(matrix)))
-    if len(items) != len(flags):
-        raise MeshError(f"only {len(items):,} of its {len(flags):,} items could be read")
-    placed = (Item3MF(*item, flag) for item, flag in zip(items, flags, strict=True))
-    unit_cm = tuple(UNITS_CM.values())[_UNITS.index(unit or "millimeter")]
-    return Model3MF(objects, tuple(placed), unit_cm, tuple(dict.fromkeys(notes)), degenerate)
-
-
-def _read_root(archive: ZipFile) -> tuple[str | None, list[bool]]:
-    """Return the unit of the root model, and whether each item of its build is printable.
-
-    Slicers mark what is not to be printed by an attribute that the standard does not have, and
-    lib3mf takes a model without a unit, or with an unknown one, to be in millimetres.
-    """
-    name = _root_model(archive)
-    if name not in archive.namelist():
-        raise MeshError(f"the archive holds no {name}")
-    unit, flags = None, []
-    with archive.open(name) as model:
-        for event, element in etree.iterparse(model, events=("start", "end")):
-            if event == "start":
-                if element.getparent() is None:
-                    unit = element.get("unit")
-                continue
-            if etree.QName(element).localname == "item":
-                flags.append(element.get("printable", "1").strip().lower() not in ("0", "false"))
-            elif etree.QName(element).localname == "object":
-                element.clear()
-    return unit, flags
-
-
-def _root_model(archive: ZipFile) -> str:
-    if "_rels/.rels" in archive.namelist():
-        for each in etree.fromstring(archive.read("_rels/.rels")).iter("{*}Relationship"):
-            if each.get("Type", "").endswith("/3dmodel"):
-                return str(each.get("Target")).lstrip("/")
-    raise MeshError("it names no 3D model in _rels/.rels")
+        key, place = item.GetObjectResource().GetUniqueResourceID(), item.GetObjectTransform()
+        items.append(Item3MF(key, _matrix(place), flag))
+    unit_cm = tuple(UNITS_CM.values())[_UNITS.index(unit)]
+    return Model3MF(objects, tuple(items), unit_cm, tuple(dict.fromkeys(notes)), degenerate)
 
 
 def _open(archive: ZipFile, content: bytes) -> tuple[Any, list[str], int]:
@@ -207,25 +173,29 @@ def _reason(error: Exception) -> str:
 def _repaired(archive: ZipFile) -> tuple[bytes, int]:
     """Return a copy that lib3mf may read, and the number of triangles that it lacks.
 
-    lib3mf refuses a whole file for a triangle without an area, or for an identifier that occurs
-    twice. Slicers read such files, some write them, and neither changes a shape.
+    lib3mf refuses a whole file for a triangle without three corners, an identifier that occurs
+    twice, a character as a number, or a list of types that is missing. Slicers read such files,
+    some write them, and nothing of that changes a shape.
     """
     target = io.BytesIO()
     removed = 0
     with ZipFile(target, "w", ZIP_STORED) as copy:
-        copy.writestr("[Content_Types].xml", _CONTENT_TYPES)
+        if _TYPES not in archive.namelist():
+            copy.writestr(_TYPES, _CONTENT_TYPES)
         for name in archive.namelist():
-            if name.lower().endswith(".rels"):
-                copy.writestr(name, archive.read(name))
-            elif name.lower().endswith(".model"):
-                root = etree.fromstring(archive.read(name))
+            data = archive.read(name)
+            if name.lower().endswith(".model"):
+                root = etree.fromstring(data)
                 for triangle in list(root.iter("{*}triangle")):
                     if len({triangle.get(v, "").strip() for v in ("v1", "v2", "v3")}) < 3:
                         triangle.getparent().remove(triangle)
                         removed += 1
                 for element in root.iter("*"):
-                    element.attrib.pop(_UUID, None)
-                copy.writestr(name, etree.tostring(root, encoding="UTF-8", xml_declaration=True))
+                    element.attrib.pop(UUID, None)
+                    for key, value in element.attrib.items():
+                        element.set(key, " ".join(value.split()))
+                data = etree.tostring(root, encoding="UTF-8", xml_declaration=True)
+            copy.writestr(name, data)
     return target.getvalue(), removed
 
 
@@ -233,7 +203,7 @@ def _object(found: Any, root: str) -> Object3MF:
     """Return one of lib3mf's objects as plain values."""
     file_id = found.GetModelResourceID()
     id = file_id if found.PackagePart().GetPath() == root else None
-    named = found.GetName(), found.GetType().name.lower(), id, file_id
+    named = found.GetName(), _kind(found), id, file_id
     if found.IsComponentsObject():
         each = [found.GetComponent(n) for n in range(found.GetComponentCount())]
         keys = [one.GetObjectResource().GetUniqueResourceID() for one in each]
@@ -246,6 +216,16 @@ def _object(found: Any, root: str) -> Object3MF:
     vertices = _array(found, "vertices", found.GetVertexCount(), np.dtype("<f4"))
     triangles = _array(found, "triangleindices", found.GetTriangleCount(), np.dtype("<u4"))
     return Object3MF(*named, vertices.astype(float), triangles.astype(np.int64))
+
+
+def _kind(found: Any) -> str:
+    """Return the type of an object in lower case, or Cura's setting that makes it no solid."""
+    metadata = found.GetMetaDataGroup()
+    for number in range(metadata.GetMetaDataCount()):
+        each = metadata.GetMetaData(number)
+        if each.GetName() in _NO_SOLID and each.GetValue().lower() == "true":
+            return str(each.GetName())
+    return str(found.GetType().name).lower()
 
 
 def _array(mesh: Any, name: str, count: int, dtype: np.dtype[Any]) -> Any:

@@ -6,7 +6,7 @@ import io
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from packit_sim.geometry.arrays import Floats, Ints
@@ -30,8 +30,8 @@ _MODEL = """<?xml version="1.0" encoding="UTF-8"?>
  xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
 """
 
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML can't have."""
+_NOT_XML = re.compile("[^\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML can't have, or lib3mf can't read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,4 +108,5 @@ def _mesh(own: PlacedMesh, number: int) -> Iterator[str]:
 
 
 def _quoted(name: str) -> str:
-    return quoteattr(_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name))
+    text = escape(_NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name), {'"': "&quot;"})
+    return f'"{text}"'

@@ -21,6 +21,7 @@ from packit_sim.geometry.arrays import Floats, Ints
 
 _PATH = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
 _NOT_SOLID = {"ParameterModifier", "SupportBlocker", "SupportEnforcer"}
+_CURA = {"cura:" + what + "_mesh" for what in ("anti_overhang", "cutting", "infill", "support")}
 _NOT_SOLID |= {"modifier_part", "support_blocker", "support_enforcer"}
 
 
@@ -91,7 +92,9 @@ class _Object:
     """An object of a 3MF file."""
 
     def __init__(self, own: etree._Element) -> None:
-        self.kind = own.get("type", "model")
+        cura = own.iterfind("{*}metadatagroup/{*}metadata")
+        roles = [one.get("name") for one in cura if (one.text or "").lower() == "true"]
+        self.kind = "" if _CURA & set(roles) else own.get("type", "model")
         self.components = [dict(one.attrib) for one in own.iterfind("{*}components/{*}component")]
         vertices, triangles = own.iterfind("{*}mesh/{*}vertices/{*}vertex"), own.iter("{*}triangle")
         points = [[one.get(axis) for axis in "xyz"] for one in vertices]
