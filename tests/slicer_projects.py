@@ -84,7 +84,7 @@ def png() -> bytes:
 
 def write(file: Path, files: dict[str, str | bytes]) -> None:
     """Write an archive with what all slicers add: content types, a thumbnail, relations."""
-    every = {
+    every: dict[str, str | bytes] = {
         "[Content_Types].xml": _TYPES,
         "_rels/.rels": relations(
             ("/3D/3dmodel.model", _MODEL_TYPE), ("/Metadata/thumbnail.png", _THUMBNAIL_TYPE)

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import trimesh
 from trimesh import creation
 
@@ -23,7 +24,8 @@ from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import mesh_files, stored
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import TAXONOMY
-from tests import bad_meshes
+from packit_sim.parts.results import second_reader
+from tests import bad_meshes, slicer_projects
 
 SEPARATOR = b"\n\x1e\n"
 """Between a catalogue and the splits."""
@@ -129,6 +131,9 @@ def _meshes(suffix: str) -> Callable[[], list[bytes]]:
                 if name.endswith(suffix):
                     write(Path(folder) / name)
                     files.append((Path(folder) / name).read_bytes())
+            for name, (write, *_) in slicer_projects.PROJECTS.items() if suffix == ".3mf" else ():
+                write(Path(folder) / name)
+                files.append((Path(folder) / name).read_bytes())
         return [data for data in [*files, *_exported(suffix)] if len(data) < world.MAX_SEED]
 
     return seeds
@@ -170,6 +175,15 @@ def _one_gltf(mesh: Any) -> bytes:
     return json.dumps(content).encode()
 
 
+def _read_plate(data: bytes) -> None:
+    """Read each part of a 3MF file; the check's reader must find the same."""
+    file = world.written("mesh/mesh.3mf", data)
+    for part in mesh_files.read_parts(file):
+        triangles = second_reader.read_3mf(file, part.node).triangles
+        assert np.allclose(triangles, part.raw.mesh.triangles, rtol=1e-6, equal_nan=True)
+    _read_mesh(".3mf")(data)
+
+
 def _read_mesh(suffix: str) -> Callable[[bytes], None]:
     def read(data: bytes) -> None:
         raw = mesh_files.read(world.written(f"mesh/mesh{suffix}", data))
@@ -199,7 +213,7 @@ READERS = (
             suffix[1:],
             f"meshes: {suffix[1:].upper()}",
             _meshes(suffix),
-            _read_mesh(suffix),
+            _read_plate if suffix == ".3mf" else _read_mesh(suffix),
             mutator,
         )
         for suffix, mutator in {

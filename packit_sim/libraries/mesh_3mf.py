@@ -11,7 +11,7 @@ import numpy as np
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.libraries import mesh_limits
-from packit_sim.libraries.model_3mf import Object3MF, read_model
+from packit_sim.libraries.model_3mf import Item3MF, Object3MF, read_model
 from packit_sim.libraries.outline_3mf import read_outline
 from packit_sim.libraries.slicer_settings import ObjectSettings, read_settings
 
@@ -68,59 +68,68 @@ def read_plate(content: bytes) -> Plate:
     """
     outline = read_outline(content)
     model = read_model(outline, content)
-    settings = read_settings(outline.archive)
-    if model.degenerate and any(each.triangles for each in settings.values()):
+    by_id = read_settings(outline.archive)
+    if model.degenerate and any(each.triangles for each in by_id.values()):
         raise MeshError("triangles with fewer than three corners hide where its modifiers begin")
-    names = _names(model.objects, settings)
-    objects = {
-        key: _solid(each, settings.get(each.id or 0, ObjectSettings()), model.objects)
-        for key, each in model.objects.items()
+    settings = {
+        key: by_id.get(each.id or 0, ObjectSettings()) for key, each in model.objects.items()
     }
-    triangles = mesh_limits.check_expanded(
-        {key: len(each.triangles) for key, each in objects.items()},
-        {key: [part for part, _ in each.components] for key, each in objects.items()},
+    names = {key: settings[key].name or each.name for key, each in model.objects.items()}
+    solids = {
+        key: _solid(each, settings[key], model.objects) for key, each in model.objects.items()
+    }
+    totals = mesh_limits.check_expanded(
+        {key: len(each.triangles) for key, each in solids.items()},
+        {key: [part for part, _ in each.components] for key, each in solids.items()},
         [item.key for item in model.items],
     )
-    found: dict[object, PlatePart] = {}
-    meshes: dict[int, tuple[Floats, Ints, bytes]] = {}
-    hidden, others = [], []
+    shown: dict[int, Item3MF] = {}
+    hidden: list[str] = []
+    others: list[str] = []
     for number, item in enumerate(model.items, 1):
-        name = names[item.key]
-        if not (item.is_printable and triangles[item.key]):
-            left_out = others if item.is_printable else hidden
-            left_out.append(name or f"item {number}")
-            continue
-        if item.key not in meshes:
-            mesh = _joined(objects, item.key, triangles)
-            digest = hashlib.sha256(mesh[0].tobytes() + mesh[1].tobytes()).digest()
-            meshes[item.key] = *mesh, digest
-        vertices, faces, digest = meshes[item.key]
-        key = digest, (item.matrix[:3, :3] + 0.0).tobytes()
-        if key not in found:
-            found[key] = PlatePart(name, number, *_moved(vertices, faces, item.matrix))
-            found[key].shifts.append(np.zeros(3))
+        name = names[item.key] or f"item {number}"
+        if not item.is_printable:
+            hidden.append(name)
+        elif not totals[item.key]:
+            others.append(name)
         else:
-            first = model.items[found[key].item - 1]
-            found[key].shifts.append(item.matrix[:3, 3] - first.matrix[:3, 3])
+            shown[number] = item
+    changed = [names[key] for key, own in solids.items() if _differs(own, key, model.objects)]
+    negative = [names[key] for key, own in settings.items() if own.negative]
     notes = [
         *model.notes,
         *_note(hidden, "marked as not printable, left out"),
         *_note(others, "no solid (supports, surfaces or modifiers), left out"),
-        *_volumes(model.objects, objects, settings, names),
+        *_note(changed, "without their modifiers and support volumes"),
+        *_note(negative, "solid also where the slicer cuts volumes out"),
     ]
-    if not found:
+    if not shown:
         raise MeshError(f"it has no part to print{''.join(f': {each}' for each in notes)}")
-    return Plate(tuple(found.values()), model.unit_cm, tuple(notes))
+    return Plate(_counted(shown, solids, names, totals), model.unit_cm, tuple(notes))
 
 
-def _names(
-    objects: Mapping[int, Object3MF], settings: Mapping[int, ObjectSettings]
-) -> dict[int, str]:
-    """Return the name of each object, the slicer's if it wrote one."""
-    return {
-        key: settings.get(each.id or 0, ObjectSettings()).name or each.name
-        for key, each in objects.items()
-    }
+def _counted(
+    items: Mapping[int, Item3MF],
+    objects: Mapping[int, Object3MF],
+    names: Mapping[int, str],
+    totals: Mapping[int, int],
+) -> tuple[PlatePart, ...]:
+    """Join the meshes of each item, and count those that differ at most by a translation."""
+    meshes: dict[int, tuple[Floats, Ints, bytes]] = {}
+    found: dict[tuple[bytes, bytes], PlatePart] = {}
+    for number, item in items.items():
+        if item.key not in meshes:
+            vertices, faces = _joined(objects, item.key, totals)
+            digest = hashlib.sha256(vertices.tobytes() + faces.tobytes()).digest()
+            meshes[item.key] = vertices, faces, digest
+        vertices, faces, digest = meshes[item.key]
+        key = digest, (item.matrix[:3, :3] + 0.0).tobytes()
+        if key not in found:
+            mesh = _moved(vertices, faces, item.matrix)
+            found[key] = PlatePart(names[item.key], number, *mesh)
+        first = items[found[key].item]
+        found[key].shifts.append(item.matrix[:3, 3] - first.matrix[:3, 3])
+    return tuple(found.values())
 
 
 def _solid(own: Object3MF, settings: ObjectSettings, objects: Mapping[int, Object3MF]) -> Object3MF:
@@ -139,7 +148,7 @@ def _solid(own: Object3MF, settings: ObjectSettings, objects: Mapping[int, Objec
 
 
 def _joined(
-    objects: Mapping[int, Object3MF], key: int, triangles: Mapping[int, int]
+    objects: Mapping[int, Object3MF], key: int, totals: Mapping[int, int]
 ) -> tuple[Floats, Ints]:
     """Join the meshes of an object and of all its components."""
     meshes: list[tuple[Floats, Ints]] = []
@@ -150,7 +159,7 @@ def _joined(
         if len(own.triangles):
             meshes.append(_moved(own.vertices, own.triangles, matrix))
         waiting += [
-            (part, matrix @ place) for part, place in reversed(own.components) if triangles[part]
+            (part, matrix @ place) for part, place in reversed(own.components) if totals[part]
         ]
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [own + start for (_, own), start in zip(meshes, starts, strict=False)]
@@ -166,30 +175,15 @@ def _moved(vertices: Floats, triangles: Ints, matrix: Floats) -> tuple[Floats, I
     return vertices @ linear.T + matrix[:3, 3], triangles if sign > 0 else triangles[:, ::-1]
 
 
-def _volumes(
-    objects: Mapping[int, Object3MF],
-    solid: Mapping[int, Object3MF],
-    settings: Mapping[int, ObjectSettings],
-    names: Mapping[int, str],
-) -> Iterator[str]:
-    """Yield notes on the volumes of objects that are no solids."""
-    changed = [
-        names[key]
-        for key, own in objects.items()
-        if own.kind == "model"
-        and (
-            len(own.triangles) != len(solid[key].triangles)
-            or any(objects[part].kind != "model" for part, _ in own.components)
-            or len(own.components) != len(solid[key].components)
-        )
-    ]
-    yield from _note(changed, "without their modifiers and support volumes")
-    negative = [
-        names[key]
-        for key, own in objects.items()
-        if settings.get(own.id or 0, ObjectSettings()).negative
-    ]
-    yield from _note(negative, "solid also where the slicer cuts volumes out")
+def _differs(solid: Object3MF, key: int, objects: Mapping[int, Object3MF]) -> bool:
+    """Return whether an object has volumes that are not solid."""
+    own = objects[key]
+    kinds = {objects[part].kind for part, _ in own.components}
+    return own.kind == "model" and (
+        len(own.triangles) != len(solid.triangles)
+        or len(own.components) != len(solid.components)
+        or bool(kinds - {"model"})
+    )
 
 
 def _note(names: Sequence[str], what: str) -> Iterator[str]:

@@ -268,7 +268,8 @@ class _Plate:
             trimesh.Trimesh(each.vertices + shift, each.triangles, process=False)
             for each, shift in items
         ]
-        return self._raw(trimesh.util.concatenate(meshes), len(meshes))
+        joined: Any = trimesh.util.concatenate(meshes)
+        return self._raw(joined, len(meshes))
 
     def separate(self) -> list[RawPart]:
         """Return each part; several without a name are numbered as in the file."""

@@ -136,8 +136,10 @@ def read_model(outline: Outline, content: bytes) -> Model3MF:
 
 def _open(archive: ZipFile, content: bytes) -> tuple[Any, list[str], int]:
     """Return lib3mf's model of a file, notes, and the number of degenerate triangles."""
-    import lib3mf  # a shared library: not to be loaded with packit_sim
-
+    try:
+        import lib3mf  # a shared library: not to be loaded with packit_sim
+    except ImportError:  # it has no wheel for Linux on ARM
+        raise MeshError("3MF can't be read here, without lib3mf: convert it to STL") from None
     degenerate, notes = 0, []
     try:
         model, reader = _load(lib3mf, content)
