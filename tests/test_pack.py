@@ -529,7 +529,9 @@ def test_open_and_self_intersecting_surfaces_are_solid_by_voxels() -> None:
         prepared = prepare(Part("mesh", mesh), "mm")
         assert not prepared.is_closed
     packed = pack([Part("bowl", bowl), cube(5)], (20, 20, 20), settings=QUICK)
-    assert packed.notes == ("solid by voxels, since open or self-intersecting: bowl",)
+    assert packed.notes[0].endswith("is only that of a thin sheet: bowl")
+    packed = pack([Part("twice", twice)], (20, 20, 20), settings=QUICK)
+    assert packed.notes == ("solid by voxels, since open or self-intersecting: twice",)
     assert prepare(Part("mesh", twice), "mm").volume == pytest.approx(2000 - 7**3, rel=0.02)
 
 

@@ -86,23 +86,6 @@ def lattice_cells(
     return start, *fine_cells(triangles - (start + stop) * (CELL / 2), (x, y, z))
 
 
-def solid_volume(triangles: npt.NDArray[np.float64]) -> float:
-    """Estimate the volume that an open surface encloses.
-
-    Parameters
-    ----------
-    triangles : ndarray
-        (n, 3, 3) float64, corners.
-
-    Returns
-    -------
-    float
-        The mean of `solid_volume_bounds`: enclosed voxels count fully, touched ones by half.
-    """
-    low, high = solid_volume_bounds(triangles)
-    return (low + high) / 2
-
-
 def solid_volume_bounds(triangles: npt.NDArray[np.float64]) -> tuple[float, float]:
     """Bound the volume of a closed surface by its voxels of 1/256 of the longest side.
 

@@ -11,6 +11,7 @@ import numpy as np
 from packit_sim.core.caches import cached_property
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.filling.hollows import hollow_notes
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
@@ -92,10 +93,10 @@ class PackedParts:
         """The files that could not be read."""
         return self.task.unread
 
-    @property
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """Notes on how files were read, and on what is doubtful."""
-        return self.task.notes
+        return (*self.task.notes, *hollow_notes(self.contents, self.task.all_parts))
 
     @cached_property
     def contents(self) -> tuple[Packing, ...]:

@@ -19,7 +19,13 @@ from packit_sim.parts.packings.rotation_sets import FIXED
 from packit_sim.parts.reading.boxes import Boxes, box_types, box_unit, unit_note
 from packit_sim.parts.reading.files import UnreadFile, find_parts
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.reading.prepared import PreparedPart, boxed, least_side, prepare
+from packit_sim.parts.reading.prepared import (
+    PreparedPart,
+    boxed,
+    least_side,
+    prepare,
+    surface_notes,
+)
 from packit_sim.parts.reading.sizes import too_large, unit_notes
 
 
@@ -133,7 +139,5 @@ def _notes(task: PackTask) -> list[str]:
     notes += [
         f"{each.part.name}: {each.simplification}" for each in task.parts if each.simplification
     ]
-    if opened := [each.part.name for each in task.parts if not each.is_closed]:
-        names = ", ".join(opened)
-        notes.append(f"solid by voxels, since open or self-intersecting: {names}")
+    notes += surface_notes((*task.parts, *task.obstacles))
     return notes + unit_notes(fitting, task.boxes, task.margin, task.unit)

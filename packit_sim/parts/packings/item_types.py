@@ -15,7 +15,7 @@ import trimesh
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.geometry.arrays import Floats, Ints
-from packit_sim.geometry.repair import clean_mesh
+from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.packings import rotation_sets
@@ -45,6 +45,9 @@ class ItemType:
         The mesh file that holds the same mesh, in the same coordinates.
     known_volume : float, optional
         Its volume, if it is known better than from the mesh.
+    repaired : bool
+        Whether the mesh's winding is made consistent and its small holes are filled (see
+        `repair_mesh`).
 
     Attributes
     ----------
@@ -78,11 +81,12 @@ class ItemType:
     value: float | None = None
     file: Path | None = None
     known_volume: InitVar[float | None] = None
+    repaired: InitVar[bool] = False
     volume: float = field(init=False)
 
-    def __post_init__(self, known_volume: float | None) -> None:
+    def __post_init__(self, known_volume: float | None, repaired: bool) -> None:
         self._check_settings()
-        vertices, faces = _cleaned(self.vertices, self.faces, self.name)
+        vertices, faces = _cleaned(self.vertices, self.faces, self.name, repaired)
         for name, array in (("vertices", vertices), ("faces", faces)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -116,7 +120,7 @@ class ItemType:
         rotations: str = "cube",
         value: float | None = None,
     ) -> ItemType:
-        """Read the mesh of a file, without a change of its up axis or unit.
+        """Read and repair the mesh of a file, without a change of its up axis or unit.
 
         Parameters
         ----------
@@ -141,7 +145,8 @@ class ItemType:
         """
         path = Path(path)
         mesh = read(path).mesh
-        return cls(path.name, mesh.vertices, mesh.faces, demand, rotations, value, path)
+        given = path.name, mesh.vertices, mesh.faces, demand, rotations, value, path
+        return cls(*given, repaired=True)
 
     @classmethod
     def from_item(
@@ -246,8 +251,8 @@ class ItemType:
         )
 
 
-def _cleaned(vertices: Floats, faces: Ints, name: str) -> tuple[Floats, Ints]:
-    """Check a mesh, and drop what adds nothing to its surface."""
+def _cleaned(vertices: Floats, faces: Ints, name: str, repaired: bool) -> tuple[Floats, Ints]:
+    """Check a mesh, and drop what adds nothing to its surface; repair it if wanted."""
     try:
         vertices = np.array(vertices, dtype=float).reshape(-1, 3)
         faces = np.array(faces, dtype=np.int64).reshape(-1, 3)
@@ -263,6 +268,8 @@ def _cleaned(vertices: Floats, faces: Ints, name: str) -> tuple[Floats, Ints]:
         raise MeshError(f"item type {name!r}: its lengths are not possible: {LENGTHS}")
     scaled = (vertices - middle) / size
     clean, _ = clean_mesh(trimesh.Trimesh(scaled, faces.reshape(-1, 3), process=False))
+    if repaired:
+        clean, _ = repair_mesh(clean)
     rows = np.concatenate([scaled, clean.vertices])
     _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     kept = first[same.ravel()[len(scaled) :]]  # of equal rows, the first is one of the mesh's own

@@ -13,9 +13,10 @@ from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.deviation import Surface, deviation
 from packit_sim.geometry.deviation_kernels import farthest
+from packit_sim.geometry.parts import part_numbers
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
-from packit_sim.geometry.voxelization import solid_volume_bounds
+from packit_sim.libraries.sources import listed
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.reading.masses import centre_of_mass
@@ -57,10 +58,15 @@ class PreparedPart:
     deviation : float
         No point of the file's surface is farther from the collision mesh; 0 if it is the same.
     is_closed : bool
-        Whether the file's surface is closed and does not cross itself; else it is solid by
+        Whether the repaired surface is closed and does not cross itself; else it is solid by
         voxels.
     simplification : str, optional
         How the mesh was simplified.
+    filled_holes : int
+        How many holes of the file's surface were closed.
+    is_shell : bool
+        Whether the surface is open, so that its volume is that of a sheet and other parts may be
+        placed inside.
     """
 
     part: Part
@@ -70,6 +76,8 @@ class PreparedPart:
     deviation: float
     is_closed: bool
     simplification: str | None = None
+    filled_holes: int = 0
+    is_shell: bool = False
 
     @property
     def volume(self) -> float:
@@ -97,7 +105,7 @@ class PreparedPart:
 
 
 def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPart:
-    """Prepare a part.
+    """Prepare a part: repair its mesh, measure it, and simplify it for the search.
 
     Parameters
     ----------
@@ -119,7 +127,8 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     scale = part.scale(unit)
     vertices = part.user_from_file.direction(np.asarray(part.mesh.vertices, dtype=float) * scale)
     faces = np.asarray(part.mesh.faces, dtype=np.int64)
-    shape = Shape.from_mesh(trimesh.Trimesh(vertices, faces, process=False), part.name)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    shape, repairs = Shape.repaired(mesh, part.name)
     low, high = _bounds(vertices, faces)
     diagonal = float(np.linalg.norm(high - low))
     error, simplification = 0.0, None
@@ -142,8 +151,37 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
         part.count,
         part.rotations,
         known_volume=volume * diagonal**3,
+        repaired=error == 0,
     )
-    return PreparedPart(part, unit, scale, item_type, error, is_closed, simplification)
+    return PreparedPart(
+        part,
+        unit,
+        scale,
+        item_type,
+        error,
+        is_closed,
+        simplification,
+        repairs.filled_holes,
+        shape.is_shell,
+    )
+
+
+def surface_notes(parts: Sequence[PreparedPart]) -> list[str]:
+    """Return what was closed, and how parts count whose surface is not closed."""
+    filled = [f"{each.part.name} ({each.filled_holes})" for each in parts if each.filled_holes]
+    shells = [each.part.name for each in parts if each.is_shell]
+    others = [each.part.name for each in parts if not (each.is_closed or each.is_shell)]
+    notes = []
+    if filled:
+        notes.append(f"holes in the surface that were closed: {listed(filled)}")
+    if shells:
+        notes.append(
+            "open, so that other parts may be placed inside, and the volume (and with it mass and "
+            f"density) is only that of a thin sheet: {listed(shells)}"
+        )
+    if others:
+        notes.append(f"solid by voxels, since open or self-intersecting: {listed(others)}")
+    return notes
 
 
 def least_side(parts: Sequence[PreparedPart], gap: float) -> float:
@@ -215,12 +253,20 @@ def _simplified(mesh: trimesh.Trimesh, limit: float) -> tuple[trimesh.Trimesh, f
 def _volume(shape: Shape) -> tuple[float, bool]:
     """Return the volume of a canonical mesh, and whether its surface is closed.
 
-    The signed volume of a surface that crosses itself or is inverted is none that voxels can have.
+    Parts of the surface that face inwards are cavities, or bodies of their own. The signed volume
+    of a surface that crosses itself is none that voxels can have, which fill cavities.
     """
     mesh = shape.mesh
-    if not (mesh.is_watertight and mesh.is_winding_consistent):
-        return shape.volume, False
-    low, high = solid_volume_bounds(np.asarray(mesh.triangles))
-    if low <= float(mesh.volume) <= high:
-        return shape.volume, True
+    low, high = shape.volume_bounds
+    if mesh.is_watertight and mesh.is_winding_consistent:
+        total = float(mesh.volume)
+        if low <= total <= high:
+            return total, True
+        a, b, c = np.asarray(mesh.triangles).transpose(1, 0, 2)
+        numbers = part_numbers(np.asarray(mesh.faces), len(mesh.vertices))
+        each = np.bincount(numbers, np.einsum("nd,nd->n", a, np.cross(b, c)) / 6)
+        if low <= each[each > 0].sum() <= high:
+            return total, True
+        if low <= np.abs(each).sum() <= high:
+            return float(np.abs(each).sum()), True
     return (low + high) / 2, False

@@ -99,7 +99,7 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
     for n, one in enumerate(packing.placements):
         part = packed.part(one)
         if one.type not in originals:
-            originals[one.type] = _Original(part.part, part.scale, container.longest)
+            originals[one.type] = _Original(part, container.longest)
         box_from_file = one.pose @ part.part.user_from_file
         placed.append(_Placed(originals[one.type], box_from_file, f"part {n} of box {number + 1}"))
     for each in placed:
@@ -115,7 +115,7 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
 
 def _in_place(part: PreparedPart, unit: float, where: str) -> _Placed:
     """Return an obstacle, whose file has the coordinates of the box."""
-    return _Placed(_Original(part.part, part.scale, unit), part.part.user_from_file, where)
+    return _Placed(_Original(part, unit), part.part.user_from_file, where)
 
 
 def _has_manifold() -> bool:
@@ -155,10 +155,22 @@ def _path(graph: trimesh.scene.transforms.SceneGraph, node: str) -> list[str]:
     return path
 
 
+def _repair(mesh: trimesh.Trimesh, close: bool) -> None:
+    """Repair the winding of a mesh by trimesh, and if wanted holes of 3 or 4 edges."""
+    mesh.update_faces(mesh.unique_faces() & (mesh.area_faces > 0))
+    mesh.remove_unreferenced_vertices()
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+    if close:
+        trimesh.repair.fill_holes(mesh)
+    trimesh.repair.fix_inversion(mesh)
+
+
 class _Original:
     """The mesh of a part's file at its real size, about the middle of its bounding box."""
 
-    def __init__(self, part: Part, scale: float, unit: float) -> None:
+    def __init__(self, prepared: PreparedPart, unit: float) -> None:
+        part, scale = prepared.part, prepared.scale
         mesh = _read(part)
         used = np.asarray(mesh.vertices)[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.name = part.name
@@ -168,6 +180,9 @@ class _Original:
         self.unit = unit
         self.tolerance = validity.tolerance(unit, float(self.extents.max()))
         self.mesh = trimesh.Trimesh((mesh.vertices - middle) * scale, mesh.faces)
+        was_closed = prepared.is_closed and prepared.filled_holes > 0
+        _repair(self.mesh, was_closed)
+        self.is_solid = was_closed or self.is_closed
 
     @cached_property
     def surface(self) -> LooseMesh:
@@ -275,7 +290,7 @@ def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
         yield f"{other.name} crosses {one.name}"
         return
     for own, around in ((one, other), (other, one)):
-        if around.original.is_closed and _is_inside(own, around):
+        if around.original.is_solid and _is_inside(own, around):
             yield f"{own.name} is inside {around.name}, in part or whole"
             return
     if one.original.is_closed and other.original.is_closed and _has_manifold():
