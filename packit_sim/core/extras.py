@@ -8,12 +8,14 @@ from contextlib import contextmanager
 from packit_sim.core.errors import PackItError
 
 EXTRAS = {
+    "cascadio": "cad",
     "coacd": "physics",
     "h5py": "learn",
     "imageio_ffmpeg": "view",
     "matplotlib": "report",
     "minari": "learn",
     "pybullet": "physics",
+    "python_calamine": "sheets",
     "ray": "cluster",
     "sb3_contrib": "learn",
     "stable_baselines3": "learn",

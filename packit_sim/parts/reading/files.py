@@ -126,12 +126,16 @@ def find_parts(
         if isinstance(source, Part):
             parts.append(source)
             continue
-        for row in _rows(source):
+        for row in _rows(source, unread, notes):
             try:
                 parts += _parts(row, settings, notes, read_once)
             except (MeshError, OSError) as error:
                 reason = str(error).removeprefix(f"{row.file}: ")
                 unread.append(UnreadFile(str(row.file), reason))
+            except ArgumentError as error:
+                if row.where is None:
+                    raise
+                unread.append(UnreadFile(row.where, str(error)))
     if not parts:
         if not unread:
             raise ArgumentError(
@@ -153,8 +157,8 @@ def _defines_unit(file: Path) -> bool:
     return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae")
 
 
-def _rows(source: Path | str) -> Iterator[ManifestRow]:
-    """Yield the files that a source names."""
+def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Iterator[ManifestRow]:
+    """Yield the files that a source names; add rows of a manifest that can't be read, and notes."""
     path = Path(source)
     count = 1
     match = _COUNTED.fullmatch(str(source))
@@ -171,7 +175,10 @@ def _rows(source: Path | str) -> Iterator[ManifestRow]:
         for file in _folder_files(path):
             yield ManifestRow(file, {"count": count})
     elif path.suffix.lower() in MANIFESTS:
-        for row in read_manifest(path):
+        manifest = read_manifest(path)
+        notes += manifest.notes
+        unread += [UnreadFile(where, reason) for where, reason in manifest.unread]
+        for row in manifest.rows:
             yield replace(row, settings={**row.settings, "count": row.count * count})
     elif path.exists() or not glob.has_magic(str(path)):
         yield ManifestRow(path, {"count": count})

@@ -1,22 +1,31 @@
-"""Manifests of parts: CSV or JSON files that name mesh files with counts and settings."""
+"""Manifests of parts: tables or JSON files that name mesh files with counts and settings."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+import re
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.typed_json import refuse_long_integers
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.reading.tables import (
+    Table,
+    as_number,
+    decoded,
+    has_decimal_commas,
+    read_table,
+)
 from packit_sim.parts.reading.units import check_unit
 
-MANIFESTS = (".csv", ".json")
+MANIFESTS = (".csv", ".json", ".tsv", ".txt", ".xlsx")
 """Suffixes of manifests."""
 
 
@@ -43,6 +52,25 @@ _FIELDS: Mapping[str, Callable[[Any], object]] = {
 }
 """The fields of a part."""
 
+SYNONYMS = {
+    "amount": "count",
+    "filename": "file",
+    "filepath": "file",
+    "partname": "name",
+    "path": "file",
+    "pcs": "count",
+    "pieces": "count",
+    "qty": "count",
+    "quantity": "count",
+    "rotation": "rotations",
+    "units": "unit",
+    "weight": "mass",
+}
+"""Other headings of fields, without spaces and in lower case."""
+
+_UNITS = {"mass": ("g",), "density": ("g/cm3", "g/cm³"), "max_load": ("g",)}
+"""The unit that a heading may have in brackets, such as "Mass (g)"."""
+
 
 @dataclass(frozen=True)
 class ManifestRow:
@@ -54,10 +82,13 @@ class ManifestRow:
         The mesh file.
     settings : mapping of str to object
         Fields of `Part`, by name.
+    where : str, optional
+        The manifest and the row in it.
     """
 
     file: Path
     settings: Mapping[str, Any]
+    where: str | None = None
 
     @property
     def count(self) -> int:
@@ -65,61 +96,137 @@ class ManifestRow:
         return int(self.settings.get("count", 1))
 
 
-def read_manifest(path: Path) -> list[ManifestRow]:
+@dataclass(frozen=True)
+class Manifest:
+    """The rows of a manifest.
+
+    Attributes
+    ----------
+    rows : tuple of ManifestRow
+        Its rows, without those whose count is 0.
+    unread : tuple of (str, str)
+        Each row that can't be read, and why.
+    notes : tuple of str
+        What the user should know about how it was read.
+    """
+
+    rows: tuple[ManifestRow, ...]
+    unread: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_manifest(path: Path) -> Manifest:
     """Read a manifest.
 
     Parameters
     ----------
     path : Path
-        A CSV file with a line of column names, or a JSON file with a list of objects, which may be
+        A table with a heading (`read_table`), or a JSON file with a list of objects, which may be
         the field "parts" of an object.
 
     Returns
     -------
-    list of ManifestRow
-        Its parts; files are relative to the manifest's folder. Rows with a count of 0 are left out.
+    Manifest
+        Its rows; files are relative to the manifest's folder.
 
     Raises
     ------
     ArgumentError
-        If it can't be read, or a field is not known or not possible.
+        If it can't be read, has no rows, or its heading has no file or is misspelt.
+    MissingPackageError
+        If it is a spreadsheet, and the package that reads them is not installed.
     """
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ArgumentError(f"{path}: it is not a text file in UTF-8") from None
-    entries = _json_rows(path, text) if path.suffix.lower() == ".json" else _csv_rows(path, text)
-    rows = []
-    for number, entry in enumerate(entries, start=1):
-        fields = _fields(f"{path}, part {number}", entry)
-        file = path.parent / str(fields.pop("file"))
+    notes: list[str] = []
+    entries: Iterable[tuple[int, Mapping[str, Any]]]
+    if path.suffix.lower() == ".json":
+        entries = enumerate(_json_entries(path), start=1)
+        what, is_comma = "part", False
+    else:
+        table = read_table(path)
+        notes += table.notes
+        names = _heading(path, table, notes)
+        entries = _table_entries(table, names)
+        what, is_comma = "row", _is_comma(table, names)
+    rows, unread = [], []
+    for number, entry in entries:
+        where = f"{path.name}, {what} {number}"
+        try:
+            fields = _fields(entry, is_comma)
+        except ArgumentError as error:
+            unread.append((where, str(error)))
+            continue
+        file = _found(path.parent, str(fields.pop("file")))
         if fields.get("count", 1) != 0:
-            rows.append(ManifestRow(file, fields))
-    if not rows:
+            rows.append(ManifestRow(file, fields, where))
+    if not rows and not unread:
         raise ArgumentError(f"{path}: it has no parts")
-    return rows
+    return Manifest(tuple(rows), tuple(unread), tuple(f"{path.name}: {note}" for note in notes))
 
 
-def _csv_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
-    """Yield the rows of a CSV file; its separator is a comma, semicolon or tab."""
-    head = text.partition("\n")[0]
-    separator = max(",;\t", key=head.count)
-    reader = csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
-    try:
-        rows = list(reader)
-    except csv.Error as error:
-        raise ArgumentError(f"{path}: it is not CSV: {error}") from None
-    for row in rows:
-        if None in row:
+def _heading(path: Path, table: Table, notes: list[str]) -> list[str | None]:
+    """Return the field of each column: None of those of no use, "" of those without a heading."""
+    names: list[str | None] = []
+    for cell in table.heading:
+        text = str(cell).strip()
+        name = _field(path, text) if text else ""
+        if name and name in names:
+            raise ArgumentError(f"{path}: two columns are the {name}, one of them {text!r}")
+        if name is None:
+            notes.append(f"column {reprlib.repr(text)} is of no use here")
+        names.append(name)
+    if "file" not in names:
+        found = ", ".join(reprlib.repr(str(cell)) for cell in table.heading[:9])
+        raise ArgumentError(
+            f"{path}: it has no file: its first row must name the columns "
+            f"({', '.join(_FIELDS)}), and is {found or 'empty'}"
+        )
+    return names
+
+
+def _field(path: Path, text: str) -> str | None:
+    """Return the field that a heading means; raise ArgumentError if it seems to be misspelt."""
+    base, unit = text.casefold(), None
+    if match := re.fullmatch(r"([^()\[\]]*)[(\[]([^()\[\]]*)[)\]]", base):
+        base, unit = match[1], match[2].strip()
+    short = re.sub(r"[\s_.-]+", "", base)
+    known = {name.replace("_", ""): name for name in _FIELDS} | SYNONYMS
+    if short not in known:
+        if close := get_close_matches(short, known, 1, 0.75):
             raise ArgumentError(
-                f"{path}: {reprlib.repr(row[None])} is more than the {len(row) - 1} fields"
+                f"{path}: column {text!r} is not known: is it {known[close[0]]!r}? "
+                f"The columns are {', '.join(_FIELDS)}"
             )
-        entry = {(name or "").strip(): value for name, value in row.items()}
-        if any(isinstance(value, str) and value.strip() for value in entry.values()):
-            yield {name: v for name, v in entry.items() if v is not None and v != ""}
+        return None
+    name = known[short]
+    if unit is not None and name in _UNITS and unit not in _UNITS[name]:
+        raise ArgumentError(f"{path}: column {text!r}: its unit must be {_UNITS[name][0]}")
+    return name
 
 
-def _json_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
+def _is_comma(table: Table, names: list[str | None]) -> bool:
+    columns = [n for n, name in enumerate(names) if name and _FIELDS[name] in (int, float)]
+    cells = (row[n] for _, row in table.rows for n in columns if n < len(row))
+    return has_decimal_commas(cells, table.is_semicolon)
+
+
+def _table_entries(
+    table: Table, names: list[str | None]
+) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Yield the fields of each row."""
+    for number, row in table.rows:
+        cells = zip_longest(names, row, fillvalue="")
+        yield (
+            number,
+            {
+                name or f"column {n}, without a heading": cell
+                for n, (name, cell) in enumerate(cells, start=1)
+                if name is not None and cell != ""
+            },
+        )
+
+
+def _json_entries(path: Path) -> Iterable[Mapping[str, Any]]:
+    text, _ = decoded(path, read_bytes(path))
     with located(path, ArgumentError):
         refuse_long_integers(text, ArgumentError)
     try:
@@ -133,29 +240,60 @@ def _json_rows(path: Path, text: str) -> Iterable[Mapping[str, Any]]:
     return content
 
 
-def _fields(where: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+def _fields(entry: Mapping[str, Any], is_comma: bool) -> dict[str, Any]:
     """Check the fields of a part."""
     found: dict[str, Any] = {}
     for name, value in entry.items():
         if name not in _FIELDS:
             raise ArgumentError(
-                f"{where}: field {reprlib.repr(name)} is not known: "
-                f"choose from {', '.join(_FIELDS)}"
+                f"field {reprlib.repr(name)} is not known: choose from {', '.join(_FIELDS)}"
             )
         is_wrong = isinstance(value, bool) and name != "no_stack"
-        if isinstance(value, (list, dict)) or value is None or is_wrong:
-            raise ArgumentError(f"{where}: {name} {reprlib.repr(value)} is not possible")
+        if is_wrong or not isinstance(value, (str, int, float)):
+            raise ArgumentError(f"{name} {reprlib.repr(value)} is not possible")
         try:
-            if isinstance(value, float) and _FIELDS[name] is int and int(value) != value:
-                raise ValueError
-            found[name] = _FIELDS[name](value.strip() if isinstance(value, str) else value)
-        except ArgumentError as error:
-            raise ArgumentError(f"{where}: {error}") from None
-        except (TypeError, ValueError, OverflowError):
-            what = "yes or no" if name == "no_stack" else "a number"
-            raise ArgumentError(f"{where}: {name} {reprlib.repr(value)} is not {what}") from None
+            found[name] = _value(name, value, is_comma)
+        except (TypeError, ValueError, OverflowError) as error:
+            if isinstance(error, ArgumentError):
+                raise ArgumentError(f"{name} {error}" if name != "unit" else str(error)) from None
+            kinds = {_yes_or_no: "yes or no", int: "a whole number"}
+            what = kinds.get(_FIELDS[name], "a number")
+            raise ArgumentError(f"{name} {reprlib.repr(value)} is not {what}") from None
     if not found.get("file"):
-        raise ArgumentError(f"{where}: it has no file")
+        raise ArgumentError("it has no file")
     if found.get("count", 1) < 0:
-        raise ArgumentError(f"{where}: count {found['count']} is not possible: at least 0")
+        raise ArgumentError(f"count {found['count']} is not possible: at least 0")
     return found
+
+
+def _value(name: str, value: Any, is_comma: bool) -> object:
+    """Convert the value of a field."""
+    kind = _FIELDS[name]
+    if kind is str and isinstance(value, float) and value.is_integer():
+        value = int(value)  # a spreadsheet has no integers: the name 7 is 7.0 there
+    if kind is _yes_or_no and isinstance(value, float):
+        value = int(value) if value.is_integer() else value
+    if isinstance(value, str):
+        value = value.strip()
+    if kind is float:
+        return as_number(value, is_comma)
+    if kind is int and not isinstance(value, int):
+        if isinstance(value, str) and re.fullmatch(r"[+-]?[0-9]+", value):
+            return int(value)
+        number = as_number(value, is_comma)
+        if int(number) != number:
+            raise ValueError
+        return int(number)
+    return kind(value)
+
+
+def _found(folder: Path, text: str) -> Path:
+    """Return the file of a row; it may be written with backslashes, or in other Unicode forms."""
+    for path in (text, text.replace("\\", "/")):
+        for form in (path, unicodedata.normalize("NFC", path), unicodedata.normalize("NFD", path)):
+            try:
+                if (folder / form).exists():
+                    return folder / form
+            except (OSError, ValueError):  # of a name that is too long, or has a null
+                pass
+    return folder / text
