@@ -145,6 +145,8 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "point.stl": (stl(np.zeros((12, 9))), "no extent along x and y and z"),
     "one-triangle.stl": (stl([0, 0, 0, 1, 0, 0, 0, 1, 0]), "no extent along z"),
     "beyond.obj": (text(OBJ + "f 1 2 99\n"), "beyond.obj"),
+    "before.obj": (text(OBJ + "f 1 2 -5\n"), "vertex -5, after 4 vertices"),
+    "zero.obj": (text(OBJ + "f 0//1 2 3\n"), "vertex 0, after 4 vertices"),
     "beyond.off": (text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"), "face index"),
     "many.ply": (
         text(PLY.format("ascii", 10_000_000, 4) + "0 0 0\n" * 50),

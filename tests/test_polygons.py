@@ -104,9 +104,16 @@ def test_a_prism_with_a_polygon_that_is_not_convex_is_read(texture, end, tmp_pat
 
 
 def test_text_simple_faces_is_not_changed() -> None:
-    box = prism(((0, 0), (1, 0), (1, 1), (0, 1)))
-    box = box.replace(b" # the bottom", b"")
-    many = prism(tuple(tuple(p) for p in spiral(4, MAX_CORNERS))).replace(b" # the bottom", b"")  # type: ignore[arg-type]
+    def plain(outline: tuple[tuple[int, int], ...]) -> bytes:
+        n = len(outline)
+        last, first = (
+            " ".join(map(str, numbers)).encode()
+            for numbers in (range(-n, 0), range(n + 1, 2 * n + 1))
+        )
+        return prism(outline).replace(b" # the bottom", b"").replace(last, first)
+
+    box = plain(((0, 0), (1, 0), (1, 1), (0, 1)))
+    many = plain(tuple(tuple(p) for p in spiral(4, MAX_CORNERS)))  # type: ignore[arg-type]
     broken = (
         b"f 1 2 3 4\n",
         b"v 0 0\nf 1 2 3 4 5\n",

@@ -1,4 +1,4 @@
-"""OBJ text in which trimesh reads every face: no comments behind faces, no folded fans."""
+"""OBJ text in which trimesh reads every face: no comments, no negative numbers, no folded fans."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from packit_sim.core.errors import MeshError
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.polygons import cut_into_triangles, folded
 
@@ -19,15 +20,18 @@ MAX_CORNERS = 500
 
 _COMMENT = re.compile(rb"^([ \t]*f[ \t][^#\n]*)#.*$", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*f[ \t]+(.*)$", re.MULTILINE)
+_LINE = re.compile(rb"^[ \t]*([vf])[ \t]+(.*)$", re.MULTILINE)
+_NOT_POSITIVE = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t])?(?:-|0[/\s])", re.MULTILINE)
 _POLYGON = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){4}", re.MULTILINE)
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 
 
 def simple_faces(content: bytes) -> bytes:
-    """Drop comments behind faces, and cut polygons that a fan of triangles does not fill.
+    """Drop comments behind faces, count corners from the first vertex, and cut some polygons.
 
-    trimesh takes the words of a comment for corners, and reads every polygon as a fan, which
-    reaches beyond the outline of many polygons that are not convex.
+    trimesh takes the words of a comment for corners, and counts negative numbers back from the
+    file's last vertex instead of the last one before the face. It reads every polygon as a fan of
+    triangles, which reaches beyond the outline of many polygons that are not convex.
 
     Parameters
     ----------
@@ -39,8 +43,15 @@ def simple_faces(content: bytes) -> bytes:
     bytes
         The text of the same surface. Polygons stay as they are if the vertices or faces can't be
         read, and those of more than `MAX_CORNERS`.
+
+    Raises
+    ------
+    MeshError
+        If a face has a vertex that is none of those before it.
     """
     content = _COMMENT.sub(rb"\1", content)
+    if _NOT_POSITIVE.search(content):
+        content = _counted_from_the_first(content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
     if not _POLYGON.search(content):
         return content
     text = content.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
@@ -61,6 +72,24 @@ def simple_faces(content: bytes) -> bytes:
     return _FACE.sub(lines, text)
 
 
+def _counted_from_the_first(content: bytes) -> bytes:
+    """Replace the corners of all faces by the numbers of their vertices, from 1 on."""
+    seen = 0
+
+    def line(match: re.Match[bytes]) -> bytes:
+        nonlocal seen
+        if match[1] == b"v":
+            seen += 1
+            return match[0]
+        corners = [int(corner.partition(b"/")[0]) for corner in match[2].split()]
+        for corner in corners:
+            if corner == 0 or corner < -seen:
+                raise MeshError(f"a face has vertex {corner}, after {seen} vertices")
+        return b"f " + b" ".join(b"%d" % (n if n > 0 else seen + 1 + n) for n in corners)
+
+    return _LINE.sub(line, content)
+
+
 def _cut(vertices: Floats, faces: list[list[bytes]]) -> dict[int, bytes]:
     """Return the new lines of each polygon that is cut, by its number among the faces."""
     by_length = defaultdict(list)
@@ -71,7 +100,7 @@ def _cut(vertices: Floats, faces: list[list[bytes]]) -> dict[int, bytes]:
     for length, numbers in by_length.items():
         tokens = (corner.partition(b"/")[0] for number in numbers for corner in faces[number])
         indices = _numbers(tokens, len(numbers) * length, np.int64).reshape(-1, length)
-        points = vertices[np.where(indices > 0, indices - 1, indices)]
+        points = vertices[indices - 1]
         for n in np.flatnonzero(folded(points)).tolist():
             names = faces[numbers[n]]
             cut[numbers[n]] = b"\n".join(
