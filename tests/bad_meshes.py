@@ -197,7 +197,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
                 "</object>"
                 for n in range(2, 5000)
             ),
-            "".join(f'<item objectid="{n}"/>' for n in range(1, 5000, 50)),
+            '<item objectid="4999"/>',
         ),
         "nested more than 200 deep",
     ),

@@ -172,8 +172,10 @@ def test_any_name_of_a_shape_will_do(id: str, tmp_path: Path) -> None:
     for suffix in export.SUFFIXES:
         path = tmp_path / f"box{suffix}"
         export.export(box, path)
-        if suffix in (".glb", ".3mf"):
+        if suffix == ".glb":
             assert set(trimesh.load_scene(path).graph.nodes_geometry) == names
+        elif suffix == ".3mf":
+            assert set(bodies(path)) == names
     assert [item["shape"] for item in json.loads(path.read_text())["items"]] == [id, id]
 
 

@@ -96,7 +96,8 @@ class _Object:
         roles = [one.get("name") for one in cura if (one.text or "").lower() == "true"]
         self.kind = "" if _CURA & set(roles) else own.get("type", "model")
         self.components = [dict(one.attrib) for one in own.iterfind("{*}components/{*}component")]
-        vertices, triangles = own.iterfind("{*}mesh/{*}vertices/{*}vertex"), own.iter("{*}triangle")
+        vertices = own.iterfind("{*}mesh/{*}vertices/{*}vertex")
+        triangles = own.iterfind("{*}mesh/{*}triangles/{*}triangle")
         points = [[one.get(axis) for axis in "xyz"] for one in vertices]
         self.points: Floats = np.array(points, np.float32).reshape(-1, 3).astype(float)
         corners = [[int(one.get(corner)) for corner in ("v1", "v2", "v3")] for one in triangles]
