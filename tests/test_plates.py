@@ -159,6 +159,14 @@ def test_triangles_without_three_corners_lose_no_file(tmp_path: Path) -> None:
     assert part.raw.notes == ("1 triangles with fewer than three corners are left out",)
 
 
+def test_a_file_that_can_not_be_read_again_is_a_problem(tmp_path: Path) -> None:
+    file = plate(tmp_path / "gone.3mf", f'<object id="1">{CUBE}</object>', 'objectid="1"')
+    packed = pack([file], "100x100x50mm", settings=QUICK)
+    file.unlink()
+    (problem,) = check(packed).problems
+    assert re.match(r"gone can't be read again: .*gone\.3mf", problem)
+
+
 def test_lattices_are_errors(tmp_path: Path) -> None:
     beams = (
         '<b:beamlattice minlength="0.1" radius="1"><b:beams><b:beam v1="0" v2="6"/></b:beams>'

@@ -10,8 +10,12 @@ from lxml import etree
 FILES = ("Metadata/Slic3r_PE_model.config", "Metadata/model_settings.config")
 """Those of PrusaSlicer, and of Bambu Studio and OrcaSlicer."""
 
-_SOLID = ("ModelPart", "normal_part", "NegativeVolume", "negative_part")
-_NEGATIVE = _SOLID[2:]
+_NEGATIVE = ("NegativeVolume", "negative_part")
+
+_NO_SOLID = (
+    *("ParameterModifier", "SupportBlocker", "SupportEnforcer"),
+    *("modifier_part", "support_blocker", "support_enforcer"),
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def _settings(element: etree._Element) -> ObjectSettings:
         if _value(volume, "modifier") == "1" and kind == "ModelPart":  # before PrusaSlicer 2
             kind = "ParameterModifier"
         negative += kind in _NEGATIVE
-        if kind in _SOLID:
+        if kind not in _NO_SOLID:
             continue
         if volume.tag == "part":
             components.add(int(volume.get("id", 0)))

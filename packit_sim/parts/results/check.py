@@ -20,6 +20,7 @@ import trimesh
 from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.parts import part_numbers
@@ -94,14 +95,20 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
     settings, packing = packed.task.settings, packed.packings[number]
     container = packing.container
     problems: list[str] = []
-    originals: dict[int, _Original] = {}
+    originals: dict[int, _Original | None] = {}
     placed = []
     for n, one in enumerate(packing.placements):
         part = packed.part(one)
         if one.type not in originals:
-            originals[one.type] = _Original(part, container.longest)
-        box_from_file = one.pose @ part.part.user_from_file
-        placed.append(_Placed(originals[one.type], box_from_file, f"part {n} of box {number + 1}"))
+            try:
+                originals[one.type] = _Original(part, container.longest)
+            except Exception as error:  # of any reader; or the file has changed meanwhile
+                originals[one.type] = None
+                problems.append(f"{part.part.name} can't be read again: {plain_line(str(error))}")
+        original = originals[one.type]
+        if original is not None:
+            box_from_file = one.pose @ part.part.user_from_file
+            placed.append(_Placed(original, box_from_file, f"part {n} of box {number + 1}"))
     for each in placed:
         problems += _outside(each, np.array(container.size), settings.wall_clearance)
     found, distance = _between(combinations(placed, 2), settings.clearance)

@@ -20,9 +20,10 @@ from lxml import etree
 from packit_sim.geometry.arrays import Floats, Ints
 
 _PATH = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
+_TYPES = ("support", "solidsupport", "surface", "other")
 _NOT_SOLID = {"ParameterModifier", "SupportBlocker", "SupportEnforcer"}
-_CURA = {"cura:" + what + "_mesh" for what in ("anti_overhang", "cutting", "infill", "support")}
 _NOT_SOLID |= {"modifier_part", "support_blocker", "support_enforcer"}
+_CURA = {f"cura:{what}_mesh" for what in ("anti_overhang", "cutting", "infill", "support")}
 
 
 def read_3mf(file: Path, item: str | None) -> trimesh.Trimesh:
@@ -75,7 +76,7 @@ class _Package:
         place = place @ within
         path = _key(reference.get(_PATH, path))
         own = self.objects[path, int(reference["objectid"])]
-        if own.kind == "model":
+        if own.is_solid:
             for component in own.components:
                 yield from self.meshes(component, path, place)
             faces = own.faces[:, ::-1] if np.linalg.det(place[:3, :3]) < 0 else own.faces
@@ -94,7 +95,7 @@ class _Object:
     def __init__(self, own: etree._Element) -> None:
         cura = own.iterfind("{*}metadatagroup/{*}metadata")
         roles = [one.get("name") for one in cura if (one.text or "").lower() == "true"]
-        self.kind = "" if _CURA & set(roles) else own.get("type", "model")
+        self.is_solid = own.get("type") not in _TYPES and not _CURA & set(roles)
         self.components = [dict(one.attrib) for one in own.iterfind("{*}components/{*}component")]
         vertices = own.iterfind("{*}mesh/{*}vertices/{*}vertex")
         triangles = own.iterfind("{*}mesh/{*}triangles/{*}triangle")
@@ -105,8 +106,8 @@ class _Object:
 
     def leave_out(self, volumes: list[etree._Element]) -> None:
         """Leave out volumes by a slicer's settings: components, or ranges of triangles."""
-        left_out = {int(one.get("id")) for one in volumes if one.tag == "part"}
-        self.components = [one for one in self.components if int(one["objectid"]) not in left_out]
+        parts = {int(one.get("id")) for one in volumes if one.tag == "part"}
+        self.components = [one for one in self.components if int(one["objectid"]) not in parts]
         kept = np.ones(len(self.faces), dtype=bool)
         for one in volumes:
             if one.tag == "volume":
