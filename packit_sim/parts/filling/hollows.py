@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from packit_sim.geometry.arrays import Floats
+from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.sources import listed
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.prepared import PreparedPart
-from packit_sim.placement import winding_number
 
 SAMPLES = 32
 """Points of a part's surface that may be inside an open one: middles of its triangles."""
@@ -55,7 +56,7 @@ def hollow_notes(packings: Sequence[Packing], parts: Sequence[PreparedPart]) -> 
     ]
 
 
-def _bounds(packing: Packing, one: Placement) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(packing: Packing, one: Placement) -> tuple[Floats, Floats]:
     vertices = packing.vertices(one)
     return vertices.min(axis=0), vertices.max(axis=0)
 
@@ -65,6 +66,6 @@ def _is_inside(packing: Packing, own: Placement, around: Placement) -> bool:
     some = np.linspace(0, len(mesh.faces) - 1, min(SAMPLES, len(mesh.faces))).astype(int)
     points = mesh.vertices[mesh.faces[some]].mean(axis=1)
     points = mesh.middle + (points - mesh.middle) * _DRAWN_IN
-    triangles = np.ascontiguousarray(surface.vertices[surface.faces])
     there = own.pose.seen_from(around.pose).apply(points)
-    return any(abs(winding_number(triangles, point)) > 0.5 for point in there)
+    found = winding_numbers(surface.vertices[surface.faces], there)
+    return bool((np.abs(found) > 0.5).any())

@@ -39,6 +39,10 @@ TINY_GAPS = 2.0
 SAMPLES = 5000
 """Vertices whose distances show cheaply that a simplified mesh deviates too much."""
 
+_FLAT = 0.01
+"""Distinct normals, relative to the triangles, below which a mesh has few flat faces that are cut
+finely. It is not simplified: the bound of the deviation of flat faces takes minutes."""
+
 _ROUNDING = 1e-7
 """Added to each deviation for rounding and merged vertices, relative to the diagonal."""
 
@@ -237,6 +241,9 @@ def _bounds(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
 def _simplified(mesh: trimesh.Trimesh, limit: float) -> tuple[trimesh.Trimesh, float]:
     """Simplify a mesh within a deviation; return it unchanged, and 0, if that is not possible."""
     triangles = TRIANGLES
+    normals = np.unique(np.round(np.asarray(mesh.face_normals), 6) + 0.0, axis=0)
+    if len(normals) < _FLAT * len(mesh.faces):
+        return mesh, 0.0
     while 2 * triangles < len(mesh.faces):
         fewer = collapsed(mesh, triangles)
         if len(fewer.faces) == 0 or min(fewer.extents) <= 0:
@@ -253,8 +260,9 @@ def _simplified(mesh: trimesh.Trimesh, limit: float) -> tuple[trimesh.Trimesh, f
 def _volume(shape: Shape) -> tuple[float, bool]:
     """Return the volume of a canonical mesh, and whether its surface is closed.
 
-    Parts of the surface that face inwards are cavities, or bodies of their own. The signed volume
-    of a surface that crosses itself is none that voxels can have, which fill cavities.
+    Parts of the surface that face inwards are cavities, or bodies of their own; or one body holds
+    the others. The signed volume of a surface that crosses itself is none that voxels can have,
+    which fill cavities.
     """
     mesh = shape.mesh
     low, high = shape.volume_bounds
@@ -267,6 +275,7 @@ def _volume(shape: Shape) -> tuple[float, bool]:
         each = np.bincount(numbers, np.einsum("nd,nd->n", a, np.cross(b, c)) / 6)
         if low <= each[each > 0].sum() <= high:
             return total, True
-        if low <= np.abs(each).sum() <= high:
-            return float(np.abs(each).sum()), True
+        for volume in (np.abs(each).sum(), np.abs(each).max()):
+            if low <= volume <= high:
+                return float(volume), True
     return (low + high) / 2, False

@@ -24,13 +24,14 @@ from packit_sim.core.plain_text import plain_line
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.parts import part_numbers
+from packit_sim.geometry.winding import winding_numbers
 from packit_sim.libraries.obj_faces import simple_faces
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.results.second_reader import read_3mf
-from packit_sim.placement import LooseMesh, winding_number
+from packit_sim.placement import LooseMesh
 
 SIZE = 1e4
 """The longest side of a box in the numbers that FCL gets: in small numbers it is not accurate."""
@@ -283,10 +284,10 @@ def _between(
 
 def _is_inside(own: _Placed, around: _Placed) -> bool:
     """Return whether a connected part of a surface is inside a closed one; they don't cross."""
-    triangles = np.ascontiguousarray(around.original.mesh.triangles)
+    triangles = np.asarray(around.original.mesh.triangles)
     for samples in own.original.samples:
         points = own.box_from_item.seen_from(around.box_from_item).apply(samples)
-        if np.median([abs(winding_number(triangles, point)) for point in points]) > 0.5:
+        if np.median(np.abs(winding_numbers(triangles, points))) > 0.5:
             return True
     return False
 

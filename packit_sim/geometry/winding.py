@@ -1,0 +1,39 @@
+"""Generalised winding numbers: whether points are inside surfaces that need not be closed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from packit_sim.geometry.arrays import Floats
+
+
+def winding_numbers(triangles: Floats, points: Floats) -> Floats:
+    """Compute how often a surface winds around each of some points.
+
+    Parameters
+    ----------
+    triangles : ndarray of float64, shape (m, 3, 3)
+        The corners of the surface's triangles.
+    points : ndarray of float64, shape (n, 3)
+        The points.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        For a closed surface 1 or -1 inside and 0 outside; for an open one the share of all
+        directions in which it is seen.
+
+    Notes
+    -----
+    Jacobson, Kavan and Sorkine-Hornung ("Robust inside-outside segmentation using generalized
+    winding numbers", 2013), by the solid angles of van Oosterom and Strackee (1983).
+    """
+    found = np.empty(len(points))
+    for n, point in enumerate(points):
+        sides = triangles - point
+        a, b, c = sides.transpose(1, 0, 2)
+        la, lb, lc = np.linalg.norm(sides, axis=2).T
+        ab, bc, ca = ((u * v).sum(axis=1) for u, v in ((a, b), (b, c), (c, a)))
+        volume = (a * np.cross(b, c)).sum(axis=1)
+        found[n] = np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum()
+    return found / (2 * np.pi)
