@@ -38,7 +38,7 @@ def pack_command(
         list[str],
         typer.Argument(
             metavar="PARTS",
-            help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .json).",
+            help="Mesh files, FILE=COUNT for several of one, folders, or manifests (.csv, .xlsx).",
         ),
     ],
     box: Annotated[
@@ -92,12 +92,14 @@ def pack_command(
         bool | None,
         typer.Option(
             "--separate/--joined",
-            help="Pack each part of a file's scene by itself; default: of 3MF.",
+            help="Pack each part of a file's scene by itself; default: of 3MF, STEP.",
         ),
     ] = None,
     accuracy: Annotated[
         str | None,
-        typer.Option(help="Largest deviation of simplified meshes; default: 0.002 of a part."),
+        typer.Option(
+            help="Largest deviation of simplified meshes and STEP; default: 0.002 of a part."
+        ),
     ] = None,
     instructions: Annotated[
         bool,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import TypeVar
 from lxml import etree
 
 from packit_sim.core.errors import MeshError
+from packit_sim.libraries.gltf_files import instance_counts, json_and_binary
 
 _T = TypeVar("_T")
 
@@ -79,7 +79,7 @@ def _check_stl(content: bytes) -> int:
             return int(count)
     if content.lstrip()[:5].lower() == b"solid":
         solids = len(re.findall(rb"^\s*solid\b", content, re.MULTILINE | re.IGNORECASE))
-        _check_instances(solids, "solids")
+        check_instances(solids, "solids")
         return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
     raise MeshError(
         f"it is not ASCII, and {len(content):,} bytes are not the length of a binary STL"
@@ -109,7 +109,7 @@ def _check_obj(content: bytes) -> int:
             current = materials.setdefault(name, set())
         else:
             current.add(name)
-    _check_instances(max(map(len, materials.values())), "materials of one object")
+    check_instances(max(map(len, materials.values())), "materials of one object")
     return faces
 
 
@@ -120,17 +120,18 @@ def _check_glb(content: bytes) -> int:
     (length,) = struct.unpack_from("<I", content, 12)
     if length > len(content) - 20:
         raise MeshError(f"its JSON has {length:,} bytes, the file only {len(content):,}")
-    return _check_gltf(content[20 : 20 + length], len(content))
+    return _check_gltf(content, ".glb")
 
 
-def _check_gltf(content: bytes, size: int | None = None) -> int:
-    """Refuse accessors without data that need more memory than the file has bytes."""
-    header = json.loads(content)
-    if not isinstance(header, dict):
-        raise MeshError("its JSON is not an object")
+def _check_gltf(content: bytes, suffix: str = ".gltf") -> int:
+    """Refuse too many instances, and accessors without data that need more memory than the file."""
+    header, _ = json_and_binary(content, suffix)
     for number, accessor in enumerate(header.get("accessors", ())):
-        if "bufferView" not in accessor and accessor["count"] > (size or len(content)):
+        if "bufferView" not in accessor and accessor["count"] > len(content):
             raise MeshError(f"accessor {number} has {accessor['count']:,} elements without data")
+    own, children = instance_counts(header)
+    for scene in header.get("scenes", ()):
+        check_instances(_total(own, children, scene.get("nodes", ())))
     return 0
 
 
@@ -163,7 +164,7 @@ def check_expanded(
     if count > MAX_TRIANGLES:
         raise MeshError(f"{count:,} triangles are too many: at most {MAX_TRIANGLES:,}")
     meshes = {key: min(number, 1) for key, number in triangles.items()}
-    _check_instances(_total(meshes, components, items))
+    check_instances(_total(meshes, components, items))
     shown = _total(dict.fromkeys(triangles, 1), components, items)
     if shown > MAX_COMPONENTS:
         raise MeshError(f"{shown:,} components are too many: at most {MAX_COMPONENTS:,}")
@@ -186,7 +187,7 @@ def _check_dae(content: bytes) -> int:
         inside[number] = [nodes[child] for child in node.iterchildren("{*}node")]
         inside[number] += [numbers[target] for target in instances if target in numbers]
     scenes = [nodes[node] for node in root.iterfind(".//{*}visual_scene/{*}node")]
-    _check_instances(_total(own, inside, scenes))
+    check_instances(_total(own, inside, scenes))
     return 0
 
 
@@ -217,7 +218,8 @@ def _totals(
     return known
 
 
-def _check_instances(count: int, what: str = "instances of objects") -> None:
+def check_instances(count: int, what: str = "instances of objects") -> None:
+    """Raise MeshError if there are more than `MAX_INSTANCES`."""
     if count > MAX_INSTANCES:
         raise MeshError(f"{count:,} {what} are too many: at most {MAX_INSTANCES:,}")
 

@@ -27,6 +27,7 @@ from packit_sim.parts.reading.prepared import (
     surface_notes,
 )
 from packit_sim.parts.reading.sizes import too_large, unit_notes
+from packit_sim.parts.reading.units import factor
 
 
 def prepared_task(
@@ -54,7 +55,8 @@ def prepared_task(
         If an argument is not possible, or no part can be read or fits.
     """
     unit: Unit = settings.unit or box_unit(box) or "mm"
-    settings = replace(settings, unit=unit)
+    accuracy = None if settings.accuracy is None else settings.accuracy * factor(unit, "mm")
+    settings = replace(settings, unit=unit, reading=replace(settings.reading, accuracy=accuracy))
     boxes = box_types(box, unit, settings.boxes or (None if objective == "boxes" else 1))
     check_objective(objective, boxes)
     check_margin(settings.wall_clearance, boxes, unit)

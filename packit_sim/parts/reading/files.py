@@ -16,6 +16,7 @@ from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
+from packit_sim.libraries.step_files import SUFFIXES as STEP
 from packit_sim.parts.packings.lengths import LENGTHS
 from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
@@ -23,7 +24,7 @@ from packit_sim.parts.reading.units import check_unit
 
 _COUNTED = re.compile(r"(?P<path>.+)=(?P<count>\d{1,30})")
 
-_PLATES = (".3mf",)
+_PLATES = (".3mf", *STEP)
 """Suffixes of files whose scenes are plates of separate parts, unless `split` says otherwise."""
 
 
@@ -75,7 +76,9 @@ class ReadSettings:
     rotations : str
         The rotations of parts whose manifest does not say.
     split : bool, optional
-        Whether each part of a scene is packed by itself; by default those of 3MF are.
+        Whether each part of a scene is packed by itself; by default those of 3MF and STEP are.
+    accuracy : float, optional
+        Largest deviation of tessellations of STEP files, in mm; by default relative to each part.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class ReadSettings:
     up: str | None = None
     rotations: str = "cube"
     split: bool | None = None
+    accuracy: float | None = None
 
     def __post_init__(self) -> None:
         check_unit(self.unit)
@@ -154,7 +158,7 @@ def find_parts(
 
 
 def _defines_unit(file: Path) -> bool:
-    return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae")
+    return file.suffix.lower() in (".3mf", ".glb", ".gltf", ".dae", *STEP)
 
 
 def _rows(source: Path | str, unread: list[UnreadFile], notes: list[str]) -> Iterator[ManifestRow]:
@@ -198,22 +202,24 @@ def _folder_files(path: Path) -> list[Path]:
     return [Path(folder.candidate(id).source) for id in folder.categories]
 
 
-def _raw_parts(file: Path, split: bool) -> tuple[RawPart, ...]:
+def _raw_parts(file: Path, split: bool, accuracy: float | None) -> tuple[RawPart, ...]:
     if not file.exists():
         raise MeshError("there is no such file")
-    return tuple(read_parts(file)) if split else (RawPart("", read(file)),)
+    if split:
+        return tuple(read_parts(file, accuracy))
+    return (RawPart("", read(file, accuracy)),)
 
 
 def _parts(
     row: ManifestRow,
     settings: ReadSettings,
     notes: list[str],
-    read_once: Callable[[Path, bool], tuple[RawPart, ...]],
+    read_once: Callable[[Path, bool, float | None], tuple[RawPart, ...]],
 ) -> list[Part]:
     """Read the parts of a file."""
     suffix = row.file.suffix.lower()
     split = suffix in _PLATES if settings.split is None else settings.split
-    raw_parts = read_once(row.file, split)
+    raw_parts = read_once(row.file, split, settings.accuracy)
     if not split and raw_parts[0].raw.parts > 1:
         note = (
             f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
@@ -239,6 +245,7 @@ def _parts(
                 up=settings.up or each.raw.up,
                 file=row.file,
                 node=each.node,
+                deviation=each.raw.deviation,
                 **options,
             )
         )

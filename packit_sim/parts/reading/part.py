@@ -93,6 +93,9 @@ class Part:
         The file that has this mesh.
     node : str, optional
         The node of the file's scene, if the mesh is only a part of it.
+    deviation : float
+        No point of the file's surface is farther from the mesh, in the mesh's unit: 0 but for
+        tessellations of CAD files.
 
     Raises
     ------
@@ -127,6 +130,7 @@ class Part:
     up: str = "z"
     file: Path | None = None
     node: str | None = None
+    deviation: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", plain_line(self.name))
@@ -141,6 +145,7 @@ class Part:
                 check_range(f"{where} {name}", getattr(self, name), valid)
         if self.max_load is not None:
             check_range(f"{where} max_load", self.max_load, Range(0, ends="[)"))
+        check_range(f"{where} deviation", self.deviation, Range(0, ends="[)"))
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)

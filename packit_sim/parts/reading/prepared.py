@@ -135,10 +135,11 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     shape, repairs = Shape.repaired(mesh, part.name)
     low, high = _bounds(vertices, faces)
     diagonal = float(np.linalg.norm(high - low))
+    read = part.deviation * scale
     error, simplification = 0.0, None
     if len(shape.mesh.faces) > TRIANGLES:
         limit = ACCURACY if accuracy is None else accuracy / diagonal
-        mesh, error = _simplified(shape.mesh, limit)
+        mesh, error = _simplified(shape.mesh, max(limit - read / diagonal, 0.0))
         if error > 0:
             vertices = np.asarray(mesh.vertices) * diagonal + (low + high) / 2
             faces = np.asarray(mesh.faces, dtype=np.int64)
@@ -162,7 +163,7 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
         unit,
         scale,
         item_type,
-        error,
+        read + error,
         is_closed,
         simplification,
         repairs.filled_holes,

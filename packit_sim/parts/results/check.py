@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import trimesh
-from trimesh.resolvers import FilePathResolver
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.plain_text import plain_line
@@ -30,6 +29,8 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
+from packit_sim.parts.results.scenes import SUFFIXES as SCENES
+from packit_sim.parts.results.scenes import read_scene
 from packit_sim.parts.results.second_reader import read_3mf
 from packit_sim.placement import LooseMesh
 
@@ -138,13 +139,12 @@ def _read(part: Part) -> trimesh.Trimesh:
         warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
         if part.file.suffix.lower() == ".3mf":
             return read_3mf(part.file, part.node)
+        if part.file.suffix.lower() in SCENES:
+            return read_scene(part, part.file)
         content, kind = part.file.read_bytes(), part.file.suffix.lower()[1:]
         if kind == "obj":  # trimesh would cut polygons wrongly
             content = simple_faces(content)
-        resolver = FilePathResolver(str(part.file.parent)) if kind == "gltf" else None
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=kind, resolver=resolver, skip_materials=True
-        )
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, skip_materials=True)
         if part.node is not None:
             graph = scene.graph
             below = [node for node in graph.nodes_geometry if part.node in _path(graph, node)]
