@@ -218,6 +218,10 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
         "111,111,111 components are too many: at most 20,000",
     ),
     "bare.3mf": (package({"_rels/.rels": "<a/>"}), "names no 3D model in _rels/.rels"),
+    "twins.3mf": (
+        package({"3D/3dmodel.model": "<a/>", "3d/3DModel.model": "<a/>"}),
+        "its archive has 2 files '3d/3dmodel.model'",
+    ),
     "gone.3mf": (package({}), "its archive holds no /3D/3dmodel.model"),
     "flat.3mf": (
         archive(

@@ -77,7 +77,8 @@ class RawPart:
     count : int
         The number of its instances in the same orientation.
     node : str, optional
-        What finds it again in the file, if the file has other parts.
+        What finds it again in the file: a node, if the file has other parts, or the number of the
+        first item in the build of a 3MF file.
     """
 
     name: str

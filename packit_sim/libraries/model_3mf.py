@@ -105,6 +105,11 @@ def read_model(outline: Outline, content: bytes) -> Model3MF:
     content : bytes
         Its bytes.
 
+    Returns
+    -------
+    Model3MF
+        What it holds.
+
     Raises
     ------
     MeshError

@@ -47,6 +47,11 @@ class Outline:
 def read_outline(content: bytes) -> Outline:
     """Read the outline of a 3MF file.
 
+    Returns
+    -------
+    Outline
+        Its outline, within the limits of `mesh_limits`.
+
     Raises
     ------
     MeshError

@@ -78,12 +78,13 @@ def check(packed: PackedParts) -> Check:
 
     Notes
     -----
-    trimesh reads the files again, once for each `PackedParts`. FCL computes distances of their
-    triangles, and manifold3d, where it is installed, the volumes that closed parts share.
+    trimesh reads the files again, and `second_reader.py` those in 3MF, once for each `PackedParts`.
+    FCL computes distances of their triangles, and manifold3d, where it is installed, the volumes
+    that closed parts share.
     """
     if packed not in _known:
         found = [_box(packed, number) for number in range(len(packed.packings))]
-        how = "files read by trimesh, distances by FCL"
+        how = "files read again, distances by FCL"
         if _has_manifold():
             how += ", shared volumes by manifold3d"
         problems = tuple(sentence for own, _ in found for sentence in own)
