@@ -312,6 +312,14 @@ def import_command(
             markup=False,
             soft_wrap=True,
         )
+    if shells := [outcome.name for outcome in outcomes if outcome.is_shell]:
+        console.print(
+            f"Open meshes: {listed(shells)}. Their volume is only that of a thin sheet, and other "
+            "items may be placed inside; if they are meant to be solid, close their surface.",
+            style="yellow",
+            markup=False,
+            soft_wrap=True,
+        )
     if not kept:
         raise PackItError(f"{source}: none of its meshes can be a shape: {out} is not written")
     print_written(out, f": {ShapeLibrary.open(out)}")

@@ -109,6 +109,8 @@ class ImportOutcome:
         The metadata, if it was kept.
     parts : int
         The number of meshes in its file's scene, which became one rigid shape.
+    is_shell : bool
+        Whether it is open, so that its volume is that of a sheet (see `Shape.is_shell`).
     """
 
     id: str
@@ -120,6 +122,7 @@ class ImportOutcome:
     repairs: Repairs | None = None
     info: ShapeInfo | None = None
     parts: int = 1
+    is_shell: bool = False
 
 
 def import_library(
@@ -244,6 +247,7 @@ def _prepared(
                         repairs=done.repairs,
                         info=done.info,
                         parts=done.parts,
+                        is_shell=done.is_shell,
                     )
                     yield kept, done.mesh
         except BaseException:
@@ -275,6 +279,7 @@ class _Prepared:
     repairs: Repairs
     triangles_read: int
     parts: int
+    is_shell: bool
 
 
 def _prepare(candidate: Candidate, settings: ImportSettings) -> _Prepared:
@@ -295,7 +300,7 @@ def _prepare(candidate: Candidate, settings: ImportSettings) -> _Prepared:
     mesh, error = settings.simplification(shape)
     kept = Shape(mesh.mesh(), shape.id, shape.category)
     info = candidate.info(kept, float(f"{error + 5e-6:.5f}"))
-    return _Prepared(mesh, info, repairs, len(raw.mesh.faces), raw.parts)
+    return _Prepared(mesh, info, repairs, len(raw.mesh.faces), raw.parts, kept.is_shell)
 
 
 def _grouped(

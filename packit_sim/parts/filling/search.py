@@ -19,6 +19,7 @@ from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.shelves import shelved
 from packit_sim.parts.nesting.nest import NestingError, NestSettings, nest
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
@@ -99,6 +100,54 @@ class PackingSearch:
         return self.best
 
     def _search(self, counts: Mapping[int, int]) -> None:
+        shelves = self._shelves(counts)
+        if self._is_best(shelves, counts):
+            self._offer(shelves)
+            if self._task.objective != "height":
+                return
+        margin = self._task.search_margin
+        searched = {n: k for n, k in counts.items() if self._fits(n, margin=margin)}
+        try:
+            if searched:
+                self._nest_all(searched)
+        finally:
+            self._offer(shelves)
+
+    def _shelves(self, counts: Mapping[int, int]) -> PackedParts:
+        """Fill box after box by shelves, as far as that is valid."""
+        task, left = self._task, dict(counts)
+        found: list[Packing] = []
+        for box in self._boxes_by_size:
+            stock = math.inf if box.count is None else box.count
+            while left and stock > 0 and not task.obstacles:
+                placements = shelved(task, left, box.size)
+                packing = Packing(task.types, task.container(box), placements, task.gap, "knapsack")
+                if not placements or packing.problems():
+                    break
+                found.append(packing)
+                stock -= 1
+                for n, k in Counter(one.type for one in placements).items():
+                    left[n] -= k
+                left = {n: k for n, k in left.items() if k > 0}
+        return self._candidate(found)
+
+    def _is_best(self, packed: PackedParts, counts: Mapping[int, int]) -> bool:
+        """Return whether all parts are packed, and in as few boxes as their volume allows."""
+        if packed.counts != counts:
+            return False
+        space = self._boxes_by_size[0].container.volume
+        fewest = max(1, math.ceil(packed.volume / space * (1 - 1e-6)))
+        return self._task.objective != "boxes" or len(packed.packings) == fewest
+
+    @property
+    def _boxes_by_size(self) -> list[BoxType]:
+        """The boxes in the order in which they are filled."""
+        boxes = list(self._task.boxes)
+        if self._task.objective == "boxes":
+            boxes.sort(key=lambda box: -box.container.volume)
+        return boxes
+
+    def _nest_all(self, counts: Mapping[int, int]) -> None:
         objective, first = self._task.objective, self._task.boxes[0]
         may_be_together = objective == "boxes" and not self._task.obstacles
         if may_be_together and self._can_all_fit(counts):
@@ -112,17 +161,17 @@ class PackingSearch:
         """Fill box after box; return the parts that are left."""
         left = dict(counts)
         stock = {box: math.inf if box.count is None else box.count for box in self._task.boxes}
-        boxes = list(self._task.boxes)
-        if self._task.objective == "boxes":
-            boxes.sort(key=lambda box: -box.container.volume)
+        boxes, margin = self._boxes_by_size, self._task.search_margin
         full: list[Packing] = []
         while left:
-            usable = (b for b in boxes if stock[b] > 0 and any(self._fits(n, b) for n in left))
+            usable = (
+                b for b in boxes if stock[b] > 0 and any(self._fits(n, b, margin) for n in left)
+            )
             box = next(usable, None)
             if box is None:
                 break
             stock[box] -= 1
-            own = {n: k for n, k in left.items() if self._fits(n, box)}
+            own = {n: k for n, k in left.items() if self._fits(n, box, margin)}
             found = self._fill(box, own, full, self._seconds(own, box, sum(stock.values())))
             if found is None:
                 break
@@ -242,7 +291,7 @@ class PackingSearch:
     ) -> Packing:
         """Move the parts of a box into the inner container, as a packing of some types."""
         box = next(each for each in self._task.boxes if each.name == packing.container.name)
-        inner_from_box = Motion.shift(np.full(3, -self._task.margin))
+        inner_from_box = Motion.shift(np.full(3, -self._task.search_margin))
         placements = [
             replace(one, type=numbers.index(one.type), pose=inner_from_box @ one.pose, box=0)
             for one in packing.placements
@@ -253,7 +302,7 @@ class PackingSearch:
     def _in_boxes(self, packing: Packing, *types: BoxType) -> list[Packing]:
         """Move a packing from the inner containers into its boxes, which are of some types."""
         by_size = {self._inner(each).size: each for each in reversed(types)}
-        box_from_inner = Motion.shift(np.full(3, self._task.margin))
+        box_from_inner = Motion.shift(np.full(3, self._task.search_margin))
         found: dict[int, list[Placement]] = {}
         for one in packing.placements:
             moved = replace(one, pose=box_from_inner @ one.pose, box=0)
@@ -280,7 +329,7 @@ class PackingSearch:
                 self._callback(found)
 
     def _inner(self, box: BoxType) -> BoxContainer:
-        margin = self._task.margin
+        margin = self._task.search_margin
         x, y, z = (side - 2 * margin for side in box.size)
         return BoxContainer((x, y, z), self._obstacles, box.name)
 
@@ -289,14 +338,17 @@ class PackingSearch:
         """The obstacles of the task, in the coordinates of the inner container."""
         own = (each.item_type for each in self._task.obstacles)
         return tuple(
-            replace(each, vertices=each.vertices - self._task.margin, known_volume=each.volume)
+            replace(
+                each, vertices=each.vertices - self._task.search_margin, known_volume=each.volume
+            )
             for each in own
         )
 
-    def _fits(self, number: int, box: BoxType | None = None) -> bool:
+    def _fits(self, number: int, box: BoxType | None = None, margin: float | None = None) -> bool:
         own = self._task.parts[number].sides
+        margin = self._task.margin if margin is None else margin
         boxes = self._task.boxes if box is None else (box,)
-        return any(fits(own, each.size, self._task.margin) for each in boxes)
+        return any(fits(own, each.size, margin) for each in boxes)
 
     def _can_all_fit(self, counts: Mapping[int, int]) -> bool:
         """Return whether all parts probably fit the available boxes, filled together."""

@@ -282,9 +282,13 @@ class PackTask:
     @cached_property
     def margin(self) -> float:
         """The distance of collision meshes from the walls, for the same purpose."""
-        clearance = self.settings.wall_clearance
         deviation = max((each.deviation for each in self.parts), default=0.0)
-        return clearance + deviation + (self.tolerance if clearance else 0.0)
+        return self.settings.wall_clearance + deviation
+
+    @property
+    def search_margin(self) -> float:
+        """The same for the nester, which lets items reach beyond walls by the tolerance."""
+        return self.margin + (self.tolerance if self.settings.wall_clearance else 0.0)
 
     @cached_property
     def digest(self) -> str:

@@ -13,8 +13,8 @@ from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.prepared import PreparedPart
 from packit_sim.parts.reading.units import factor
 
-_SLACK = 1e-9
-"""Rounding of a part's sides, relative to the box's."""
+_SLACK = 5e-8
+"""Rounding of a part's sides in single precision, relative to the box's."""
 
 _MISTAKEN: tuple[Unit, ...] = ("mm", "in", "m")
 """Units that are often confused: they differ by 25.4 and 1000."""

@@ -308,6 +308,7 @@ def _overlap(one: _Placed, other: _Placed) -> Iterator[str]:
             for each in (one, other)
         ]
         shared = trimesh.boolean.intersection(solids, engine="manifold")
-        depth = 0.0 if shared.is_empty else 2 * abs(float(shared.volume)) / float(shared.area)
+        with np.errstate(divide="ignore", invalid="ignore"):  # parts may share a face
+            depth = 0.0 if shared.is_empty else 2 * abs(float(shared.volume)) / float(shared.area)
         if depth > np.sqrt(3) * max(one.original.tolerance, other.original.tolerance):
             yield f"{other.name} and {one.name} share a volume of {abs(shared.volume):.4g}"
