@@ -32,7 +32,7 @@ def test_plates_fill_a_box_with_their_clearance() -> None:
     packed_exactly([block(20, 20, 2, name="plate", count=6)], (62, 42, 10), clearance=1.0)
 
 
-@pytest.mark.parametrize("clearance, wall", list(product((0.0, 0.3, 1.0), (0.0, 0.7, 2.0))))
+@pytest.mark.parametrize(("clearance", "wall"), list(product((0.0, 0.3, 1.0), (0.0, 0.7, 2.0))))
 def test_grids_in_three_dimensions_keep_both_clearances(clearance: float, wall: float) -> None:
     numbers, sides = (3, 2, 2), (10.1, 20.3, 5.7)
     size = [
@@ -60,7 +60,7 @@ def test_single_precision_is_no_obstacle(tmp_path) -> None:
     assert packed.count == 8 and check(packed).problems == ()
 
 
-@pytest.mark.parametrize("count, number", [(100, 5), (1000, 10)])
+@pytest.mark.parametrize(("count", "number"), [(100, 5), (1000, 10)])
 def test_many_cubes_are_packed_within_seconds(count: int, number: int) -> None:
     start = perf_counter()
     size = (11 * number - 1, 11 * number - 1, 11 * (count // number**2) - 1)

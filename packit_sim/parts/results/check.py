@@ -201,14 +201,18 @@ class _Original:
     @cached_property
     def drawn_in(self) -> LooseMesh:
         """The mesh, shorter along each axis by the tolerance: parts that touch don't cross."""
-        return self._loose(np.maximum(self.extents - self.tolerance, 0) / self.extents)
+        return self._loose(self._drawn)
+
+    @property
+    def _drawn(self) -> Floats:
+        return np.maximum(self.extents - self.tolerance, 0) / self.extents
 
     @cached_property
     def samples(self) -> list[Floats]:
-        """Points (n, 3) of each connected part of the surface: middles of triangles."""
+        """Points (n, 3) of each connected part of the surface, drawn in: middles of triangles."""
         faces = np.asarray(self.mesh.faces, dtype=np.int64)
         numbers = part_numbers(faces, len(self.mesh.vertices))
-        middles = np.asarray(self.mesh.triangles_center)
+        middles = np.asarray(self.mesh.triangles_center) * self._drawn
         groups = [middles[numbers == n] for n in range(numbers.max() + 1)]
         return [own[np.linspace(0, len(own) - 1, SAMPLES).astype(int)] for own in groups]
 
