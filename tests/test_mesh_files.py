@@ -85,9 +85,8 @@ def test_scenes_are_flattened_with_their_transforms(tmp_path: Path) -> None:
         "pair.dae": ("z", 1),
         "up.dae": ("y", 1),
     }
-    assert {".stl", ".obj", ".ply", ".off", *(f".{n.split('.')[1]}" for n in known)} == set(
-        SUFFIXES
-    )
+    others = {".stl", ".obj", ".ply", ".off", ".step", ".stp"}
+    assert others | {f".{name.split('.')[1]}" for name in known} == set(SUFFIXES)
 
 
 def test_polygons_become_triangles(tmp_path: Path) -> None:

@@ -123,6 +123,7 @@ def test_the_deviation_is_part_of_the_promise(
     settings = PackSettings(workers=1, iterations=20, accuracy=0.2, clearance=1.0)
     (part,) = prepared_task([file], "40x40x30mm", "volume", settings).parts
     assert 0 < part.deviation <= 0.2 and part.deviation == part.part.deviation
+    assert "tessellated, at most" in str(part.simplification)
     task = prepared_task([file], "4x4x3cm", "volume", PackSettings(accuracy=0.02))
     assert 0 < task.parts[0].deviation <= 0.02
     packed = pack([f"{file}=4"], "40x40x30mm", settings=settings)
@@ -191,6 +192,17 @@ def test_without_the_extra_the_error_names_it(
         match=r"STEP files need cascadio.*packit-sim\[cad\].*or export as 3MF or STL",
     ):
         read(pin(tmp_path))
+
+
+def test_without_the_extra_the_other_files_of_a_folder_are_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    pin(tmp_path)
+    creation.box().export(tmp_path / "good.stl")
+    reading = find_parts([tmp_path])
+    assert [part.name for part in reading.parts] == ["good"]
+    assert "pip install 'packit-sim[cad]'" in reading.unread[0].reason
 
 
 def test_a_part_has_a_deviation_that_is_possible() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 from functools import cache
 from typing import TYPE_CHECKING
 
+from openpyxl import Workbook
 from trimesh import creation
 
 from campaigns.fuzzing import file_changes, world
@@ -41,7 +43,21 @@ def _manifests() -> list[bytes]:
 def _tables() -> list[bytes]:
     names = list(dict.fromkeys(name for row in _ROWS for name in row))
     rows = [names, *([str(row.get(name, "")) for name in names] for row in _ROWS)]
-    return ["\n".join(separator.join(row) for row in rows).encode() for separator in ",;\t"]
+    texts = ["\r\n".join(separator.join(row) for row in rows) for separator in ",;\t"]
+    texts.append("sep=;\nFile Name;Qty;Mass (g);Comment;\nbox.stl;2,0;1.234,5;größer;\n")
+    return [
+        text.encode(encoding) for text in texts for encoding in ("utf-8-sig", "utf-16", "cp1252")
+    ]
+
+
+def _sheets() -> list[bytes]:
+    """Return the tables as small workbooks, with cells of several types."""
+    names = list(dict.fromkeys(name for row in _ROWS for name in row))
+    book = Workbook()
+    for row in [names, *([row.get(name) for name in names] for row in _ROWS)]:
+        book.active.append(row)
+    book.save(file := io.BytesIO())
+    return [file.getvalue()]
 
 
 def _read_manifest(suffix: str, data: bytes) -> None:
@@ -105,6 +121,13 @@ READERS = (
         _tables,
         lambda data: _read_manifest(".csv", data),
         file_changes.tokens,
+    ),
+    Reader(
+        "parts-xlsx",
+        "manifests of parts: XLSX",
+        _sheets,
+        lambda data: _read_manifest(".xlsx", data),
+        file_changes.archive(file_changes.tokens),
     ),
     Reader("records", "packings that a search resumes", _records, _read_record, json_tree),
     Reader("orders", "orders of the workbench", _orders, _read_order, json_tree),

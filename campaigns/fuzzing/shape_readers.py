@@ -22,10 +22,12 @@ from packit_sim.core.errors import MeshError, PackItError
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries import mesh_files, stored
+from packit_sim.libraries import step_files as step_reader
+from packit_sim.libraries.gltf_files import INSTANCING
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import TAXONOMY
 from packit_sim.parts.results import second_reader
-from tests import bad_meshes, slicer_projects
+from tests import bad_meshes, slicer_projects, step_files
 
 SEPARATOR = b"\n\x1e\n"
 """Between a catalogue and the splits."""
@@ -144,6 +146,12 @@ def _exported(suffix: str) -> Iterator[bytes]:
     box, cone = creation.box((1, 2, 3)), creation.cone(1.0, 2.0, sections=5)
     scene = trimesh.Scene([box, cone])
     scene.add_geometry(box, transform=trimesh.transformations.translation_matrix((5, 0, 0)))
+    if suffix == ".glb":
+        yield _instanced(world.exported(box, "glb"))
+    if suffix in step_reader.SUFFIXES:
+        yield step_files.box((3, 2, 1)).encode()
+        yield step_files.assembly().encode()
+        return
     if suffix == ".gltf":
         yield from (_one_gltf(one) for one in (box, scene))
         return
@@ -163,6 +171,23 @@ def _exported(suffix: str) -> Iterator[bytes]:
     if kind == "off":
         faces = b"3 0 1 2\n3 0 1 3\n4 0 2 3 1\n3 1 2 3\n"
         yield b"OFF\n# words\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n" + faces
+
+
+def _instanced(glb: bytes) -> bytes:
+    """Return a GLB file of one mesh with two instances of it, at the places of its vertices."""
+    length = int.from_bytes(glb[12:16], "little")
+    header = json.loads(glb[20 : 20 + length])
+    position = header["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    header["accessors"].append(header["accessors"][position] | {"count": 2})
+    attributes = {"TRANSLATION": len(header["accessors"]) - 1}
+    for node in header["nodes"]:
+        if "mesh" in node:
+            node["extensions"] = {INSTANCING: {"attributes": attributes}}
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    rest = glb[20 + length :]
+    sizes = (20 + len(text) + len(rest)).to_bytes(4, "little"), len(text).to_bytes(4, "little")
+    return glb[:8] + sizes[0] + sizes[1] + b"JSON" + text + rest
 
 
 def _one_gltf(mesh: Any) -> bytes:
@@ -186,7 +211,10 @@ def _read_plate(data: bytes) -> None:
 
 def _read_mesh(suffix: str) -> Callable[[bytes], None]:
     def read(data: bytes) -> None:
-        raw = mesh_files.read(world.written(f"mesh/mesh{suffix}", data))
+        file = world.written(f"mesh/mesh{suffix}", data)
+        raw = mesh_files.read(file)
+        if suffix in (".glb", ".gltf"):
+            mesh_files.read_parts(file)
         _use(Shape.from_mesh(raw.mesh, "mesh", up=raw.up))
 
     return read
@@ -215,6 +243,7 @@ READERS = (
             _meshes(suffix),
             _read_plate if suffix == ".3mf" else _read_mesh(suffix),
             mutator,
+            20.0 if suffix == ".step" else 2.0,
         )
         for suffix, mutator in {
             ".3mf": file_changes.archive(file_changes.tokens),
@@ -224,6 +253,7 @@ READERS = (
             ".obj": file_changes.tokens,
             ".off": file_changes.tokens,
             ".ply": file_changes.tokens,
+            ".step": file_changes.tokens,
             ".stl": file_changes.tokens,
         }.items()
     ),

@@ -2,7 +2,7 @@
 From your own meshes to a picture
 =================================
 
-A folder of mesh files is a library: STL, OBJ, PLY, OFF, GLB, glTF, DAE and 3MF. Subfolders are
+A folder of mesh files is a library: STL, OBJ, PLY, OFF, GLB, glTF, DAE, 3MF and STEP. Subfolders are
 categories.
 """
 

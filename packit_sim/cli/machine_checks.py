@@ -60,11 +60,13 @@ BASE = {
 """The distributions that everything needs, by the name that is imported."""
 
 PURPOSES = {
+    "cascadio": "STEP files",
     "coacd": "convex pieces for physics; without it: --decomposition bisection",
     "imageio_ffmpeg": "MP4 films; GIF films need nothing",
     "matplotlib": "plots",
     "minari": "recorded demonstrations",
     "pybullet": "physics, and pictures by EGL",
+    "python_calamine": "lists of parts in .xlsx",
     "ray": "--backend ray",
     "stable_baselines3": "packit train",
     "torch": "networks",
@@ -72,7 +74,7 @@ PURPOSES = {
 }
 """The purpose of each optional package, by the name that is imported."""
 
-COMPILED = ("coacd", "pybullet", "ray", "torch")
+COMPILED = ("cascadio", "coacd", "pybullet", "ray", "torch")
 """Optional packages with compiled code that may not work here: they are imported."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

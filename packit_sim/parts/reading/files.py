@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
+from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
@@ -133,7 +134,7 @@ def find_parts(
         for row in _rows(source, unread, notes):
             try:
                 parts += _parts(row, settings, notes, read_once)
-            except (MeshError, OSError) as error:
+            except (MeshError, MissingPackageError, OSError) as error:
                 reason = str(error).removeprefix(f"{row.file}: ")
                 unread.append(UnreadFile(str(row.file), reason))
             except ArgumentError as error:

@@ -65,7 +65,7 @@ class PreparedPart:
         Whether the repaired surface is closed and does not cross itself; else it is solid by
         voxels.
     simplification : str, optional
-        How the mesh was simplified.
+        How the mesh was simplified, or a surface replaced by it.
     filled_holes : int
         How many holes of the file's surface were closed.
     is_shell : bool
@@ -129,7 +129,9 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
         If the mesh is empty, not finite, flat, or of an impossible size.
     """
     scale = part.scale(unit)
-    vertices = part.user_from_file.direction(np.asarray(part.mesh.vertices, dtype=float) * scale)
+    with np.errstate(invalid="ignore", over="ignore"):  # the shape below must be finite
+        points = np.asarray(part.mesh.vertices, dtype=float) * scale
+        vertices = part.user_from_file.direction(points)
     faces = np.asarray(part.mesh.faces, dtype=np.int64)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     shape, repairs = Shape.repaired(mesh, part.name)
@@ -137,6 +139,8 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     diagonal = float(np.linalg.norm(high - low))
     read = part.deviation * scale
     error, simplification = 0.0, None
+    if read > 0:
+        simplification = f"tessellated, at most {read:.3g} {unit} from the file's surface"
     if len(shape.mesh.faces) > TRIANGLES:
         limit = ACCURACY if accuracy is None else accuracy / diagonal
         mesh, error = _simplified(shape.mesh, max(limit - read / diagonal, 0.0))
@@ -146,7 +150,7 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
             error = (error + _ROUNDING) * diagonal
             simplification = (
                 f"{len(shape.mesh.faces):,} triangles reduced to {len(faces):,} for the search, "
-                f"at most {error:.3g} {unit} from the file's surface"
+                f"at most {read + error:.3g} {unit} from the file's surface"
             )
     volume, is_closed = _volume(shape)
     item_type = ItemType(

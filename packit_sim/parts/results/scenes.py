@@ -135,10 +135,11 @@ def _read_step(part: Part, content: bytes) -> trimesh.Trimesh:
     if part.node is None:
         every = scene.to_mesh()
         return trimesh.Trimesh(every.vertices * 1000.0, every.faces)
-    products = map(str, scene.graph.nodes_geometry)
-    product = max((n for n in products if f"{part.node}#".startswith(f"{n}#")), key=len)
-    pose, name = scene.graph[product]
-    mesh = scene.geometry[name].copy().apply_transform(pose)
-    whole = trimesh.Trimesh(mesh.vertices * 1000.0, mesh.faces)
-    solids = [whole, *whole.split(only_watertight=False)]  # that of the part has the same box
+    solids = []  # those of a product have its name and a number: the one with the part's box is it
+    for product in map(str, scene.graph.nodes_geometry):
+        if f"{part.node}#".startswith(f"{product}#"):
+            pose, name = scene.graph[product]
+            mesh = scene.geometry[name].copy().apply_transform(pose)
+            whole = trimesh.Trimesh(mesh.vertices * 1000.0, mesh.faces)
+            solids += [whole, *whole.split(only_watertight=False)]
     return min(solids, key=lambda each: float(np.abs(each.bounds - part.mesh.bounds).max()))
