@@ -2,8 +2,8 @@
 From your own meshes to a picture
 =================================
 
-A folder of mesh files is a library: STL, OBJ, PLY, OFF, GLB, glTF, DAE, 3MF and STEP. Subfolders are
-categories.
+A folder of mesh files is a library: STL, OBJ, PLY, OFF, GLB, glTF, DAE, 3MF and STEP. Subfolders
+are categories.
 """
 
 # %%
