@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-Point = tuple[float, float, float]
+Point = Sequence[float]
 
 UNITS = {
     "mm": "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )",
@@ -109,10 +109,10 @@ class Step:
         for axis in range(3):
             low = [n for n in range(8) if not n >> axis & 1]
             a, b, c, d = low[0], low[1], low[3], low[2]
-            for ring, outward in (((a, d, c, b), -1), ((a, b, c, d), 1)):
-                ring = tuple(n | (1 << axis if outward > 0 else 0) for n in ring)
-                if axis == 1:
-                    ring = ring[::-1]
+            for outward in (-1, 1):
+                ring = [n | (1 << axis if outward > 0 else 0) for n in (a, b, c, d)]
+                if (outward < 0) != (axis == 1):
+                    ring.reverse()
                 own = []
                 for one, other in pairwise((*ring, ring[0])):
                     key = min(one, other), max(one, other)

@@ -14,6 +14,8 @@ from packit_sim.core.extras import MissingPackageError
 from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.deviation_kernels import farthest
 from packit_sim.libraries import step_files as reader
+from packit_sim.libraries.folder import MeshFolder
+from packit_sim.libraries.importer import ImportSettings, import_library
 from packit_sim.libraries.mesh_files import read, read_parts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
@@ -181,6 +183,18 @@ def test_a_crash_and_a_limit_are_errors(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(reader, "SECONDS", 0.1)
     with pytest.raises(MeshError, match=r"pin\.step: OpenCASCADE took more than"):
         read(file)
+
+
+@needs_cascadio
+def test_a_folder_of_step_files_is_imported(tmp_path: Path) -> None:
+    """The processes of an import have limits that their children can't raise."""
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "box.step").write_text(step_files.box((3, 2, 1)))
+    source = MeshFolder(tmp_path / "in")
+    candidates = [source.candidate(id) for id in source.categories]
+    settings = ImportSettings(workers=1)
+    (outcome,) = import_library(candidates, tmp_path / "out", "mine", "", settings)
+    assert outcome.problem is None and outcome.info is not None
 
 
 def test_without_the_extra_the_error_names_it(

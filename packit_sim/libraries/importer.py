@@ -298,6 +298,7 @@ def _prepare(candidate: Candidate, settings: ImportSettings) -> _Prepared:
         x, y, z = (shape.extents * np.linalg.norm(raw.mesh.extents) * unit).tolist()
         candidate = replace(candidate, size_cm=(x, y, z))
     mesh, error = settings.simplification(shape)
+    error += raw.deviation / float(np.linalg.norm(raw.mesh.extents))
     kept = Shape(mesh.mesh(), shape.id, shape.category)
     info = candidate.info(kept, float(f"{error + 5e-6:.5f}"))
     return _Prepared(mesh, info, repairs, len(raw.mesh.faces), raw.parts, kept.is_shell)

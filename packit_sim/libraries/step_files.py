@@ -57,9 +57,12 @@ import resource, sys
 sys.modules["trimesh"] = None  # cascadio would import it, which takes seconds, for what is not used
 import cascadio
 path, seconds, memory, *tolerances = sys.argv[1:]
-resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
-resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
+limits = {"RLIMIT_CORE": 0, "RLIMIT_CPU": int(seconds), "RLIMIT_AS": int(memory)}
+for name, limit in limits.items():
+    kind = getattr(resource, name)
+    now = resource.getrlimit(kind)[1]  # may be lower in an import, and can't be raised
+    limit = limit if now == resource.RLIM_INFINITY else min(limit, now)
+    resource.setrlimit(kind, (limit, limit))
 data = open(path, "rb").read()
 for n, tolerance in enumerate(tolerances):
     linear, angular, relative = tolerance.split(":")
