@@ -100,6 +100,11 @@ def core_3mf(
         The name of the unit; None leaves it out.
     assembled : mapping of int to sequence of Shape
         The bodies of the meshes that are written as components, by the number of the mesh.
+
+    Returns
+    -------
+    float
+        The relative rounding of coordinates.
     """
     resources, ids, following = "", [], 1
     for number, name in enumerate(scene.names):

@@ -23,6 +23,11 @@ def random_shape(rng: Random, planar: bool = False, flawed: bool = False) -> Sha
         Whether it is a prism, with few planar faces.
     flawed : bool
         Whether it may have two bodies, lack a small triangle, or be inverted.
+
+    Returns
+    -------
+    Shape
+        The shape.
     """
     x, y, z = (float(each) for each in rng.uniform(8, 35, 3))
     wall, steps = float(rng.uniform(2, 4)), int(rng.integers(5, 11))
@@ -60,6 +65,11 @@ def motion(rng: Random, far: bool) -> Floats:
     ----------
     far : bool
         Whether it may be metres long.
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4)
+        The motion.
     """
     found, choice = np.eye(4), rng.random()
     if choice > 0.5:

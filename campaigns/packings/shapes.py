@@ -104,6 +104,11 @@ def turned(profile: Sequence[tuple[float, float]], steps: int, closed: bool) -> 
         The number of sides.
     closed : bool
         Whether the polyline is a loop off the axis.
+
+    Returns
+    -------
+    Shape
+        The solid.
     """
     rings: list[list[int]] = []
     points: list[tuple[float, float, float]] = []

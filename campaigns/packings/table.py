@@ -8,8 +8,8 @@ from typing import Any
 from scipy.stats import binomtest
 
 from benchmarks.common import markdown_table
-from campaigns.packings.cases import KINDS
 from campaigns.packings.lists import WRITERS
+from campaigns.packings.part_files import KINDS
 
 NAME = "packings"
 

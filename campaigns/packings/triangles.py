@@ -24,6 +24,11 @@ def distance(one: Floats, other: Floats, within: float) -> float:
     ----------
     within : float
         Larger distances need not be exact: infinity may be returned instead.
+
+    Returns
+    -------
+    float
+        The distance; 0 if two triangles cross.
     """
     least = np.inf
     for a, b in _near(one, other, within):
@@ -119,10 +124,7 @@ def winding_numbers(points: Floats, corners: Floats) -> Floats:
 def highest_above(lower: Floats, upper: Floats) -> float:
     """Return by how much points of `upper` are above points of `lower` with the same x and y.
 
-    Parameters
-    ----------
-    lower, upper : ndarray of float64, shape (n, 3, 3)
-        Triangles.
+    Both are triangles (n, 3, 3).
 
     Returns
     -------
