@@ -20,6 +20,7 @@ from campaigns.packings.scenes import Node, Scene
 from campaigns.packings.shapes import Shape
 from campaigns.packings.solids import Rules, Solid
 from campaigns.packings.table import totals
+from campaigns.packings.trials import tried
 from campaigns.packings.truth import TrueBox, TruePart, Truth
 from packit_sim.libraries import mesh_files
 
@@ -312,3 +313,11 @@ def test_counts_are_those_of_the_trials() -> None:
     assert rows["STEP"] == {"packings": 2, "wrong": 1, "unread": 1, "parts": 4}
     assert rows["all"] == {"packings": 4, "wrong": 2, "unread": 1, "parts": 12}
     assert found["items"] == 12 and list(found["problems"]) == ["1", "2", "3"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_case_is_packed_and_right(seed: int, tmp_path: Path) -> None:
+    trial = tried(seed, tmp_path)
+    assert trial["problems"] == [] and trial["packed"] > 0
+    assert not list(tmp_path.iterdir())

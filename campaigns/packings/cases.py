@@ -86,6 +86,9 @@ def make(seed: int, folder: Path) -> Case:
     if list_kind and rng.random() < 0.1:
         rows.append({"file": "parts/absent.stl", "count": 1})
         unread.append("absent.stl")
+    if list_kind and rng.random() < 0.1:
+        rows.append({"file": "parts/odd.stl", "count": "many"})
+        unread.append("many")
     sources = [f"{inputs / str(row['file'])}={row['count']}" for row in rows]
     if list_kind:
         suffix, write = lists.WRITERS[list_kind]

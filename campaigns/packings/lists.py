@@ -43,7 +43,7 @@ def unicode_text(path: Path, rows: Sequence[Row]) -> None:
 
 def marked(path: Path, rows: Sequence[Row]) -> None:
     """Write CSV in UTF-8 with a mark at its start, and counts such as 2.0."""
-    own = [{n: float(v) if n == "count" else v for n, v in row.items()} for row in rows]
+    own = [{n: float(v) if isinstance(v, int) else v for n, v in row.items()} for row in rows]
     path.write_bytes(_lines(own, ",").encode("utf-8-sig"))
 
 

@@ -108,14 +108,10 @@ class PartFiles:
             replace(one, vertices=one.vertices @ up / step_writer.UNITS[unit]) for one in moved
         ]
         rounding = step_writer.step(path, names, in_file, unit)
-        if self.split is False or count == 1:
-            whole = united(moved) if count > 1 else shapes[0]
-            found = [(whole, [np.eye(4)] if count > 1 else places, "")]
-        else:
-            found = [(one, [own], n[:2]) for one, own, n in zip(shapes, places, names, strict=True)]
         rounding = max(rounding, 1e-7) * max(float(np.abs(one.vertices).max()) for one in moved)
-        for shape, own, token in found:
-            part = self._part(path, "STEP", shape, own, row)
+        for shape, own, name in zip(shapes, places, names, strict=True):
+            part = self._part(path, "STEP", shape, [own], row)
+            token = name[:2] if count > 1 else ""
             self.parts.append(replace(part, up=up, rounding=rounding, token=token))
         return path
 
