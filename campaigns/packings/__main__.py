@@ -28,8 +28,8 @@ from campaigns.packings.table import NAME, table, totals
 from campaigns.packings.trials import begin, lost, tried
 from packit_sim.core.version import __version__
 
-LONGEST = 300.0
-"""Seconds after which a trial counts as wrong."""
+LONGEST = 900.0
+"""Seconds after which a trial counts as wrong; the first one may have to compile the kernels."""
 
 TRIALS = 50
 """Trials of one process."""
