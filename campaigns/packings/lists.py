@@ -64,7 +64,7 @@ def json_list(path: Path, rows: Sequence[Row]) -> None:
 
 def workbook(path: Path, rows: Sequence[Row]) -> None:
     """Write an Excel workbook."""
-    from openpyxl import Workbook  # type: ignore[import-untyped]
+    from openpyxl import Workbook
 
     book = Workbook()
     sheet = book.active

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lib3mf import get_wrapper  # type: ignore[import-untyped]
-from lib3mf.Lib3MF import ELib3MFException  # type: ignore[import-untyped]
+from lib3mf import get_wrapper
+from lib3mf.Lib3MF import ELib3MFException
 
 from campaigns.packings.shapes import Floats, Ints
 
