@@ -220,11 +220,12 @@ def _surfaces(types: Sequence[ItemType], centred: list[Floats], tolerance: float
 
 def _owned(faces: Ints) -> Ints:
     """Return bits (n,) of the edges and corners that no earlier face (n, 3) has."""
-    edges = np.sort(np.stack((faces, np.roll(faces, -1, axis=1)), axis=-1), axis=-1)
+    following = np.roll(faces, -1, axis=1)
+    edges = np.minimum(faces, following) * (faces.max() + 1) + np.maximum(faces, following)
     owned = np.zeros((len(faces), 6), np.uint8)
-    for start, parts in ((0, edges.reshape(-1, 2)), (3, faces.reshape(-1, 1))):
+    for start, parts in ((0, edges.ravel()), (3, faces.ravel())):
         new = np.zeros(len(parts), np.uint8)
-        new[np.unique(parts, axis=0, return_index=True)[1]] = 1
+        new[np.unique(parts, return_index=True)[1]] = 1
         owned[:, start : start + 3] = new.reshape(-1, 3)
     return np.asarray(np.packbits(owned, axis=1, bitorder="little")[:, 0])
 

@@ -16,7 +16,10 @@ from packit_sim.parts.nesting.conflict_kernels import load
 from packit_sim.parts.nesting.construction_kernels import construct
 from packit_sim.parts.nesting.pose_kernels import take_out
 from packit_sim.parts.nesting.problem import Problem, State, boxes_of
-from packit_sim.parts.nesting.tasks import Poses, SearchTask
+from packit_sim.parts.nesting.tasks import Poses, SearchBudget, SearchTask
+
+AT_ONCE = 8
+"""Items of a construction between two looks at the clock."""
 
 
 def loaded(
@@ -34,6 +37,7 @@ def constructed(
     task: SearchTask,
     sizes: Sequence[Sequence[float]],
     rng: npt.NDArray[np.uint64],
+    budget: SearchBudget | None = None,
 ) -> Poses:
     """Construct a packing in the order of the task, box after box, around given first poses.
 
@@ -43,6 +47,8 @@ def constructed(
         The sides of each box.
     rng : ndarray of uint64, shape (1,)
         The state of the kernels' generator.
+    budget : SearchBudget, optional
+        As in `filled`.
 
     Returns
     -------
@@ -53,7 +59,7 @@ def constructed(
     poses = task.unplaced
     if task.start is not None:
         poses = repaired(problem, task, task.start, boxes)
-    return filled(problem, task, poses, boxes, task.order, rng)
+    return filled(problem, task, poses, boxes, task.order, rng, budget)
 
 
 def filled(
@@ -63,6 +69,7 @@ def filled(
     boxes: Floats,
     order: Ints,
     rng: npt.NDArray[np.uint64],
+    budget: SearchBudget | None = None,
 ) -> Poses:
     """Put in as many more items as fit, in one box after the other, without moving any.
 
@@ -76,6 +83,8 @@ def filled(
         The items to try, in this order; those inside are skipped.
     rng : ndarray of uint64, shape (1,)
         The state of the kernels' generator.
+    budget : SearchBudget, optional
+        When it is late, no further items are tried, after the first `AT_ONCE`.
 
     Returns
     -------
@@ -85,9 +94,12 @@ def filled(
     state = loaded(problem, task, poses, boxes)
     for k in range(len(boxes)):
         left = order[state.inside[order] == 0]
-        if len(left) == 0:
-            break
-        construct(problem, state, left, boxes[k : k + 1], task.settings.construction_samples, rng)
+        for first in range(0, len(left), AT_ONCE):
+            if budget is not None and first > 0 and budget.is_late:
+                break
+            some = left[first : first + AT_ONCE]
+            box, samples = boxes[k : k + 1], task.settings.construction_samples
+            construct(problem, state, some, box, samples, rng)
     return Poses.of(state)
 
 
@@ -98,6 +110,7 @@ def rebuilt(
     boxes: Floats,
     choices: np.random.Generator,
     rng: npt.NDArray[np.uint64],
+    budget: SearchBudget | None = None,
 ) -> Poses:
     """Take out a few items, neighbours or random ones, and fill the box again.
 
@@ -114,6 +127,8 @@ def rebuilt(
         Chooses the items and the order.
     rng : ndarray of uint64, shape (1,)
         The state of the kernels' generator.
+    budget : SearchBudget, optional
+        As in `filled`.
 
     Returns
     -------
@@ -129,7 +144,7 @@ def rebuilt(
     n = len(task.order)
     ranks = np.arange(n) + choices.normal(0, settings.shuffle * n, n)
     order = task.order[ranks.argsort(kind="stable")]
-    return filled(problem, task, poses.changed(goes, 0), boxes, order, rng)
+    return filled(problem, task, poses.changed(goes, 0), boxes, order, rng, budget)
 
 
 def repaired(problem: Problem, task: SearchTask, poses: Poses, boxes: Floats) -> Poses:

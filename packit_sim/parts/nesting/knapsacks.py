@@ -53,7 +53,11 @@ class KnapsackSearch(NestSearch):
 
     def _constructed(self, problem: Problem) -> Solution:
         self._fits = np.isfinite(least_heights(problem, self._task))
-        solution = self._solution(constructed(problem, self._task, [self._task.size], self._rng))
+        sizes = [self._task.size]
+        poses = constructed(problem, self._task, sizes, self._rng, self._budget)
+        solution = self._solution(poses)
+        is_late = self._budget is not None and self._budget.is_late
+        self.is_cut = is_late and bool((self._fits & ~self._packed(poses)).any())
         self._good = self._current = self._own(solution.poses)
         self._rebuilt = solution.poses
         return solution
@@ -87,7 +91,8 @@ class KnapsackSearch(NestSearch):
         most, max_loss = -self.best.score[0], self._task.settings.max_loss
         if self._value(self._rebuilt) < (1 - max_loss) * most:
             self._rebuilt = self.best.poses
-        poses = rebuilt(problem, self._task, self._rebuilt, self._boxes, self._choices, self._rng)
+        task, boxes, choices = self._task, self._boxes, self._choices
+        poses = rebuilt(problem, task, self._rebuilt, boxes, choices, self._rng, self._budget)
         value = self._value(poses)
         if value > most:
             self._gains[1] += value - most
@@ -106,7 +111,7 @@ class KnapsackSearch(NestSearch):
             poses = repaired(problem, self._task, poses, self._boxes)
         most = self._value(self._good)
         if self._value(poses) >= (1 - settings.max_refill_loss) * most:
-            poses = filled(problem, self._task, poses, self._boxes, self._items, self._rng)
+            poses = self._filled(problem, poses)
         value = self._value(poses)
         self._failures += 1
         if value > most:
@@ -122,11 +127,15 @@ class KnapsackSearch(NestSearch):
         """Search for more items from now on, and put in those that fit."""
         super()._add_items(problem)
         self._failures = 0
-        self._good = filled(problem, self._task, self._good, self._boxes, self._items, self._rng)
+        self._good = self._filled(problem, self._good)
         self._offer(problem, self._solution(self._good))
         if self._has_all and self.best is not None:
             self._good = self.best.poses
         self._current = self._good
+
+    def _filled(self, problem: Problem, poses: Poses) -> Poses:
+        items, budget = self._items, self._budget
+        return filled(problem, self._task, poses, self._boxes, items, self._rng, budget)
 
     def _value(self, poses: Poses) -> float:
         return float(self._task.values[self._packed(poses)].sum())

@@ -15,6 +15,7 @@ from itertools import count
 
 from packit_sim.core.debugging import is_checking
 from packit_sim.core.parallel import Threads, Workers
+from packit_sim.core.plain_text import plain_logger
 from packit_sim.parts.nesting.build import build
 from packit_sim.parts.nesting.overlap_kernels import add_fields
 from packit_sim.parts.nesting.problem import Problem, with_own_arrays, with_own_fields
@@ -23,6 +24,8 @@ from packit_sim.parts.nesting.settings import DEFAULT_SETTINGS, SearchSettings
 from packit_sim.parts.nesting.tasks import CLOCKS, ClockName, SearchBudget, Solution
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
+
+_log = plain_logger("packit_sim.parts.nesting")
 
 
 class Problems:
@@ -172,12 +175,15 @@ def rounds(
             before = 1 - passes / limits.passes
             shares = before, before + (share or 0) / limits.passes
         try:
-            budget = seconds, share, shares, stop, limits.clock
+            latest = max(limits.seconds - now, 0.0 if number else settings.construction_seconds)
+            budget = seconds, share, shares, stop, limits.clock, latest
             ends = workers.map(_advance, [(problems, each, *budget) for each in searches])
         except KeyboardInterrupt:
             limits.stop.set()
             raise
         searches = [search for search, _ in ends]
+        if not (number or limits.stop.is_set()) and any(each.is_cut for each in searches):
+            _log.warning("the time was over before all items were tried: allow more time")
         watch.add(spent for _, spent in ends)
         for solution in sorted((each.best for each in searches if each.best), key=_score):
             if best is not None and solution.score >= best.score:
@@ -211,12 +217,13 @@ def _advance(
     shares: tuple[float, float],
     stop: threading.Event | None,
     clock: ClockName,
+    latest: float,
 ) -> tuple[NestSearch, float]:
     start = CLOCKS[clock]()
     problem = problems.get()
     if passes is not None:
         forget_fields(problem)
-    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock))
+    search.advance(problem, SearchBudget(seconds, passes, shares, stop, clock, latest))
     return search, CLOCKS[clock]() - start
 
 

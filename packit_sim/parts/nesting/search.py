@@ -34,15 +34,19 @@ class NestSearch(ABC):
         The best solution so far; there is one after the first call of `advance`.
     is_done : bool
         True if nothing better is possible.
+    is_cut : bool
+        True if the time was over before the first construction had tried all items.
     """
 
     def __init__(self, task: SearchTask, seed: int, order: Ints | None = None) -> None:
         self.best: Solution | None = None
         self.is_done = False
+        self.is_cut = False
         self._task = task
         self._rng = np.array([seed], dtype=np.uint64)
         self._choices = np.random.default_rng(seed)
         self._is_begun = False
+        self._budget: SearchBudget | None = None  # of the round that runs
         self._attempt: Separation | None = None
         self._levels = [np.arange(task.count) if order is None else order]
         fewest = 2 * task.settings.first_items
@@ -52,6 +56,7 @@ class NestSearch(ABC):
 
     def advance(self, problem: Problem, budget: SearchBudget) -> None:
         """Search until the budget is spent."""
+        self._budget = budget
         if not self._is_begun:
             self._is_begun = True
             self._offer(problem, self._constructed(problem))

@@ -38,6 +38,8 @@ class SearchSettings:
         never are: their search would take fewer samples, and the literature's strips got higher.
     construction_samples : int
         Samples for each item of a construction.
+    construction_seconds : float
+        Seconds that the first construction of a knapsack has at least, even if the time is over.
     samples : int
         Samples of a move in a separation.
     passes_at_once : int
@@ -115,6 +117,7 @@ class SearchSettings:
     surface_points: int = 128
     hollow: float = 0.6
     construction_samples: int = 150
+    construction_seconds: float = 5.0
     samples: int = 90
     passes_at_once: int = 5
     patience: int = 60

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -40,6 +41,9 @@ class SearchBudget:
         Ends the round as soon as it is set.
     clock : str
         The clock of the seconds (see `CLOCKS`), read in the thread that uses this budget.
+    latest : float
+        Seconds, from now on, after which no further item is put into a box: at the end of the
+        whole search.
     """
 
     def __init__(
@@ -49,10 +53,12 @@ class SearchBudget:
         shares: tuple[float, float] = (0.0, 1.0),
         stop: threading.Event | None = None,
         clock: ClockName = "wall",
+        latest: float = math.inf,
     ) -> None:
         self._seconds = seconds
         self._now = CLOCKS[clock]
         self._end = self._now() + seconds
+        self._latest = self._now() + latest
         self._passes = passes
         self._all_passes = passes or 0
         self._shares = shares
@@ -61,11 +67,20 @@ class SearchBudget:
     @property
     def is_spent(self) -> bool:
         """True if nothing is left."""
-        if self._stop is not None and self._stop.is_set():
+        if self._is_stopped:
             return True
         if self._passes is None:
             return self._now() >= self._end
         return self._passes <= 0
+
+    @property
+    def is_late(self) -> bool:
+        """True if the whole search should have ended."""
+        return self._is_stopped or (self._passes is None and self._now() >= self._latest)
+
+    @property
+    def _is_stopped(self) -> bool:
+        return self._stop is not None and self._stop.is_set()
 
     @property
     def progress(self) -> float:
