@@ -227,6 +227,7 @@ def _readable(library: ShapeLibrary) -> ShapeLibrary:
         f"Shapes of {library.path} are drawn with replacement and rescaled: the packs are tasks of "
         "a benchmark, not a packing of these files in their real sizes.",
         soft_wrap=True,
+        markup=False,
     )
     with progress_bars() as progress:
         bar = progress.add_task("reading meshes", total=len(library), note="")

@@ -31,7 +31,7 @@ def simple_table(*columns: str, **options: Any) -> Table:
 
 def print_written(path: Path | str, note: str = "") -> None:
     """Print the path of a file that was written."""
-    console.print(f"wrote {path}{note}", soft_wrap=True)
+    console.print(f"wrote {path}{note}", soft_wrap=True, markup=False)
 
 
 def check_shown(
@@ -82,5 +82,5 @@ def stoppable(hint: str) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        console.print(f"stopped: {hint}")
+        console.print(f"stopped: {hint}", markup=False)
         raise typer.Exit(130) from None

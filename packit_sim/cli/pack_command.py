@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,6 +28,7 @@ from packit_sim.parts.reading.boxes import box_unit
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.units import lengths
 from packit_sim.parts.results.check import check
+from packit_sim.parts.results.exports import attempted
 from packit_sim.parts.results.film import film as write_film
 from packit_sim.parts.results.instructions import write_instructions
 from packit_sim.parts.results.record import FILM, INSTRUCTIONS
@@ -108,6 +110,12 @@ def pack_command(
     film: Annotated[
         bool, typer.Option("--film", help="Also write a film of each box as it is packed (GIF).")
     ] = False,
+    require_all: Annotated[
+        bool,
+        typer.Option(
+            "--require-all", help="Exit code 1 if a part is left out or a file is not read."
+        ),
+    ] = False,
     time: TimeOption = "60",
     iterations: Annotated[
         int | None,
@@ -124,7 +132,8 @@ def pack_command(
 
     The folder gets packing.3mf, .glb, .stl, .png, .html (the report with a 3D view) and .json with
     the poses. Every distance applies to your files, which are reread and checked at the end.
-    Ctrl-C writes the best packing so far; the same command resumes from it.
+    Ctrl-C writes the best packing so far; the same command resumes from it. The time includes
+    reading, and as far as possible the check and all files.
 
     A manifest has the columns file, count, value, rotations, priority, mass (g), density (g/cm3),
     no_stack (yes: nothing may rest on it), max_load (g), unit and name. Parts of a higher priority
@@ -156,23 +165,44 @@ def pack_command(
     )
     with stoppable(RESUMABLE), progress_bars() as progress:
         prepare_folder(out / "packing.json")
-        bar = progress.add_task("packing", total=None, note="reading the parts")
+        bar = progress.add_task("reading", total=None, note="")
 
         def show(better: PackedParts, _: float) -> None:
             progress.update(bar, advance=1, note=_note(better))
 
-        packed = pack(parts, box, objective, read_seconds(time), seed, out, show, settings)
-    found = check(packed)
+        def show_step(step: str, done: int, total: int) -> None:
+            what, _, note = step.partition(" ")
+            progress.update(bar, description=what, completed=done, total=total or None, note=note)
+
+        seconds = read_seconds(time)
+        packed = pack(parts, box, objective, seconds, seed, out, show, settings, show_step)
+        more = {
+            out / f"{packed.stem(n)}{FILM}": partial(write_film, packed, box=n)
+            for n in range(len(packed.packings) if film else 0)
+        }
+        if instructions:
+            more[out / INSTRUCTIONS] = partial(write_instructions, packed)
+        written = [path for path, write in more.items() if attempted(path, partial(write, path))]
+        found = check(packed)
     console.print(table(packed, found), markup=False, highlight=False, soft_wrap=True)
     print_written(out, f": {packed.count} parts")
-    if instructions:
-        print_written(write_instructions(packed, out / INSTRUCTIONS))
-    for number in range(len(packed.packings) if film else 0):
-        print_written(write_film(packed, out / f"{packed.stem(number)}{FILM}", number))
-    if found.problems:
-        for problem in found.problems:
-            console.print(problem, markup=False, style="red")
+    for path in written:
+        print_written(path)
+    for problem in found.problems:
+        console.print(problem, markup=False, style="red", soft_wrap=True)
+    missing = _missing(packed) if require_all else ""
+    if missing:
+        console.print(missing, markup=False, style="red", soft_wrap=True)
+    if found.problems or missing:
         raise typer.Exit(1)
+
+
+def _missing(packed: PackedParts) -> str:
+    """Return a sentence on what is not packed; none if all is."""
+    parts, files = sum(each.count for each in packed.left_out), len(packed.unread)
+    what = [f"{parts} part{'s' * (parts > 1)} left out"] if parts else []
+    what += [f"{files} file{'s' * (files > 1)} not read"] if files else []
+    return f"not all is packed: {' and '.join(what)}" if what else ""
 
 
 def _note(packed: PackedParts) -> str:

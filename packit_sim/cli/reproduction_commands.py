@@ -114,7 +114,7 @@ class Run:
         replace_text(self.out / f"{name}.md", f"{text}\n{provenance}.\n")
         whole = {"what": provenance, **content}
         replace_text(self.out / f"{name}.json", json.dumps(whole, indent=1) + "\n")
-        console.print(f"wrote {self.out / name}.md, .json and .png")
+        console.print(f"wrote {self.out / name}.md, .json and .png", markup=False)
 
 
 def reproduce_command(

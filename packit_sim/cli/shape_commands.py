@@ -134,7 +134,7 @@ def stats(library: LibraryOption = "everyday") -> None:
             "triangles and volume are medians\n"
             + ", ".join(f"{name}: {count}" for name, count in licences.most_common())
         )
-    console.print(summary, highlight=False)
+    console.print(summary, highlight=False, markup=False)
     if opened.missing:
         console.print(f"{len(opened.missing)} more have no mesh file", style="yellow")
 

@@ -66,6 +66,6 @@ def verify_command(
         console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
     console.print(verdict)
     if report.not_judged:
-        console.print(report.not_judged, soft_wrap=True)
+        console.print(report.not_judged, soft_wrap=True, markup=False)
     if not report.is_valid:
         raise typer.Exit(1)

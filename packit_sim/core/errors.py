@@ -23,6 +23,7 @@ __all__ = [
     "StateError",
     "UnknownShapeError",
     "located",
+    "reason",
 ]
 
 
@@ -106,3 +107,8 @@ def located(where: object, kind: type[PackItError]) -> Iterator[None]:
         yield
     except kind as error:
         raise kind(f"{where}: {error}") from None
+
+
+def reason(error: Exception) -> str:
+    """Return the message of an error, after the name of its type if it is not one of ours."""
+    return str(error) if isinstance(error, PackItError) else f"{type(error).__name__}: {error}"

@@ -198,7 +198,7 @@ class Threads:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._pool.shutdown()
+        self._pool.shutdown(cancel_futures=True)  # those that an error or Ctrl-C left
 
 
 def search_workers(count: int, backend: SearchBackend, address: str | None) -> Workers | Threads:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import fast_simplification
 import numpy as np
@@ -20,6 +23,9 @@ simplification has a larger one, others are tried."""
 
 EAGER_ERROR = 0.001
 """The error up to which eager simplification goes, in canonical units."""
+
+FEWEST = 50
+"""Triangles below which no mesh is reduced to share a total with others: all look alike there."""
 
 _AGGRESSIVENESS = (7.0, 3.0, 1.0)
 """Growth rates of the tolerance of edge collapses, in the order in which they are tried. The
@@ -113,6 +119,45 @@ def _reduced(shape: Shape, triangles: int) -> tuple[QuantizedMesh, float]:
         )
     error, kept = best
     return kept, error
+
+
+@lru_cache(maxsize=1024)
+def reduced(shape: Shape, triangles: int) -> Shape:
+    """Reduce a shape for display: to some triangles, or as few as possible; its volume is kept."""
+    if len(shape.mesh.faces) > triangles:
+        with suppress(MeshError):  # nothing solid would be left
+            found = Shape.from_mesh(collapsed(shape.mesh, triangles), shape.id, shape.category)
+            return Shape(found.mesh, shape.id, shape.category, shape.volume)
+    return shape
+
+
+def triangle_limit(counts: Sequence[int], total: int) -> int:
+    """Return the largest number of triangles that each mesh may have, for all to share a total.
+
+    Parameters
+    ----------
+    counts : sequence of int
+        The triangles of each mesh.
+    total : int
+        The largest number of triangles of all meshes after the reduction.
+
+    Returns
+    -------
+    int
+        At least `FEWEST`. Meshes that have fewer leave the rest to the others.
+
+    Examples
+    --------
+    >>> triangle_limit([100, 5000, 9000], 8100)
+    4000
+    """
+    left = total
+    for n, count in enumerate(sorted(counts)):
+        share = left // (len(counts) - n)
+        if count > share:
+            return max(share, FEWEST)
+        left -= count
+    return max(counts, default=FEWEST)
 
 
 def collapsed(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import candidate, in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
@@ -16,6 +17,12 @@ from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.exports import export
 from packit_sim.parts.results.record import own_folder, read_earlier
+
+_AFTER = 1.5
+"""Seconds of the check and the exports, as a share of those of reading and preparing."""
+
+_LEAST_SEARCH = 1 / 3
+"""The share of the time that the search has at least, whatever the other steps take."""
 
 
 def pack(
@@ -27,6 +34,7 @@ def pack(
     out: Path | str | None = None,
     callback: Callable[[PackedParts, float], object] | None = None,
     settings: PackSettings | None = None,
+    progress: Progress = unseen,
 ) -> PackedParts:
     """Pack parts into boxes at their real sizes.
 
@@ -40,7 +48,8 @@ def pack(
         "volume", "count" or "value": most of it; "height": all parts, lowest; "boxes": all parts,
         fewest boxes.
     time : float
-        Seconds of the search, from the call on.
+        Seconds, from the call on. The search gets what reading and preparing leave, less an
+        estimate for the exports, but at least a third.
     out : Path or str, optional
         A folder to export to. If it has a packing of the same task, the search starts with it, and
         only a better one replaces it.
@@ -48,6 +57,8 @@ def pack(
         Called with each better packing and the seconds since the call.
     settings : PackSettings, optional
         Clearances, how files are read, and how the search runs.
+    progress : callable, optional
+        Called with each step before and after the search, and how much of it is done.
 
     Returns
     -------
@@ -78,7 +89,12 @@ def pack(
     start = clock.perf_counter()
     check_range("time", time, POSITIVE)
     check_range("seed", as_integer("seed", seed), Range(0))
-    task = prepared_task(parts, box, objective, settings or PackSettings())
+    task = prepared_task(parts, box, objective, settings or PackSettings(), progress)
+    end = start + time
+    now = clock.perf_counter()
+    if out is not None:
+        end -= _AFTER * (now - start)
+    end = max(end, now + _LEAST_SEARCH * time)
 
     def better(packed: PackedParts) -> None:
         if callback is not None:
@@ -89,11 +105,12 @@ def pack(
         if earlier is not None:
             first = candidate(task, earlier.packings, earlier.searches + 1)
             better(first)
-        return in_order(PackingSearch(first, start + time, seed + first.searches - 1, better).run())
+        progress("packing", 0, 0)
+        return in_order(PackingSearch(first, end, seed + first.searches - 1, better).run())
 
     if out is None:
         return search()
     with own_folder(Path(out)):
         packed = search(read_earlier(Path(out), task))
-        export(packed, out)
+        export(packed, out, progress)
     return packed

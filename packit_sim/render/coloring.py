@@ -227,7 +227,12 @@ COLORINGS: Mapping[str, Coloring] = {
 """Rules by name that depend only on the items."""
 
 
+def lighter(color: Color, white: float) -> Color:
+    """Return a colour with a share of white."""
+    red, green, blue = (c + (1 - c) * white for c in color)
+    return red, green, blue
+
+
 def _tinted(number: int) -> Color:
     shade, hue = divmod(number, len(PALETTE))
-    red, green, blue = (c + (1 - c) * _SHADES[shade] for c in PALETTE[hue])
-    return red, green, blue
+    return lighter(PALETTE[hue], _SHADES[shade])

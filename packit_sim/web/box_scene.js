@@ -5,6 +5,7 @@ const BoxScene = (() => {
   const CREASE = (35 * Math.PI) / 180;
   const LATTICE = 65535;
   const TURN = Math.PI / 24;
+  const GLASS = 0.1; // opacity of items that are not marked
   const PIXELS = 2; // the most device pixels per CSS pixel
 
   const renderer = start();
@@ -67,6 +68,13 @@ const BoxScene = (() => {
       return { ...item, mesh };
     });
     return { size: box.size, scene, edges, floor, items };
+  }
+
+  // Make an item look like glass, or solid again.
+  function glaze(mesh, glass) {
+    if (mesh.material.transparent === glass) return;
+    Object.assign(mesh.material, { transparent: glass, opacity: glass ? GLASS : 1, depthWrite: !glass, needsUpdate: true });
+    mesh.castShadow = !glass;
   }
 
   // Create a camera that looks at a box, with controls on its canvas.
@@ -138,5 +146,5 @@ const BoxScene = (() => {
     return hit && visible.find(({ mesh }) => mesh === hit.object);
   }
 
-  return { isPossible: renderer !== null, build, look, draw, turn, itemAt };
+  return { isPossible: renderer !== null, build, glaze, look, draw, turn, itemAt };
 })();

@@ -18,9 +18,13 @@ from packit_sim.geometry.items import ItemInBox
 from packit_sim.geometry.lattice import CELL, Triple
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
-from packit_sim.render.coloring import COLORINGS, ByShare, Coloring, hexadecimal
+from packit_sim.geometry.simplification import reduced, triangle_limit
+from packit_sim.render.coloring import COLORINGS, ByShare, Color, Coloring, hexadecimal
 from packit_sim.render.export import names
-from packit_sim.web.surfaces import reduced
+from packit_sim.web.surfaces import MAX_TRIANGLES
+
+ALL_TRIANGLES = 2**18
+"""Maximum number of triangles of all shapes of a page: 5 MB."""
 
 VERTEX_TYPE = np.dtype("<u2")
 """The type of coordinates on the lattice of a shape's bounding box."""
@@ -63,10 +67,16 @@ class Models:
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
-        self._shapes: list[dict[str, Any]] = []
+        self._shapes: list[Shape] = []
         self._boxes: list[dict[str, Any]] = []
 
-    def add(self, cells: Triple, placed: Sequence[ItemInBox], total: float) -> int:
+    def add(
+        self,
+        cells: Triple,
+        placed: Sequence[ItemInBox],
+        total: float,
+        own_colors: Sequence[Color] | None = None,
+    ) -> int:
         """Add a box.
 
         Parameters
@@ -77,6 +87,8 @@ class Models:
             Its items, in the order of placing.
         total : float
             Volume of all items of its task, in box units cubed.
+        own_colors : sequence of Color, optional
+            The colour "by item" of each item; by default that of its shape.
 
         Returns
         -------
@@ -85,9 +97,10 @@ class Models:
         """
         items = [one.item for one in placed]
         rules: dict[str, Coloring] = {**COLORINGS, "share": ByShare(total)}
-        colors = {
-            name: ["#" + hexadecimal(c) for c in rule(items).of] for name, rule in rules.items()
-        }
+        chosen = {name: rule(items).of for name, rule in rules.items()}
+        if own_colors is not None:
+            chosen["item"] = tuple(own_colors)
+        colors = {name: ["#" + hexadecimal(c) for c in own] for name, own in chosen.items()}
         self._boxes.append(
             {
                 "size": [round(n * CELL, 6) for n in cells],
@@ -117,18 +130,20 @@ class Models:
             a (3, 4) shape-to-box matrix by rows, its share of the reward, and a colour by each
             rule.
         """
-        return {"shapes": self._shapes, "boxes": self._boxes}
+        counts = [min(len(each.mesh.faces), MAX_TRIANGLES) for each in self._shapes]
+        limit = triangle_limit(counts, ALL_TRIANGLES)
+        return {"shapes": [_compact(each, limit) for each in self._shapes], "boxes": self._boxes}
 
     def _number(self, shape: Shape) -> int:
         if shape.digest not in self._numbers:
             self._numbers[shape.digest] = len(self._shapes)
-            self._shapes.append(_compact(shape))
+            self._shapes.append(shape)
         return self._numbers[shape.digest]
 
 
 @lru_cache(maxsize=512)
-def _compact(shape: Shape) -> dict[str, Any]:
-    mesh = QuantizedMesh.of(reduced(shape))
+def _compact(shape: Shape, triangles: int) -> dict[str, Any]:
+    mesh = QuantizedMesh.of(reduced(shape, triangles))
     return {
         "extents": np.round(mesh.extents, 6).tolist(),
         "vertices": b64encode(mesh.vertices.astype(VERTEX_TYPE).tobytes()).decode(),

@@ -15,7 +15,40 @@
     ramp.hidden = !ends;
     if (ends) [ramp.firstElementChild.textContent, ramp.lastElementChild.textContent] = ends;
     cards.forEach((card) => card.paint());
+    swatch();
   });
+  const names = [...document.querySelectorAll(".names button")];
+  let chosen = null;
+  names.forEach((name) => {
+    name.addEventListener("pointerenter", () => mark(name));
+    name.addEventListener("pointerleave", () => mark(chosen));
+    name.addEventListener("focus", () => mark(name));
+    name.addEventListener("blur", () => mark(chosen));
+    name.addEventListener("keydown", (event) => { if (event.key === "Escape") choose(null); });
+    name.addEventListener("click", () => choose(name === chosen ? null : name));
+  });
+  swatch();
+
+  function choose(name) {
+    chosen = name;
+    names.forEach((one) => one.setAttribute("aria-pressed", String(one === chosen)));
+    mark(chosen);
+  }
+
+  // Show the parts of a name, and all others like glass; all parts as they are without a name.
+  function mark(name) {
+    const copies = name && new Set(name.dataset.copies.split(" "));
+    cards.forEach((card) => card.mark(copies));
+  }
+
+  // Give each name the colour of its first part.
+  function swatch() {
+    names.forEach((name) => {
+      const [box, item] = name.dataset.copies.split(" ")[0].split(":").map(Number);
+      name.style.setProperty("--swatch", data.boxes[box].items[item].colors[coloring.value]);
+    });
+  }
+
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => cards.forEach((card) => card.draw()));
   addEventListener("beforeprint", () => cards.forEach((card) => card.draw()));
 
@@ -26,10 +59,15 @@
     const apart = figure.querySelector(".apart");
     const tip = figure.querySelector(".tip");
     let view, camera, controls;
+    let marked = null;
     let seen = false;
     let waiting = false;
 
     this.draw = draw;
+    this.mark = (copies) => {
+      marked = copies;
+      later();
+    };
     this.paint = () => {
       if (view) view.items.forEach((item) => item.mesh.material.color.set(item.colors[coloring.value]));
       later();
@@ -95,6 +133,7 @@
       const middle = new THREE.Vector3(x / 2, y / 2, 0);
       view.items.forEach(({ mesh }, n) => {
         mesh.visible = n < Number(step.value);
+        BoxScene.glaze(mesh, marked !== null && !marked.has(`${by.value}:${n}`));
         mesh.position.copy(mesh.userData.home).sub(middle).multiplyScalar(share).add(mesh.userData.home);
       });
       view.scene.position.z = -DOWN * share * z;

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.length_units import Unit
+from packit_sim.core.parallel import Threads
+from packit_sim.core.progress import Progress, unseen
+from packit_sim.libraries.sources import listed
 from packit_sim.parts.filling.task import (
     Goal,
     PackSettings,
@@ -29,9 +34,21 @@ from packit_sim.parts.reading.prepared import (
 from packit_sim.parts.reading.sizes import too_large, unit_notes
 from packit_sim.parts.reading.units import factor
 
+_LARGE = 200_000
+"""Triangles of a mesh above which parts are prepared one at a time: it takes gigabytes."""
+
+_FEW = 3
+"""Notes on different parts that are alike and yet given one by one."""
+
+_NUMBER = re.compile(r"[\d.,]*\d(e[+-]?\d+)?")
+
 
 def prepared_task(
-    parts: Sequence[Part | Path | str], box: Boxes, objective: Goal, settings: PackSettings
+    parts: Sequence[Part | Path | str],
+    box: Boxes,
+    objective: Goal,
+    settings: PackSettings,
+    progress: Progress = unseen,
 ) -> PackTask:
     """Read and prepare all parts of a task.
 
@@ -43,6 +60,8 @@ def prepared_task(
         A box, or several.
     objective : str
         One of `GOALS`.
+    progress : callable, optional
+        Called with each step, and how much of it is done.
 
     Returns
     -------
@@ -60,13 +79,24 @@ def prepared_task(
     boxes = box_types(box, unit, settings.boxes or (None if objective == "boxes" else 1))
     check_objective(objective, boxes)
     check_margin(settings.wall_clearance, boxes, unit)
+    progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
     prepared, unread = [], list(reading.unread)
-    for part in reading.parts:
+    ready = count(1)
+
+    def one(part: Part) -> PreparedPart | UnreadFile:
         try:
-            prepared.append(prepare(part, unit, settings.accuracy))
+            return prepare(part, unit, settings.accuracy)
         except MeshError as error:
-            unread.append(UnreadFile(str(part.file or part.name), str(error)))
+            return UnreadFile(str(part.file or part.name), str(error))
+        finally:
+            progress("preparing", next(ready), len(reading.parts))
+
+    is_large = any(len(each.mesh.faces) > _LARGE for each in reading.parts)
+    own = settings.workers if settings.backend == "threads" else 0
+    with Threads(1 if is_large else own) as threads:
+        for found in threads.map(one, [(part,) for part in reading.parts]):
+            unread.append(found) if isinstance(found, UnreadFile) else prepared.append(found)
     if not prepared:
         raise ArgumentError(f"no part can be packed: {unread[0].source}: {unread[0].reason}")
     task = PackTask(
@@ -81,7 +111,8 @@ def prepared_task(
     task = _without_tiny(task)
     _require_fit(task)
     note = unit_note(box)
-    return replace(task, notes=(*reading.notes, *([note] if note else []), *_notes(task)))
+    notes = [*reading.notes, *([note] if note else []), *_notes(task)]
+    return replace(task, notes=tuple(_joined(notes)))
 
 
 def _in_place(
@@ -131,6 +162,20 @@ def _require_fit(task: PackTask) -> None:
 
 def _fitting(task: PackTask) -> list[PreparedPart]:
     return [each for n, each in enumerate(task.parts) if n not in task.too_large]
+
+
+def _joined(notes: Sequence[str]) -> Iterator[str]:
+    """Join more than a few notes "name: text" whose texts differ only in numbers."""
+    alike: dict[str, list[str]] = {}
+    for note in notes:
+        _, found, text = note.partition(": ")
+        alike.setdefault(_NUMBER.sub("0", text) if found else note, []).append(note)
+    for own in alike.values():
+        if len(own) <= _FEW:
+            yield from own
+        else:
+            names = [note.partition(": ")[0] for note in own]
+            yield f"{len(own)} parts ({listed(names)}), the first: {own[0].partition(': ')[2]}"
 
 
 def _notes(task: PackTask) -> list[str]:

@@ -235,7 +235,10 @@ class ItemType:
     def shape(self) -> Shape:
         """The shape of the mesh, in its canonical frame."""
         mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
-        return Shape.from_mesh(mesh, self.name)
+        shape = Shape.from_mesh(mesh, self.name)
+        volume = vars(self).get("volume")  # not yet known while it is computed by the shape
+        size = float(np.linalg.norm(self.extents))
+        return Shape(shape.mesh, shape.id, shape.category, volume and volume / size**3)
 
     @cached_property
     def digest(self) -> str:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
+from packit_sim.geometry.simplification import reduced, triangle_limit
 from packit_sim.parts.packings.packing import Packing
+
+MAX_TRIANGLES = 2**18
+"""Maximum number of triangles of all shapes of a box that is shown: EGL can draw twice as many."""
 
 
 def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
@@ -37,7 +42,7 @@ def posed(packing: Packing, side: float = 1.0) -> list[PosedItem]:
 
 
 def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> BoxState[PosedItem]:
-    """Return a box with some of the parts of a packing.
+    """Return a box with some of the parts of a packing, to be shown.
 
     Parameters
     ----------
@@ -50,9 +55,18 @@ def contents(packing: Packing, numbers: Sequence[int], side: float = 4.0) -> Box
     Returns
     -------
     BoxState
-        The box, and the parts in this order. A strip is as high as its highest part.
+        The box, and the parts in this order. A strip is as high as its highest part. Shapes are
+        reduced if they have more than `MAX_TRIANGLES` together.
     """
     unit = CELL * packing.container.longest / side
     a, b, c = (max(1, round(one / unit)) for one in packing.sides)
     items = posed(packing, side)
-    return BoxState((a, b, c), tuple(items[n] for n in numbers))
+    found = [items[n] for n in numbers]
+    shapes = {one.item.shape for one in found}
+    limit = triangle_limit([len(each.mesh.faces) for each in shapes], MAX_TRIANGLES)
+    return BoxState((a, b, c), tuple(_reduced(one, limit) for one in found))
+
+
+def _reduced(one: PosedItem, triangles: int) -> PosedItem:
+    item = Item(reduced(one.item.shape, triangles), one.item.scale)
+    return one if item.shape is one.item.shape else replace(one, item=item)

@@ -9,9 +9,8 @@ from __future__ import annotations
 import importlib.util
 import io
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -19,8 +18,10 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import reason
 from packit_sim.core.plain_text import plain_line
-from packit_sim.geometry.arrays import Floats
+from packit_sim.core.progress import Progress, unseen
+from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.parts import part_numbers
 from packit_sim.geometry.winding import winding_numbers
@@ -67,14 +68,20 @@ _known: WeakKeyDictionary[PackedParts, Check] = WeakKeyDictionary()
 """Results, kept as long as the packed parts: a check takes long."""
 
 
-def check(packed: PackedParts) -> Check:
+def check(packed: PackedParts, progress: Progress = unseen) -> Check:
     """Check the original files of packed parts at their poses, independently of the search.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the number of parts that are read and compared.
 
     Returns
     -------
     Check
         Parts that are outside their box or too close to its walls, that overlap, or that are nearer
-        to each other than the clearance; and the smallest distance.
+        to each other than the clearance; and the smallest distance. A check that fails, as of a
+        file that is gone, is a problem.
 
     Notes
     -----
@@ -83,7 +90,10 @@ def check(packed: PackedParts) -> Check:
     that closed parts share.
     """
     if packed not in _known:
-        found = [_box(packed, number) for number in range(len(packed.packings))]
+        try:
+            found = [_box(packed, number, progress) for number in range(len(packed.packings))]
+        except Exception as error:
+            found = [([f"the check failed: {reason(error)}"], None)]
         how = "files read again, distances by FCL"
         if _has_manifold():
             how += ", shared volumes by manifold3d"
@@ -93,14 +103,16 @@ def check(packed: PackedParts) -> Check:
     return _known[packed]
 
 
-def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
+def _box(packed: PackedParts, number: int, progress: Progress) -> tuple[list[str], float | None]:
     """Return the problems in a box, and the smallest distance of two parts."""
     settings, packing = packed.task.settings, packed.packings[number]
     container = packing.container
     problems: list[str] = []
     originals: dict[int, _Original | None] = {}
     placed = []
+    total = len(packing.placements)
     for n, one in enumerate(packing.placements):
+        progress("checking the files", n, total)
         part = packed.part(one)
         if one.type not in originals:
             try:
@@ -114,12 +126,15 @@ def _box(packed: PackedParts, number: int) -> tuple[list[str], float | None]:
             placed.append(_Placed(original, box_from_file, f"part {n} of box {number + 1}"))
     for each in placed:
         problems += _outside(each, np.array(container.size), settings.wall_clearance)
-    found, distance = _between(combinations(placed, 2), settings.clearance)
+    first, second = np.triu_indices(len(placed), 1)
+    found, distance = _between(placed, first, second, settings.clearance, progress)
     around = [
         *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
         *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
     ]
-    further, _ = _between(product(around, placed), settings.clearance)
+    outer, inner = np.indices((len(around), total)).reshape(2, -1)
+    inner += len(around)
+    further, _ = _between([*around, *placed], outer, inner, settings.clearance, progress)
     return [*problems, *found, *further], distance
 
 
@@ -257,19 +272,20 @@ def _outside(placed: _Placed, size: Floats, clearance: float) -> Iterator[str]:
 
 
 def _between(
-    placed: Iterable[tuple[_Placed, _Placed]], clearance: float
+    placed: Sequence[_Placed], first: Ints, second: Ints, clearance: float, progress: Progress
 ) -> tuple[list[str], float | None]:
-    """Return the problems of pairs, and the smallest distance."""
-    pairs = []
-    for one, other in placed:
-        gaps = np.maximum(one.low, other.low) - np.minimum(one.high, other.high)
-        pairs.append(
-            (float(np.linalg.norm(np.maximum(gaps, 0))), bool((gaps < 0).all()), one, other)
-        )
-    pairs.sort(key=lambda pair: pair[0])
+    """Return the problems of pairs (n,) and (n,) of parts, and the smallest distance."""
+    low = np.array([each.low for each in placed]).reshape(-1, 3)
+    high = np.array([each.high for each in placed]).reshape(-1, 3)
+    sides = np.maximum(low[first], low[second]) - np.minimum(high[first], high[second])
+    gaps, overlaps = np.linalg.norm(np.maximum(sides, 0), axis=1), (sides < 0).all(axis=1)
+    near = int(np.count_nonzero((gaps < clearance) | overlaps))
     problems: list[str] = []
     least: float | None = None
-    for gap, is_overlap, one, other in pairs:
+    for n, pair in enumerate(np.argsort(gaps, kind="stable").tolist()):
+        progress("checking the distances", min(n, near), near)
+        one, other = placed[first[pair]], placed[second[pair]]
+        gap, is_overlap = float(gaps[pair]), bool(overlaps[pair])
         unit = one.original.unit
         is_near = gap < clearance or is_overlap
         if not is_near and least is not None and gap >= least:

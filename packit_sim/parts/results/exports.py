@@ -1,29 +1,33 @@
-"""Exports of packed parts: 3MF, GLB, STL, pictures, the report page, and the record."""
+"""Exports of packed parts: the record first, then 3MF, GLB, STL, pictures and the report page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from trimesh.visual import TextureVisuals
 
-from packit_sim.core.errors import ArgumentError
+from packit_sim.core.errors import ArgumentError, RenderError, reason
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.progress import Progress, unseen
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.page import write_page
-from packit_sim.parts.results.pictures import draw, shown
-from packit_sim.parts.results.record import write_record
-from packit_sim.render.coloring import by_item
+from packit_sim.parts.results.pictures import draw, part_colors
+from packit_sim.parts.results.record import update_record, write_record
 from packit_sim.render.export import Y_UP, material
 from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from packit_sim.render.image_files import output_file
+
+SUFFIXES = ".3mf", ".glb", ".stl", ".png"
+"""The files of each box."""
 
 MOST_TRIANGLES = 20_000_000
 """Largest number of triangles of an STL file, which has each copy of a part: 1 GB."""
@@ -31,25 +35,32 @@ MOST_TRIANGLES = 20_000_000
 _log = plain_logger(__name__)
 
 
-def export(packed: PackedParts, folder: Path | str) -> list[Path]:
-    """Check packed parts, and write them as 3MF, GLB, STL, JSON, a picture and a report page.
+def export(packed: PackedParts, folder: Path | str, progress: Progress = unseen) -> list[Path]:
+    """Write packed parts: the record and its meshes, and then all other files.
+
+    The record comes first, so that nothing that happens later loses the packing. Then follow the
+    check, whose result is added to the record, 3MF, GLB, STL and a picture of each box, and the
+    report page. One of these that can't be made, such as a picture of too many triangles, is a
+    warning, and the others are still written.
 
     Parameters
     ----------
     folder : Path or str
-        The folder; its files of an earlier packing are replaced, each in one step.
+        The folder; files of an earlier packing are removed when the record is replaced.
+    progress : callable, optional
+        Called with each step, and how much of it is done.
 
     Returns
     -------
     list of Path
-        The files.
+        The files that were written, the record last.
 
     Raises
     ------
     ArgumentError
         If nothing is packed.
     RenderError
-        If a picture or a model can't be written.
+        If the disk takes no picture or model.
     OSError
         If the page or the record can't be written.
     """
@@ -58,24 +69,54 @@ def export(packed: PackedParts, folder: Path | str) -> list[Path]:
         raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    page = folder / "packing.html"
+    boxes = {
+        folder / f"{packed.stem(n)}{suffix}": contents
+        for n, contents in enumerate(packed.contents)
+        for suffix in SUFFIXES
+    }
+    progress("writing the record", 0, 1)
+    *meshes, record = write_record(packed, None, folder, [*boxes, page])
+    found = check(packed, progress)
+    update_record(packed, found, folder, [*boxes, page])
+    steps: dict[Path, Callable[[], object]] = {
+        path: partial(_write, packed, contents, path) for path, contents in boxes.items()
+    }
+    steps[page] = partial(write_page, packed, found, page)
     files = []
-    for number, contents in enumerate(packed.contents):
-        stem = packed.stem(number)
-        for suffix in ("3mf", "glb", "stl"):
-            path = folder / f"{stem}.{suffix}"
-            data = _encoded(packed, contents, suffix)
-            if data is None:
-                _log.warning("%s is not written: it would have too many triangles", path)
-                continue
-            with output_file(path) as file:
-                file.write(data)
+    for n, (path, write) in enumerate(steps.items()):
+        progress(f"writing {path.name}", n, len(steps))
+        if attempted(path, write):
             files.append(path)
-        path = folder / f"{stem}.png"
-        draw(contents, path, [each.item_type for each in packed.task.keep_out])
-        files.append(path)
-    found = check(packed)
-    files.append(write_page(packed, found, folder / "packing.html"))
-    return files + write_record(packed, found, folder, files)
+        progress(f"writing {path.name}", n + 1, len(steps))
+    if len(files) < len(steps):
+        update_record(packed, found, folder, files)
+    return [*files, *meshes, record]
+
+
+def attempted(path: Path, write: Callable[[], object]) -> bool:
+    """Write a file; if it can't be made, warn.
+
+    Returns
+    -------
+    bool
+        True if it is written.
+
+    Raises
+    ------
+    RenderError
+        If the disk does not take the file: it would take no other one.
+    OSError
+        The same.
+    """
+    try:
+        write()
+    except Exception as error:
+        if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
+            raise
+        _log.warning("%s is not written: %s", path, reason(error))
+        return False
+    return True
 
 
 def names(packed: PackedParts, contents: Packing) -> list[str]:
@@ -86,6 +127,18 @@ def names(packed: PackedParts, contents: Packing) -> list[str]:
     numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
     own = [packed.part(one).part.name for one in placements]
     return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
+
+
+def _write(packed: PackedParts, contents: Packing, path: Path) -> None:
+    """Write a box in the format of a path's suffix."""
+    if path.suffix == ".png":
+        draw(contents, path, [each.item_type for each in packed.task.keep_out])
+        return
+    data = _encoded(packed, contents, path.suffix[1:])
+    if data is None:
+        raise RenderError("it would have too many triangles")
+    with output_file(path) as file:
+        file.write(data)
 
 
 def _encoded(packed: PackedParts, contents: Packing, suffix: str) -> bytes | None:
@@ -101,7 +154,7 @@ def _encoded(packed: PackedParts, contents: Packing, suffix: str) -> bytes | Non
 
 
 def _glb(packed: PackedParts, contents: Packing) -> bytes:
-    colors = by_item([one.item for one in shown(contents).placed]).of
+    colors = part_colors(contents)
     scene = _scene(packed, contents, "m", colors, Y_UP)
     return bytes(scene.export(file_type="glb"))
 

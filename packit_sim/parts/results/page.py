@@ -11,7 +11,7 @@ from packit_sim.core.version import __version__
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.results.check import Check
-from packit_sim.parts.results.pictures import shown
+from packit_sim.parts.results.pictures import part_colors, shown
 from packit_sim.parts.results.summary import summary, why_left_out
 from packit_sim.web.page_models import Models, page_texts
 
@@ -19,15 +19,16 @@ from packit_sim.web.page_models import Models, page_texts
 def add_box(models: Models, contents: Packing) -> int:
     """Add a box with all that is in it to the models of a page; return its number."""
     state = shown(contents)
-    return models.add(state.cells, state.placed, plain_sum(p.item.volume for p in state.placed))
+    total = plain_sum(p.item.volume for p in state.placed)
+    return models.add(state.cells, state.placed, total, part_colors(contents))
 
 
-def write_page(packed: PackedParts, found: Check, path: Path) -> Path:
+def write_page(packed: PackedParts, found: Check | None, path: Path) -> Path:
     """Write the page as one self-contained HTML file.
 
     Parameters
     ----------
-    found : Check
+    found : Check, optional
         The result of their check.
 
     Returns
@@ -50,6 +51,10 @@ def write_page(packed: PackedParts, found: Check, path: Path) -> Path:
         }
         for packing, contents in zip(packed.packings, packed.contents, strict=True)
     ]
+    copies: dict[int, list[str]] = {}
+    for box, contents in zip(boxes, packed.contents, strict=True):
+        for n, one in enumerate(contents.placements):
+            copies.setdefault(one.type, []).append(f"{box['model']}:{n}")
     parts = [
         {
             "name": each.part.name,
@@ -59,14 +64,18 @@ def write_page(packed: PackedParts, found: Check, path: Path) -> Path:
         }
         for n, each in enumerate(packed.task.parts)
     ]
+    shown_parts = [
+        {"name": packed.task.all_parts[n].part.name, "copies": copies[n]} for n in sorted(copies)
+    ]
     content = {
         "version": __version__,
         "summary": summary(packed, found),
         "parts": parts,
         "problems": packed.unread,
         "notes": packed.notes,
-        "found": found.problems,
+        "found": found.problems if found else (),
         "boxes": boxes,
+        "shown_parts": shown_parts,
         **page_texts(),
         "models": models.to_json(),
     }

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.items import BoxState, PosedItem
 from packit_sim.geometry.lattice import CELL
 from packit_sim.geometry.shapes import Item
@@ -15,7 +16,7 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.posed_parts import contents
-from packit_sim.render.coloring import UNKNOWN_COLOR, Colors, by_item
+from packit_sim.render.coloring import PALETTE, UNKNOWN_COLOR, Color, Colors, lighter
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
 
@@ -24,6 +25,9 @@ _CELLS = range(100, 129)
 
 SIZE = 1200, 900
 """Pixels of a picture."""
+
+_SHADES = 0.0, 0.2, 0.4, 0.6
+"""Shares of white in the colours of parts that have the same hue."""
 
 
 def shown(packing: Packing) -> BoxState[PosedItem]:
@@ -45,6 +49,38 @@ def shown(packing: Packing) -> BoxState[PosedItem]:
     return contents(packing, range(len(packing.placements)), count * CELL)
 
 
+def part_colors(packing: Packing) -> tuple[Color, ...]:
+    """Choose colours that tell parts apart.
+
+    Each part of the task has a hue, in every box; its copies have shades of it that differ between
+    neighbours. If all are copies of one part, they have all hues.
+
+    Returns
+    -------
+    tuple of Color
+        The colour of each placement.
+    """
+    placed: dict[Color, list[Floats]] = {}
+    found = []
+    for one in packing.placements:
+        hue = PALETTE[one.type % len(PALETTE)]
+        hues = PALETTE if len(packing.types) == 1 else (hue,)
+        middle = one.apply(packing.types[one.type].middle)
+        distances = {
+            color: _distance(middle, placed.get(color, ()))
+            for color in (lighter(hue, white) for white in _SHADES for hue in hues)
+        }
+        color = max(distances, key=distances.__getitem__)
+        placed.setdefault(color, []).append(middle)
+        found.append(color)
+    return tuple(found)
+
+
+def _distance(point: Floats, others: Sequence[Floats]) -> float:
+    """Return the distance of a point to the nearest of others, infinite if there is none."""
+    return float(np.linalg.norm(np.array(others) - point, axis=1).min()) if len(others) else np.inf
+
+
 def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[ItemType] = ()) -> None:
     """Draw a box and write the picture as PNG.
 
@@ -64,8 +100,7 @@ def draw(packing: Packing, path: str | os.PathLike[str], keep_out: Sequence[Item
     )
 
     def colors(items: Sequence[Item]) -> Colors:
-        parts = by_item(items[: len(packing.placements)]).of
-        return Colors((*parts, *(UNKNOWN_COLOR,) * len(keep_out)))
+        return Colors((*part_colors(packing), *(UNKNOWN_COLOR,) * len(keep_out)))
 
     with Scene(shown(whole)) as scene:
         scene.snapshot(*SIZE, Look(coloring=colors)).save(path)

@@ -72,7 +72,7 @@ class _RecordedBoxes(Struct):
 
 
 def write_record(
-    packed: PackedParts, found: Check, folder: Path, written: Sequence[Path]
+    packed: PackedParts, found: Check | None, folder: Path, written: Sequence[Path]
 ) -> list[Path]:
     """Write a packing and its meshes so that `packit verify` can check them.
 
@@ -80,10 +80,10 @@ def write_record(
     ----------
     packed : PackedParts
         The packing.
-    found : Check
-        The result of its check.
+    found : Check, optional
+        The result of its check; without it the summary says that it is not done.
     written : sequence of Path
-        The packing's other files; those of an earlier packing that it does not have are removed.
+        The packing's other files, also those to come; those of an earlier packing are removed.
 
     Returns
     -------
@@ -153,11 +153,29 @@ def write_record(
         "task": task.digest,
         "searches": packed.searches,
     }
-    stale = _files(folder) - {path.name for path in written}
-    replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    stale = _files(folder)
+    _replace(folder, record)
     for name in sorted(stale):
         (folder / name).unlink(missing_ok=True)
     return [*files, folder / RECORD]
+
+
+def update_record(packed: PackedParts, found: Check, folder: Path, written: Sequence[Path]) -> None:
+    """Add the result of the check to the record of a packing, and name its other files.
+
+    Raises
+    ------
+    OSError
+        If the file can't be written.
+    """
+    record = json.loads((folder / RECORD).read_bytes())
+    record["summary"] = summary(packed, found)
+    record["files"] = [path.name for path in written]
+    _replace(folder, record)
+
+
+def _replace(folder: Path, record: dict[str, Any]) -> None:
+    replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 
 def _files(folder: Path) -> set[str]:

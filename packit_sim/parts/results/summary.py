@@ -15,7 +15,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     Parameters
     ----------
     found : Check, optional
-        The result of `check`; without it the summary does not say what a check would find.
+        The result of `check`; without it the summary says that the check is not done.
 
     Returns
     -------
@@ -41,7 +41,9 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         name = "centre of gravity" if len(boxes) == 1 else f"centre, box {number}"
         place = ", ".join(f"{each:.4g}" for each in packed.centre_of_gravity(packing))
         texts[name] = f"({place}) {unit}, by {by}"
-    if found is not None:
+    if found is None:
+        texts["check"] = "not done"
+    else:
         count = f"{len(found.problems)} problems"
         texts["check"] = count if found.problems else f"no problems ({found.how})"
     return texts

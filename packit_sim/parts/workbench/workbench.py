@@ -8,6 +8,7 @@ import threading
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,7 +28,7 @@ from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.check import Check, check
-from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.exports import attempted, export
 from packit_sim.parts.results.instructions import write_instructions
 from packit_sim.parts.results.page import add_box
 from packit_sim.parts.results.record import INSTRUCTIONS
@@ -296,7 +297,9 @@ class Workbench:
             files = export(packed, out)
             if job.instructions:
                 self._note("writing the instructions", packed, locked)
-                files.append(write_instructions(packed, out / INSTRUCTIONS))
+                path = out / INSTRUCTIONS
+                if attempted(path, partial(write_instructions, packed, path)):
+                    files.append(path)
         except Exception as error:
             if not isinstance(error, PackItError):
                 _log.exception("the search failed")
