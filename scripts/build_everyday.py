@@ -32,7 +32,7 @@ from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.libraries.sources import Candidate, SizeCm
 
 VERSION = "2"

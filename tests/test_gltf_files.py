@@ -21,7 +21,7 @@ from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.scenes import read_scene
+from packit_sim.parts.results.reread_scenes import read_scene
 
 BLOCK = creation.box((0.03, 0.02, 0.01))
 Header = dict[str, Any]

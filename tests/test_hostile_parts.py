@@ -19,6 +19,7 @@ from packit_sim.game.datasets.pack_files import read_packs
 from packit_sim.geometry.motions import Motion
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
@@ -102,7 +103,7 @@ def test_a_file_that_is_named_often_is_read_once(
     file.write_text(json.dumps([{"file": cube.name}] * 50))
     read: list[Path] = []
 
-    def count(file: Path) -> mesh_files.RawMesh:
+    def count(file: Path) -> RawMesh:
         read.append(file)
         return mesh_files.read(file)
 

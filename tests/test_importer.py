@@ -27,7 +27,7 @@ from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import importer
 from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.libraries.sources import Candidate
 from packit_sim.libraries.splits import SPLITS
 from tests import bad_meshes

@@ -16,7 +16,7 @@ from packit_sim.parts.pack import pack
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.second_reader import read_3mf
+from packit_sim.parts.results.reread_3mf import read_3mf
 from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from tests import slicer_projects as projects
 from tests.bad_meshes import package, stl

@@ -24,7 +24,7 @@ from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.scenes import read_scene
+from packit_sim.parts.results.reread_scenes import read_scene
 from tests import step_files
 from tests.step_files import Step
 

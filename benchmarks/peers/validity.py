@@ -17,7 +17,7 @@ from packit_sim.geometry.shapes import Shape
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.placements import Placement
-from packit_sim.parts.packings.validity import Body, outside, pair_problems
+from packit_sim.parts.packings.validity import CheckedItem, outside, pair_problems
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,18 @@ class QualityScores:
         """Check the items in a box of the given number of cells."""
         x, y, z = (side * CELL for side in cells)
         container = BoxContainer((x, y, z))
-        bodies = [
-            Body("", _item_type(posed.item.shape), Placement.from_matrix(0, posed.pose), 1.0)
+        items = [
+            CheckedItem("", _item_type(posed.item.shape), Placement.from_matrix(0, posed.pose), 1.0)
             for posed in packing
         ]
-        beyond = [n for n, body in enumerate(bodies) if any(outside(body, container))]
+        beyond = [n for n, item in enumerate(items) if any(outside(item, container))]
         pairs = [
             (n, m)
-            for (n, one), (m, other) in combinations(enumerate(bodies), 2)
+            for (n, one), (m, other) in combinations(enumerate(items), 2)
             if any(pair_problems(one, other))
         ]
         kept: list[int] = []
-        for m in range(len(bodies)):
+        for m in range(len(items)):
             if m not in beyond and not any((n, m) in pairs for n in kept):
                 kept.append(m)
         return cls(tuple(beyond), tuple(pairs), tuple(kept))

@@ -26,7 +26,7 @@ from packit_sim.libraries import step_files as step_reader
 from packit_sim.libraries.gltf_files import INSTANCING
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import TAXONOMY
-from packit_sim.parts.results import second_reader
+from packit_sim.parts.results import reread_3mf
 from tests import bad_meshes, slicer_projects, step_files
 
 SEPARATOR = b"\n\x1e\n"
@@ -204,7 +204,7 @@ def _read_plate(data: bytes) -> None:
     """Read each part of a 3MF file; the check's reader must find the same."""
     file = world.written("mesh/mesh.3mf", data)
     for part in mesh_files.read_parts(file):
-        triangles = second_reader.read_3mf(file, part.node).triangles
+        triangles = reread_3mf.read_3mf(file, part.node).triangles
         assert np.allclose(triangles, part.raw.mesh.triangles, rtol=1e-6, equal_nan=True)
     _read_mesh(".3mf")(data)
 

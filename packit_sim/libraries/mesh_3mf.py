@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import trimesh
 
 from packit_sim.core.errors import MeshError
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.libraries import mesh_limits
 from packit_sim.libraries.model_3mf import Item3MF, Object3MF, read_model
 from packit_sim.libraries.outline_3mf import read_outline
+from packit_sim.libraries.raw_meshes import RawMesh, RawPart
 from packit_sim.libraries.slicer_settings import ObjectSettings, read_settings
 
 _MOST_NAMES = 3
@@ -49,6 +52,32 @@ class Plate:
     parts: tuple[PlatePart, ...]
     unit_cm: float
     notes: tuple[str, ...]
+
+    def joined(self) -> RawMesh:
+        """Join all items."""
+        items = [(part, shift) for part in self.parts for shift in part.shifts]
+        meshes = [
+            trimesh.Trimesh(each.vertices + shift, each.triangles, process=False)
+            for each, shift in items
+        ]
+        joined: Any = trimesh.util.concatenate(meshes)
+        return self._raw(joined, len(meshes))
+
+    def separate(self) -> list[RawPart]:
+        """Return each part; several without a name are numbered as in the file."""
+        is_only = len(self.parts) == 1
+        return [
+            RawPart(
+                part.name or ("" if is_only else str(part.item)),
+                self._raw(trimesh.Trimesh(part.vertices, part.triangles, process=False)),
+                len(part.shifts),
+                str(part.item),
+            )
+            for part in self.parts
+        ]
+
+    def _raw(self, mesh: trimesh.Trimesh, parts: int = 1) -> RawMesh:
+        return RawMesh(mesh, "z", self.unit_cm, parts, self.notes)
 
 
 def read_plate(content: bytes) -> Plate:

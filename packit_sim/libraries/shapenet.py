@@ -13,7 +13,7 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError
 from packit_sim.core.files import read_whole
 from packit_sim.libraries import mesh_files, splits
-from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.libraries.sources import Candidate, Source
 
 TAXONOMY = "taxonomy.json"

@@ -21,7 +21,7 @@ from packit_sim.core.caches import bounded_cache
 from packit_sim.core.errors import LibraryError, MeshError, located
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.geometry.shapes import Shape
-from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.raw_meshes import RawMesh
 
 __all__ = ["Candidate", "RawMesh", "ShapeInfo", "Source"]
 

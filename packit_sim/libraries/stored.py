@@ -27,7 +27,7 @@ from packit_sim.core.files import exchange, read_whole
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
-from packit_sim.libraries.mesh_files import RawMesh
+from packit_sim.libraries.raw_meshes import RawMesh
 from packit_sim.libraries.sources import Candidate, ShapeInfo, SizeCm, Source
 
 FORMAT = 2

@@ -168,15 +168,16 @@ class Packing:
     ) -> list[str]:
         """Check items in boxes of one size."""
         unit = container.longest
-        bodies = [
-            validity.Body(named(number, own.name), own, placement, unit)
+        items = [
+            validity.CheckedItem(named(number, own.name), own, placement, unit)
             for number, placement in numbered
             for own in [self.types[placement.type]]
         ]
         obstacles = [
-            validity.Body(each.name, each, Placement(0), unit) for each in container.obstacles
+            validity.CheckedItem(each.name, each, Placement(0), unit)
+            for each in container.obstacles
         ]
-        return validity.problems(bodies, container, self.clearance, obstacles)
+        return validity.problems(items, container, self.clearance, obstacles)
 
     def write(self, path: Path | str) -> None:
         """Write the packing as JSON that `packit verify` checks.

@@ -77,10 +77,10 @@ def verify_packing(file: Path | str) -> Report:
     containers = dict(enumerate(map(BoxContainer, packing.boxes)))
     load = cache(lambda mesh: ItemType.from_file(file.parent / mesh))
     found: list[str] = []
-    bodies: list[validity.Body] = []
-    obstacles: list[validity.Body] = []
-    every: list[tuple[str, _Obstacle, list[validity.Body]]]
-    every = [(named(n, item.mesh), item, bodies) for n, item in enumerate(packing.items)]
+    items: list[validity.CheckedItem] = []
+    obstacles: list[validity.CheckedItem] = []
+    every: list[tuple[str, _Obstacle, list[validity.CheckedItem]]]
+    every = [(named(n, item.mesh), item, items) for n, item in enumerate(packing.items)]
     for n, obstacle in enumerate(packing.obstacles):
         every.append((f"obstacle {n} ({obstacle.mesh!r})", obstacle, obstacles))
     for name, posed, kind in every:
@@ -93,21 +93,21 @@ def verify_packing(file: Path | str) -> Report:
             box = posed.box if isinstance(posed, _PackingItem) else 0
             longest = containers.get(box, container).longest
             placement = Placement.from_matrix(0, pose, box)
-            kind.append(validity.Body(name, load(posed.mesh), placement, longest))
+            kind.append(validity.CheckedItem(name, load(posed.mesh), placement, longest))
         except MeshError as error:
             found.append(f"{name} has no mesh: {error}")
     used = sorted({item.box for item in packing.items})
     if containers:
         for box in used:
-            own = [body for body in bodies if body.box == box]
+            own = [item for item in items if item.box == box]
             found += validity.problems(own, containers[box], packing.clearance, obstacles)
         space = plain_sum(containers[box].volume for box in used)
     else:
-        found += validity.problems(bodies, container, packing.clearance, obstacles)
+        found += validity.problems(items, container, packing.clearance, obstacles)
         space = container.volume * len(used)
     if container.is_strip and not containers:
-        space = container.base * max((float(body.high[2]) for body in bodies), default=0.0)
-    volume = plain_sum(body.volume for body in bodies)
+        space = container.base * max((float(item.high[2]) for item in items), default=0.0)
+    volume = plain_sum(item.volume for item in items)
     sentences = tuple(FileProblem(file, None, sentence) for sentence in found)
     return Report(sentences, 1, 1, len(packing.items), volume, space)
 

@@ -42,7 +42,7 @@ def tolerance(unit: float, longest: float) -> float:
     return min(CONTACT_TOLERANCE * unit, MAX_SHRINKAGE * longest)
 
 
-class Body:
+class CheckedItem:
     """A placed item, for the check.
 
     Parameters
@@ -77,27 +77,27 @@ class Body:
         self.volume = item_type.volume * placement.scale**3
         self.box_from_item = placement.pose.at(placement.apply(item_type.middle))  # centred
 
-    def seen_from(self, other: Body, unit: float) -> tuple[Floats, Floats]:
+    def seen_from(self, other: CheckedItem, unit: float) -> tuple[Floats, Floats]:
         """Return its rotation (3, 3) and, in a unit, its translation (3,) in another's frame."""
         other_from_self = self.box_from_item.seen_from(other.box_from_item)
         return other_from_self.rotation.copy(), other_from_self.translation / unit
 
 
-def outside(body: Body, container: Container) -> Iterator[str]:
+def outside(item: CheckedItem, container: Container) -> Iterator[str]:
     """Yield a sentence for each wall that an item reaches beyond by more than its tolerance."""
-    for wall, depth in container.beyond(body.vertices):
-        if not depth <= body.tolerance:
-            yield f"{body.name} reaches {depth:.3g} beyond {wall}"
+    for wall, depth in container.beyond(item.vertices):
+        if not depth <= item.tolerance:
+            yield f"{item.name} reaches {depth:.3g} beyond {wall}"
 
 
-def pair_problems(one: Body, other: Body, clearance: float = 0.0) -> Iterator[str]:
+def pair_problems(one: CheckedItem, other: CheckedItem, clearance: float = 0.0) -> Iterator[str]:
     """Yield a sentence for each problem of two items.
 
     Parameters
     ----------
-    one : Body
+    one : CheckedItem
         An item.
-    other : Body
+    other : CheckedItem
         Another, in the same container.
     clearance : float
         The smallest distance that their surfaces may have.
@@ -147,20 +147,20 @@ def pair_problems(one: Body, other: Body, clearance: float = 0.0) -> Iterator[st
 
 
 def problems(
-    bodies: Iterable[Body],
+    items: Iterable[CheckedItem],
     container: Container,
     clearance: float = 0.0,
-    obstacles: Sequence[Body] = (),
+    obstacles: Sequence[CheckedItem] = (),
 ) -> list[str]:
     """Check placed items.
 
     Parameters
     ----------
-    bodies : iterable of Body
+    items : iterable of CheckedItem
         The items.
     clearance : float
         The smallest distance that the surfaces of two items may have.
-    obstacles : sequence of Body
+    obstacles : sequence of CheckedItem
         What is in each container, and may itself be anywhere.
 
     Returns
@@ -169,25 +169,28 @@ def problems(
         A sentence for each problem, and after `MAX_PROBLEMS` one that there may be more; empty if
         the packing is valid.
     """
-    found = list(islice(_problems(list(bodies), container, clearance, obstacles), MAX_PROBLEMS))
+    found = list(islice(_problems(list(items), container, clearance, obstacles), MAX_PROBLEMS))
     if len(found) == MAX_PROBLEMS:
         found.append(f"there may be more: the check ended after {MAX_PROBLEMS} problems")
     return found
 
 
 def _problems(
-    bodies: Sequence[Body], container: Container, clearance: float, obstacles: Sequence[Body]
+    items: Sequence[CheckedItem],
+    container: Container,
+    clearance: float,
+    obstacles: Sequence[CheckedItem],
 ) -> Iterator[str]:
-    for body in bodies:
-        yield from outside(body, container)
-    low, high = (np.array([getattr(b, end) for b in bodies]) for end in ("low", "high"))
-    boxes = np.array([body.box for body in bodies])
-    for n, one in enumerate(bodies[:-1]):
+    for item in items:
+        yield from outside(item, container)
+    low, high = (np.array([getattr(b, end) for b in items]) for end in ("low", "high"))
+    boxes = np.array([item.box for item in items])
+    for n, one in enumerate(items[:-1]):
         rest = slice(n + 1, None)
         gaps = np.maximum(low[n], low[rest]) - np.minimum(high[n], high[rest])
         near = (gaps <= clearance).all(axis=1) & (boxes[rest] == one.box)
         for m in np.flatnonzero(near).tolist():
-            yield from pair_problems(one, bodies[n + 1 + m], clearance)
+            yield from pair_problems(one, items[n + 1 + m], clearance)
     for obstacle in obstacles:
-        for body in bodies:
-            yield from pair_problems(obstacle, body, clearance)
+        for item in items:
+            yield from pair_problems(obstacle, item, clearance)

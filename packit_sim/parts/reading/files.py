@@ -16,7 +16,8 @@ from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
 from packit_sim.core.extras import MissingPackageError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.folder import MeshFolder
-from packit_sim.libraries.mesh_files import SUFFIXES, RawPart, read, read_parts
+from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
+from packit_sim.libraries.raw_meshes import RawPart
 from packit_sim.libraries.step_files import SUFFIXES as STEP
 from packit_sim.parts.packings.lengths import LENGTHS
 from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest

@@ -1,6 +1,6 @@
 """The check of packed parts by their original files, independent of the search.
 
-trimesh reads the files again, and `second_reader.py` those in 3MF. The collision meshes of the
+trimesh reads the files again, and `reread_3mf.py` those in 3MF. The collision meshes of the
 search play no role, and neither does the nester's own check.
 """
 
@@ -30,9 +30,9 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings import validity
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
-from packit_sim.parts.results.scenes import SUFFIXES as SCENES
-from packit_sim.parts.results.scenes import read_scene
-from packit_sim.parts.results.second_reader import read_3mf
+from packit_sim.parts.results.reread_3mf import read_3mf
+from packit_sim.parts.results.reread_scenes import SUFFIXES as SCENES
+from packit_sim.parts.results.reread_scenes import read_scene
 from packit_sim.placement import LooseMesh
 
 SIZE = 1e4
@@ -85,7 +85,7 @@ def check(packed: PackedParts, progress: Progress = unseen) -> Check:
 
     Notes
     -----
-    trimesh reads the files again, and `second_reader.py` those in 3MF, once for each `PackedParts`.
+    trimesh reads the files again, and `reread_3mf.py` those in 3MF, once for each `PackedParts`.
     FCL computes distances of their triangles, and manifold3d, where it is installed, the volumes
     that closed parts share.
     """
