@@ -776,6 +776,13 @@ def test_a_part_as_large_as_the_box_fits() -> None:
     assert quick([slab(210, 210, 50)], "210x210x50mm").count == 1
 
 
+def test_plates_that_fit_exactly_with_their_clearance_are_all_packed() -> None:
+    plates = slab(20, 20, 10, count=6)
+    assert quick([plates], "62x41x10mm", clearance=1.0).count == 6
+    packed = quick([plates], "64x43x12mm", clearance=1.0, wall_clearance=1.0)
+    assert packed.count == 6
+
+
 def test_upright_parts_stay_upright() -> None:
     part = slab(10, 10, 30, count=2, rotations="upright")
     packed = quick([part, slab(5, 5, 5)], "32x32x31mm")
