@@ -103,9 +103,9 @@ def test_a_file_that_is_named_often_is_read_once(
     file.write_text(json.dumps([{"file": cube.name}] * 50))
     read: list[Path] = []
 
-    def count(file: Path) -> RawMesh:
+    def count(file: Path, accuracy: float | None) -> RawMesh:
         read.append(file)
-        return mesh_files.read(file)
+        return mesh_files.read(file, accuracy)
 
     monkeypatch.setattr(files, "read", count)
     parts = find_parts([file]).parts

@@ -114,7 +114,7 @@ def test_a_check_that_fails_is_a_problem(tmp_path) -> None:
     again = pack([file], (11, 11, 11), settings=QUICK)
     file.write_bytes(b"no mesh any more")
     (problem,) = check(again).problems
-    assert problem.startswith("the check failed: ")
+    assert problem.startswith("cube can't be read again: ")
     export(again, tmp_path / "after")
     assert record(tmp_path / "after")["summary"]["check"] == "1 problems"
 
