@@ -14,12 +14,13 @@ import pytest
 pytest.importorskip("lib3mf", reason="lib3mf is not installed")
 pytest.importorskip("manifold3d", reason="manifold3d is not installed")
 
+from campaigns.common import read_results, table_in_page
 from campaigns.packings import cases, mesh_writers, plate_writers, shapes, triangles
 from campaigns.packings.checker import check
 from campaigns.packings.scenes import Node, Scene
 from campaigns.packings.shapes import Shape
 from campaigns.packings.solids import Rules, Solid
-from campaigns.packings.table import totals
+from campaigns.packings.table import table, totals
 from campaigns.packings.trials import tried
 from campaigns.packings.truth import TrueBox, TruePart, Truth
 from packit_sim.libraries import mesh_files
@@ -321,3 +322,7 @@ def test_a_case_is_packed_and_right(seed: int, tmp_path: Path) -> None:
     trial = tried(seed, tmp_path)
     assert trial["problems"] == [] and trial["packed"] > 0
     assert not list(tmp_path.iterdir())
+
+
+def test_the_page_has_the_results() -> None:
+    assert table(read_results("packings")) == table_in_page("packings")

@@ -20,9 +20,6 @@ from campaigns.packings.results_files import read_3mf, read_stl
 from campaigns.packings.shapes import Floats
 from campaigns.packings.truth import MILLIMETRES, Problem, TruePart, Truth
 
-OPEN_VOLUME = 0.02
-"""Relative error of the volume of a part whose file lacks a triangle: it may be measured."""
-
 
 def check(truth: Truth, folder: Path) -> list[Problem]:
     """Return what is wrong in the folder that `packit pack` wrote."""
@@ -167,11 +164,7 @@ def _masses(
 def volume_error(part: TruePart) -> float:
     """Return the largest relative error of a volume that is right."""
     surface = solids.area(part.shape.vertices[part.shape.triangles])
-    return (
-        1e-5
-        + 2 * part.rounding * surface / part.shape.volume
-        + (OPEN_VOLUME if part.shape.missing else 0.0)
-    )
+    return 1e-5 + 2 * part.rounding * surface / part.shape.volume
 
 
 def _summary(record: dict[str, Any], items: Sequence[Item], unit: float) -> Iterator[Problem]:
