@@ -62,5 +62,6 @@ def table(results: Mapping[str, Any]) -> str:
     head = ("format", "packings", "parts", "right", "unread", "wrong", "wrong at most (95%)")
     return (
         f"{markdown_table(head, rows)}\nPackIt-Sim {results['version']}; {results['items']:,} "
-        f"packed items; seeds {results['seeds']}; {results['seconds'] / 60:,.0f} minutes of trials.\n"
+        f"packed items; seeds {results['seeds']}; "
+        f"{results['seconds'] / 60:,.0f} minutes of trials.\n"
     )
