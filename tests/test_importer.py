@@ -264,6 +264,7 @@ def test_the_command_imports_a_folder_of_anything(tmp_path: Path) -> None:
     library = ShapeLibrary.open(tmp_path / "lib")
     assert sorted(library.ids) == [
         "good/flipped",
+        "good/giggles",
         "good/path",
         "good/tasse-bol-杯",
         "good/two-words",

@@ -116,7 +116,7 @@ def test_a_check_that_fails_is_a_problem(tmp_path) -> None:
     (problem,) = check(again).problems
     assert problem.startswith("cube can't be read again: ")
     export(again, tmp_path / "after")
-    assert record(tmp_path / "after")["summary"]["check"] == "1 problems"
+    assert record(tmp_path / "after")["summary"]["check"] == "1 problem"
 
 
 # Triangles

@@ -43,6 +43,7 @@ BASE = {
     "jinja2": "jinja2",
     "joblib": "joblib",
     "lazy_loader": "lazy-loader",
+    "lib3mf": "lib3mf",
     "lxml": "lxml",
     "msgspec": "msgspec",
     "networkx": "networkx",
@@ -58,6 +59,9 @@ BASE = {
     "typer": "typer",
 }
 """The distributions that everything needs, by the name that is imported."""
+
+if sys.platform == "linux" and platform.machine() != "x86_64":
+    del BASE["lib3mf"]  # it has no wheel there, and 3MF files are refused
 
 PURPOSES = {
     "cascadio": "STEP files",

@@ -44,7 +44,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
     if found is None:
         texts["check"] = "not done"
     else:
-        count = f"{len(found.problems)} problems"
+        count = f"{len(found.problems)} problem{'s' * (len(found.problems) > 1)}"
         texts["check"] = count if found.problems else f"no problems ({found.how})"
     return texts
 
