@@ -380,7 +380,8 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
         vertices = vertices[:, [0, 2, 1]] * (1, -1, 1)
     elif up == "x":
         vertices = vertices[:, [1, 2, 0]]
-    vertices = vertices / (np.abs(vertices[used]).max() or 1.0)
+    largest = np.abs(vertices[used]).max()
+    vertices = vertices / (largest or 1.0)
     vertices = vertices - (vertices[used].min(axis=0) + vertices[used].max(axis=0)) / 2
     clean, repairs = clean_mesh(trimesh.Trimesh(vertices, faces, process=False))
     extents = clean.extents if len(clean.faces) else np.ptp(vertices[used], axis=0)
@@ -391,7 +392,10 @@ def _canonical(mesh: trimesh.Trimesh, id: str, up: str) -> tuple[trimesh.Trimesh
             f"{' and '.join('xyz'[axis] for axis in flat)}: a shape needs all three"
         )
     if len(clean.faces) == 0:
-        raise MeshError(f"shape {id!r}: none of its {len(faces)} triangles has an area")
+        raise MeshError(
+            f"shape {id!r}: none of its {len(faces)} triangles has an area next to its largest "
+            f"coordinate, {largest:.3g}"
+        )
     vertices = clean.vertices - clean.bounds.mean(axis=0)
     vertices = vertices / np.linalg.norm(clean.extents)
     return _outward(trimesh.Trimesh(vertices, clean.faces, process=False)), repairs
