@@ -223,8 +223,14 @@ def search_workers(count: int, backend: SearchBackend, address: str | None) -> W
     WorkersError
         If the workers can't be started with these arguments.
     """
-    _check_backend(backend, get_args(SearchBackend), address)
+    check_search_workers(count, backend, address)
     return Workers(count, "ray", address) if backend == "ray" else Threads(count)
+
+
+def check_search_workers(count: int, backend: SearchBackend, address: str | None) -> None:
+    """Raise WorkersError if workers for searches can't be started with these arguments."""
+    _check_backend(backend, get_args(SearchBackend), address)
+    _check_count(count)
 
 
 def _check_backend(backend: str, choices: Sequence[str], address: str | None) -> None:

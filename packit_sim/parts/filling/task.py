@@ -15,7 +15,7 @@ from packit_sim.core.caches import cached_property
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
-from packit_sim.core.parallel import SearchBackend
+from packit_sim.core.parallel import SearchBackend, check_search_workers
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
@@ -84,6 +84,8 @@ class PackSettings:
     ------
     ArgumentError
         If a clearance is negative, or the accuracy is not above 0.
+    WorkersError
+        If the search can't have such workers.
 
     Examples
     --------
@@ -124,6 +126,7 @@ class PackSettings:
             check_range("boxes", as_integer("boxes", self.boxes), Range(1))
         if self.unit is not None:
             check_unit(self.unit)
+        check_search_workers(self.workers, self.backend, self.address)
 
 
 def check_objective(objective: Goal, boxes: Sequence[BoxType]) -> None:
