@@ -289,3 +289,17 @@ def test_the_command_says_what_is_wrong(tmp_path: Path) -> None:
     ):
         done = packit("shapes", "import", *arguments)
         assert done.returncode == 2 and message in " ".join(done.stderr.split()), done.stderr
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_command_names_meshes_whose_volume_is_that_of_a_sheet(tmp_path: Path) -> None:
+    meshes = tmp_path / "meshes"
+    meshes.mkdir()
+    box = trimesh.creation.box((1, 1, 1))
+    for name, faces in (("solid", box.faces), ("pierced", box.faces[1:]), ("open", box.faces[2:])):
+        trimesh.Trimesh(box.vertices, faces, process=False).export(meshes / f"{name}.stl")
+    done = packit("shapes", "import", f"folder:{meshes}", "--out", tmp_path / "lib")
+    assert done.returncode == 0, done.stderr
+    assert "Open meshes: open. Their volume is only that of a thin sheet" in done.stdout
+    library = ShapeLibrary.open(tmp_path / "lib")
+    assert library.info("pierced").volume == pytest.approx(library.info("solid").volume)
