@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -117,6 +118,19 @@ def test_a_check_that_fails_is_a_problem(tmp_path) -> None:
     assert problem.startswith("cube can't be read again: ")
     export(again, tmp_path / "after")
     assert record(tmp_path / "after")["summary"]["check"] == "1 problem"
+
+
+def test_a_file_that_is_gone_is_named_also_next_to_a_fixed_part(tmp_path) -> None:
+    cube, gone, block = (tmp_path / f"{name}.stl" for name in ("cube", "gone", "block"))
+    for file in (cube, gone):
+        creation.box((10, 10, 10)).export(file)
+    creation.box((5, 5, 5)).apply_translation((37, 37, 37)).export(block)
+    settings = replace(QUICK, fixed=[block])
+    packed = pack([cube, gone], (40, 40, 40), settings=settings)
+    assert packed.count == 2
+    gone.write_bytes(b"no mesh any more")
+    (problem,) = check(packed).problems
+    assert problem.startswith("gone can't be read again: ")
 
 
 # Triangles

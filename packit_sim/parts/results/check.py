@@ -132,7 +132,7 @@ def _box(packed: PackedParts, number: int, progress: Progress) -> tuple[list[str
         *(_in_place(each, container.longest, "kept free") for each in packed.task.keep_out),
         *(_in_place(each, container.longest, "fixed") for each in packed.task.fixed),
     ]
-    outer, inner = np.indices((len(around), total)).reshape(2, -1)
+    outer, inner = np.indices((len(around), len(placed))).reshape(2, -1)
     inner += len(around)
     further, _ = _between([*around, *placed], outer, inner, settings.clearance, progress)
     return [*problems, *found, *further], distance
