@@ -32,7 +32,7 @@ PACKAGE = {
     'relationships"><Relationship Target="/3D/3dmodel.model" Id="r" Type="http://schemas.microsoft.'
     'com/3dmanufacturing/2013/01/3dmodel"/></Relationships>',
 }
-"""What every 3MF archive has."""
+"""Files of every 3MF archive."""
 
 
 def package(files: dict[str, str | bytes]) -> Callable[[Path], None]:

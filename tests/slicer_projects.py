@@ -362,5 +362,5 @@ PROJECTS: dict[str, tuple[Callable[[Path], None], float, list[Part], list[str]]]
         ["no solid .*, left out: 'item 2'"],
     ),
 }
-"""What writes each project; its unit in cm; the name, count, volume and extents of each part; and
+"""Each project: its writer; its unit in cm; the name, count, volume and extents of each part; and
 patterns of the notes."""

@@ -24,7 +24,7 @@ ITERATIONS = 5
 """Passes over the parts of each search."""
 
 SECONDS = 2.0
-"""Of each search."""
+"""Time limit of each search, in seconds."""
 
 
 def begin() -> None:

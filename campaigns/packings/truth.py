@@ -1,4 +1,4 @@
-"""What a case is of: parts whose meshes are known from formulas, boxes and rules."""
+"""Cases: parts whose meshes are known from formulas, boxes and rules."""
 
 from __future__ import annotations
 

@@ -32,12 +32,13 @@ from packit_sim.cli.output import (
 from packit_sim.core.errors import LibraryError, MeshError, PackItError, UnknownShapeError
 from packit_sim.core.files import claimed, lock_path
 from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.plain_text import listed
 from packit_sim.geometry.shapes import Axis
 from packit_sim.geometry.simplification import Simplification
 from packit_sim.libraries import stored
 from packit_sim.libraries.importer import ImportOutcome, ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
-from packit_sim.libraries.sources import ShapeInfo, listed
+from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.libraries.splits import SPLITS, Split
 from packit_sim.render.contact_sheets import contact_sheet
 from packit_sim.render.image_files import MAX_SIDE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 
 MAX_CHARACTERS = 2000
 """Maximum number of characters of a message; the middle of a longer one is omitted."""
@@ -47,3 +48,10 @@ def plain_logger(name: str) -> logging.Logger:
 def _make_plain(record: logging.LogRecord) -> bool:
     record.msg, record.args = plain_line(record.getMessage()), None
     return True
+
+
+def listed(values: Iterable[object]) -> str:
+    """List values for a message, eight at most."""
+    texts = [str(value) for value in values]
+    more = len(texts) - 8
+    return ", ".join(texts[:8]) + (f" and {more} more" if more > 0 else "")

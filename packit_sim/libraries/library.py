@@ -14,10 +14,11 @@ from typing import Any
 
 from packit_sim.core.assets import assets_folder
 from packit_sim.core.errors import LibraryError, MeshError, UnknownShapeError
+from packit_sim.core.plain_text import listed
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.shapenet import TAXONOMY, ShapeNet
-from packit_sim.libraries.sources import ShapeInfo, Source, listed
+from packit_sim.libraries.sources import ShapeInfo, Source
 from packit_sim.libraries.splits import SPLITS
 from packit_sim.libraries.stored import CATALOGUE, StoredLibrary
 

@@ -31,13 +31,14 @@ _NO_SOLID = ("anti_overhang_mesh", "cutting_mesh", "infill_mesh", "support_mesh"
 
 _TYPES = "[Content_Types].xml"
 
-_CONTENT_TYPES = (
+CONTENT_TYPES = (
     '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
     '<Default Extension="rels" '
     'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
     '<Default Extension="model" '
     'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
 )
+"""The list of types in every 3MF archive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,7 @@ def _repaired(archive: ZipFile) -> tuple[bytes, int]:
     removed = 0
     with ZipFile(target, "w", ZIP_STORED) as copy:
         if _TYPES not in archive.namelist():
-            copy.writestr(_TYPES, _CONTENT_TYPES)
+            copy.writestr(_TYPES, CONTENT_TYPES)
         for name in archive.namelist():
             data = archive.read(name)
             if name.lower().endswith(".model"):

@@ -1,4 +1,4 @@
-"""What slicers write about objects next to a 3MF model: names, and volumes that are no solids."""
+"""Settings files of slicers in 3MF: names of objects, and volumes that are no solids."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from zipfile import ZipFile
 from lxml import etree
 
 FILES = ("Metadata/Slic3r_PE_model.config", "Metadata/model_settings.config")
-"""Those of PrusaSlicer, and of Bambu Studio and OrcaSlicer."""
+"""Settings files of PrusaSlicer, and of Bambu Studio and OrcaSlicer."""
 
 _NEGATIVE = ("NegativeVolume", "negative_part")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import current_process
@@ -236,10 +236,3 @@ def _warn_of_parts(file: str, parts: int) -> None:
 )
 def _kept_shape(source: Source, id: str) -> Shape:
     return source.load(id)
-
-
-def listed(values: Iterable[object]) -> str:
-    """List values for a message, eight at most."""
-    texts = [str(value) for value in values]
-    more = len(texts) - 8
-    return ", ".join(texts[:8]) + (f" and {more} more" if more > 0 else "")

@@ -10,13 +10,7 @@ from xml.sax.saxutils import escape
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from packit_sim.geometry.arrays import Floats, Ints
-
-_CONTENT_TYPES = """<?xml version="1.0" encoding="UTF-8"?>
-<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
-<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>
-<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>
-</Types>
-"""
+from packit_sim.libraries.model_3mf import CONTENT_TYPES
 
 _RELATIONS = """<?xml version="1.0" encoding="UTF-8"?>
 <Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">
@@ -67,7 +61,7 @@ def encode_3mf(placed: Iterable[PlacedMesh]) -> bytes:
     target = io.BytesIO()
     with ZipFile(target, "w", ZIP_DEFLATED) as archive:
         for name, text in (
-            ("[Content_Types].xml", _CONTENT_TYPES),
+            ("[Content_Types].xml", CONTENT_TYPES),
             ("_rels/.rels", _RELATIONS),
             ("3D/3dmodel.model", "".join(_model(placed))),
         ):

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from packit_sim.core.errors import MeshError, PackItError, UnknownShapeError
+from packit_sim.core.plain_text import listed
 from packit_sim.game.datasets.original_files import (
     OriginalItem,
     OriginalPack,
@@ -23,7 +24,6 @@ from packit_sim.geometry.shapes import Item
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import CATEGORIES
-from packit_sim.libraries.sources import listed
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from packit_sim.core.plain_text import listed
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.winding import winding_numbers
-from packit_sim.libraries.sources import listed
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.prepared import PreparedPart

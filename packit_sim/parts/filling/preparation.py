@@ -11,8 +11,8 @@ from pathlib import Path
 from packit_sim.core.errors import ArgumentError, MeshError
 from packit_sim.core.length_units import Unit
 from packit_sim.core.parallel import Threads
+from packit_sim.core.plain_text import listed
 from packit_sim.core.progress import Progress, unseen
-from packit_sim.libraries.sources import listed
 from packit_sim.parts.filling.task import (
     Goal,
     PackSettings,

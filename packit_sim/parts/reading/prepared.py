@@ -10,13 +10,13 @@ import trimesh
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.core.plain_text import listed
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.deviation import Surface, deviation
 from packit_sim.geometry.deviation_kernels import farthest
 from packit_sim.geometry.parts import part_numbers
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import collapsed
-from packit_sim.libraries.sources import listed
 from packit_sim.parts.nesting.search_frames import searched_rotations
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.reading.masses import centre_of_mass

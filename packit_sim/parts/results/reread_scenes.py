@@ -28,10 +28,10 @@ SUFFIXES = (".glb", ".gltf", ".step", ".stp")
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 _FORMATS = {5120: "b", 5122: "h", 5126: "f"}
-"""Of `struct`, by the number of a type."""
+"""Format characters of `struct`, by the number of a component type."""
 
 _TOLERANCE = 1.25e-4
-"""Of the tessellation, relative to edges and faces."""
+"""Tolerance of the tessellation, relative to edges and faces."""
 
 
 def read_scene(part: Part, file: Path) -> trimesh.Trimesh:
