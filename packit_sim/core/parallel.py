@@ -7,6 +7,7 @@ import os
 import pickle
 import platform
 import socket
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -137,7 +138,7 @@ class Workers:
     def _end(self, results: Generator[Any, None, None]) -> None:
         """Stop the jobs that have not ended."""
         self._unfinished.remove(results)
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt), _silent_manager():
             results.throw(KeyboardInterrupt())
 
     def _announce(self) -> None:
@@ -159,6 +160,26 @@ class Workers:
                 _end_idle_processes()
                 self._is_started = False
             self._leave()
+
+
+@contextmanager
+def _silent_manager() -> Iterator[None]:
+    """Let joblib's thread that hands out jobs not print a `KeyError` while they are stopped.
+
+    It forgets the jobs, but not their numbers, and looks these up if a worker was free.
+    """
+    before = threading.excepthook
+
+    def hook(arguments: threading.ExceptHookArgs) -> None:
+        name = arguments.thread and arguments.thread.name
+        if (name, arguments.exc_type) != ("ExecutorManagerThread", KeyError):
+            before(arguments)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def _end_idle_processes() -> None:
