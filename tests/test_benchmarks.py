@@ -25,6 +25,7 @@ def _searches():
     return searches
 
 
+@pytest.mark.slow
 def test_stopping_early_is_read_off_the_densities() -> None:
     library = ShapeLibrary.open("everyday")
     settings = EvolutionSettings(pool=6, population=6, elite=1, lucky=1, generations=40, patience=3)

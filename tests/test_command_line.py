@@ -265,6 +265,7 @@ def test_bytes_that_are_no_text_are_called_so(tmp_path: Path) -> None:
     assert failed.returncode == 2 and "line 1: not JSON: it is not text in UTF-8" in failed.stderr
 
 
+@pytest.mark.slow
 def test_a_broken_mesh_of_a_folder_is_skipped_by_name(meshes: Path, tmp_path: Path) -> None:
     (meshes / "bad.stl").write_bytes(b"no mesh")
     out = tmp_path / "packs"
@@ -304,6 +305,7 @@ def test_a_task_with_a_broken_mesh_is_skipped_by_number(
     assert [each.task for each in read_results(results)] == [0, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_parts_of_a_file_are_joined_and_that_is_said(
     meshes: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -341,6 +343,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "few.jsonl"
 
 
+@pytest.mark.slow
 def test_the_decomposition_of_shapes_has_its_own_bar(few: Path) -> None:
     pieces = ("--decomposition", "bisection")
     first, second = (packit("score", few, *pieces) for _ in range(2))

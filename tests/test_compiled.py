@@ -46,6 +46,7 @@ def run(installed: Path, cache_home: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_the_users_cache_serves_where_the_installation_cannot(
     installed: Path, tmp_path: Path
 ) -> None:
@@ -56,6 +57,7 @@ def test_the_users_cache_serves_where_the_installation_cannot(
     assert list((tmp_path / "cache").rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_it_compiles_each_time_and_says_so(
     installed: Path, tmp_path: Path
 ) -> None:

@@ -91,6 +91,7 @@ def test_relative_rotations(rotation: int, other: int) -> None:
     assert (to_first == matrix(rotation).T).all()
 
 
+@pytest.mark.slow
 def test_where_cells_are_shared_decides_as_everywhere() -> None:
     """By pairs of triangles there, by trees there, and by trees everywhere, with real meshes."""
     library = ShapeLibrary.open("everyday")

@@ -124,6 +124,7 @@ def test_an_episode_whose_box_was_changed_is_found() -> None:
             episode.step(0)
 
 
+@pytest.mark.slow
 def test_free_space_that_lacks_a_location_is_found() -> None:
     box = Box((40, 40, 40))
     space = FreeSpace.empty([cube_of(8)], box.cells)

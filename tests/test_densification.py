@@ -109,6 +109,7 @@ def test_a_pack_with_items_that_stay_too_small_is_begun_again(library) -> None:
     assert resumed.state == densification.state
 
 
+@pytest.mark.slow
 def test_a_pack_is_given_up_after_five_beginnings(library) -> None:
     settings = replace(SMALL, items=(6, 6), floor=0.16, rounds=2, moves=10, tolerance=0.05)
     densification = Densification(library, 0, settings)
@@ -159,6 +160,7 @@ DENSE = DensificationSettings(
 )
 
 
+@pytest.mark.slow
 def test_a_dataset_has_the_same_bytes_in_a_fresh_process(library, tmp_path) -> None:
     file = tmp_path / "here" / "train.jsonl"
     generate(GenerationJob(library, 1, 3, "train", settings=DENSE), file)

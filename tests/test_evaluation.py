@@ -50,6 +50,7 @@ def rollouts(agents, tasks) -> list[Rollout]:
     return evaluate(agents, tasks, seed=2)
 
 
+@pytest.mark.slow
 def test_rollouts_are_the_same_on_workers(agents, tasks, rollouts) -> None:
     with Workers(2) as workers:
         played = evaluate(agents, tasks, seed=2, workers=workers)
@@ -274,6 +275,7 @@ def test_reproduce_resumes(tmp_path, monkeypatch) -> None:
         packit("reproduce", "table2", *common)
 
 
+@pytest.mark.slow
 def test_the_portfolio_at_a_glance(tmp_path, monkeypatch) -> None:
     common = ("--dataset", "starter", "--workers", "1", "--out", tmp_path, "--quick")
     monkeypatch.setattr("packit_sim.cli.reproduction_commands.QUICK_TASKS", 2)
@@ -293,6 +295,7 @@ def test_the_portfolio_at_a_glance(tmp_path, monkeypatch) -> None:
     assert json.loads((tmp_path / "portfolio.json").read_text()) == found
 
 
+@pytest.mark.slow
 def test_agents_may_be_names_and_workers_a_number(tasks, rollouts) -> None:
     assert evaluate(NAMES, tasks, seed=2, workers=2) == rollouts
     (one,) = evaluate("random/random/random", tasks[:1], seed=2)

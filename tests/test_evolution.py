@@ -173,6 +173,7 @@ def test_boxes_of_other_sizes_evolve_too() -> None:
     assert isinstance(pack.replay(library), Box)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("search", SEARCHES)
 def test_workers_change_nothing(search) -> None:
     library = ShapeLibrary.open("everyday")

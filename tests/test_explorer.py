@@ -435,6 +435,7 @@ def _packit(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
         process.communicate()
 
 
+@pytest.mark.slow
 def test_without_a_screen_the_address_is_printed_and_ctrl_c_ends_it(packit) -> None:
     process = packit("starter")
     assert "is shown at http://127.0.0.1:" in process.stdout.readline()

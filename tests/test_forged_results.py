@@ -139,6 +139,7 @@ def test_two_results_of_one_task_are_refused(honest: Path, tmp_path: Path) -> No
         check_results(file, read_results(file))
 
 
+@pytest.mark.slow
 def test_kinematic_results_are_replayed(honest: Path, tmp_path: Path) -> None:
     evaluate([AGENT], tasks()[:3], 0, rules=Rules(kinematic=True), file=tmp_path / "k.jsonl")
     assert verify_dataset(tmp_path / "k.jsonl", everyday()).is_valid

@@ -57,6 +57,7 @@ def order(library: ShapeLibrary, packs: int = 3, **changes: object) -> Generatio
     )
 
 
+@pytest.mark.slow
 def test_a_dataset_has_its_packs_by_seed_and_nothing_else_is_left(
     library, undisturbed, tmp_path
 ) -> None:

@@ -46,6 +46,7 @@ print(sum(double.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 def test_numba_uses_cached_code_only_with_the_same_stamp(tmp_path) -> None:
     (tmp_path / "kernels.py").write_text(KERNELS, encoding="utf-8")
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -141,6 +141,7 @@ def test_the_error_bound_is_valid(tmp_path: Path) -> None:
         assert gaps.reshape(len(points), -1).min(axis=1).max() <= info.error_bound
 
 
+@pytest.mark.slow
 def test_an_import_is_the_same_to_the_bit_in_one_process_and_in_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +159,7 @@ def test_an_import_is_the_same_to_the_bit_in_one_process_and_in_two(
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_the_same_object_is_one_group_and_in_one_split(tmp_path: Path) -> None:
     ball, turned = creation.capsule(2, 1), creation.capsule(2, 1)
@@ -177,6 +179,7 @@ def test_the_same_object_is_one_group_and_in_one_split(tmp_path: Path) -> None:
     assert len({info.group for info in map(library.info, library)}) == 4
 
 
+@pytest.mark.slow
 def test_too_costly_meshes_are_refused_and_the_rest_is_imported(tmp_path: Path) -> None:
     troubles = [
         Candidate(kind, "bad", Trouble(kind)) for kind in ("sleep", "memory", "crash", "surprise")
@@ -243,6 +246,7 @@ def test_other_folders_are_not_replaced(tmp_path: Path) -> None:
         import_library([candidate("ball", BALL)], tmp_path / "lib", "mine", "", QUICK)
 
 
+@pytest.mark.slow
 def test_the_command_imports_a_folder_of_anything(tmp_path: Path) -> None:
     meshes = tmp_path / "meshes"
     (meshes / "good").mkdir(parents=True)

@@ -137,6 +137,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "method"),
     [
@@ -154,6 +155,7 @@ def test_workers_of_a_vector_environment_make_it_however_they_start(
     subprocess.run([sys.executable, str(tmp_path / "script.py"), method], check=True, timeout=240)
 
 
+@pytest.mark.slow
 def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -> None:
     loaded = modules_after(PLAY)
     assert "packit_sim.game.envs.env" in loaded
@@ -162,6 +164,7 @@ def test_playing_without_pictures_loads_neither_scene_nor_viewer_nor_physics() -
     assert physics <= SETTINGS
 
 
+@pytest.mark.slow
 def test_the_scene_loads_pybullet_when_it_first_needs_it() -> None:
     code = (
         "import json, sys, packit_sim.scene, packit_sim.physics.settling_box;"

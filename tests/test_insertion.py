@@ -154,6 +154,7 @@ def test_the_answer_is_a_matter_of_the_two_items_alone() -> None:
         assert len(answers) == 1
 
 
+@pytest.mark.slow
 def test_points_above_one_another_are_found() -> None:
     """A separate witness: points all over the one, triangles of the other seen from above."""
     rng = np.random.default_rng(1)

@@ -73,6 +73,7 @@ def test_each_rollout_has_the_scores_of_its_box(played, judged) -> None:
     assert scores_of(judged[-1]) == {"stable": 1.0, "insertable": 1.0, "floating": 0}
 
 
+@pytest.mark.slow
 def test_workers_find_the_same(played, judged, tmp_path) -> None:
     file = tmp_path / "results.jsonl"
     write_results(file, played)

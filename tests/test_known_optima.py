@@ -16,6 +16,7 @@ def test_the_parts_fill_no_more_than_the_box(name: str) -> None:
     assert volume <= x * y * (case.optimum if case.objective == "height" else z)
 
 
+@pytest.mark.slow
 def test_the_pieces_of_a_cube_are_packed() -> None:
     found = known_optima.measure(known_optima.cut_cube(), 20.0, 0, 1)
     assert found["reached"] and found["value"] == 8 and found["problems"] == 0

@@ -53,6 +53,7 @@ def submit(rollouts: Sequence[Rollout], boards: Path) -> Path:
     return add(file, boards)
 
 
+@pytest.mark.slow
 def test_the_page_agrees_with_the_kept_files() -> None:
     assert table_in_page(PAGE) == leaderboard.markdown()
 
@@ -86,6 +87,7 @@ def test_the_oracle_accepts_a_kept_file(file) -> None:
         assert Board.read(file.parent).problems(path) == []
 
 
+@pytest.mark.slow
 def test_results_that_hold_are_kept_as_they_are_and_get_a_row(boards) -> None:
     kept = submit(played("a/b/c+d=5s"), boards)
     assert kept == boards / "starter" / "a-b-c-d-5s.jsonl.gz"
@@ -179,7 +181,11 @@ def test_the_limit_is_the_smallest_that_the_mean_keeps(seconds, limit) -> None:
 
 @pytest.mark.parametrize(
     "rules",
-    [PACKIT, Rules(easy=True), Rules(kinematic=True, buffer=3, rotations="yaw")],
+    [
+        PACKIT,
+        Rules(easy=True),
+        pytest.param(Rules(kinematic=True, buffer=3, rotations="yaw"), marks=pytest.mark.slow),
+    ],
     ids=str,
 )
 def test_the_command_of_a_board_plays_by_its_rules(rules, tmp_path, monkeypatch) -> None:

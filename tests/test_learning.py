@@ -236,7 +236,7 @@ def library() -> ShapeLibrary:
         (None, 1),
         pytest.param(None, 2, marks=pytest.mark.slow),
         pytest.param("kinematic", 1, marks=pytest.mark.slow),
-        ("easy", 1),
+        pytest.param("easy", 1, marks=pytest.mark.slow),
         pytest.param("kinematic", 2, marks=pytest.mark.slow),
         pytest.param("easy", 2, marks=pytest.mark.slow),
     ],
@@ -314,6 +314,7 @@ def test_an_agent_plays_with_weights_from_a_file(library, tmp_path, placement_fe
     assert evaluate([again], tasks, seed=0) == found[:2]
 
 
+@pytest.mark.slow
 def test_results_tell_the_weights_and_are_not_taken_for_those_of_others(library, tmp_path) -> None:
     """The file of weights is written anew: between two evaluations, and during one."""
     file, results = weights(tmp_path / "w.safetensors"), tmp_path / "results.jsonl"
@@ -352,6 +353,7 @@ def test_the_same_tensors_are_the_same_weights(library, tmp_path) -> None:
     assert evaluate([Agent.from_name(name)], tasks[:1], seed=0, file=results) == found
 
 
+@pytest.mark.slow
 def test_an_agent_whose_policies_are_all_learned_plays_by_its_weights(library, tmp_path) -> None:
     settings = replace(SMALL, policies="all")
     torch.manual_seed(1)
@@ -532,6 +534,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
     return dict(read_weights(folder / "last.safetensors")[0].state_dict())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -596,6 +599,7 @@ def test_a_training_that_was_killed_resumes_exactly(
         Training(settings, tmp_path / "parts", "cpu")
 
 
+@pytest.mark.slow
 def test_labelled_states_are_kept_until_a_checkpoint_needs_none(
     short_packs, tmp_path, monkeypatch
 ) -> None:

@@ -535,6 +535,7 @@ def test_a_stored_mesh_takes_memory_as_its_file_does(written, rows, zeros, messa
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_bit_flips_in_a_stored_mesh_are_detected(written) -> None:
     """A flip that is not, such as one of a time stamp, leaves the same mesh."""
     file = written / "meshes" / "block.npz"

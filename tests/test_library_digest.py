@@ -77,6 +77,7 @@ def test_libraries_of_former_versions_open_and_their_volumes_are_measured(folder
     assert library.digest != new and len(library) == 2
 
 
+@pytest.mark.slow
 def test_a_false_volume_does_not_verify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pack = read_packs(dataset_file("starter"))[0]
     shutil.copytree(assets_folder() / "everyday", tmp_path / "lib")

@@ -47,6 +47,7 @@ def test_a_foreign_manifest_is_never_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "notes.manifest.json").read_text() == '{"name": "an app"}'
 
 
+@pytest.mark.slow
 def test_manifests_of_former_names_are_read_and_replaced(tmp_path: Path) -> None:
     file = tmp_path / "res.jsonl"
     write_packs(file, PACKS[:2])

@@ -123,6 +123,7 @@ def test_files_that_look_bad_are_read(tmp_path: Path, name: str) -> None:
     assert len(read(tmp_path / name).mesh.faces) in (4, 12, 40, 400)
 
 
+@pytest.mark.slow
 def test_bad_files_take_little_time_and_memory(tmp_path: Path) -> None:
     bad_meshes.write(tmp_path, list(BAD))
     script = """

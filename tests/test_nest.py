@@ -146,6 +146,7 @@ def text(packing: Packing) -> bytes:
     )
 
 
+@pytest.mark.slow
 def test_something_better_comes_before_all_items_are_arranged(monkeypatch) -> None:
     """The search begins with the largest items, the others are then placed around them."""
 
@@ -189,6 +190,7 @@ def tilted(mesh: trimesh.Trimesh, seed: int) -> trimesh.Trimesh:
     return mesh.copy().apply_transform(turn)
 
 
+@pytest.mark.slow
 def test_free_rotations_bring_smallest_boxes_parallel_to_the_walls() -> None:
     box = creation.box((1, 2, 0.5))
     types = [of(tilted(box, n), rotations="free", demand=2) for n in range(2)]
@@ -736,7 +738,10 @@ def cup() -> trimesh.Trimesh:
     return creation.revolve(profile, sections=48)
 
 
-@pytest.mark.parametrize(("work", "most"), [(SearchSettings().refined_work, 1.1), (0, 1.4)])
+@pytest.mark.parametrize(
+    ("work", "most"),
+    [(SearchSettings().refined_work, 1.1), pytest.param(0, 1.4, marks=pytest.mark.slow)],
+)
 def test_equal_cups_are_stacked(work: int, most: float) -> None:
     """Close by exact fields; if there were too many of them, still inside each other."""
     settings = replace(quick(150), search=SearchSettings(refined_work=work))

@@ -34,6 +34,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CASES, "literature", cubes)
 
 
+@pytest.mark.slow
 def test_results_are_stored_once_verified_and_tabulated(
     small, tmp_path, monkeypatch, capsys
 ) -> None:

@@ -180,6 +180,7 @@ def blocked() -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
+@pytest.mark.slow
 def test_workers_leave_ctrl_c_to_the_process_that_started_them() -> None:
     with Workers(2) as workers:
         assert all(workers.map(blocked, [()] * 2))

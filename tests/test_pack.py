@@ -365,6 +365,7 @@ def test_few_boxes_are_as_small_as_they_can_be() -> None:
     assert sorted(box.container.name for box in packed.packings) == ["A", "B"]
 
 
+@pytest.mark.slow
 def test_the_picture_shows_what_stays_free(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(exports, "draw", pictures.draw)
     free = Part("pillar", creation.box(bounds=[(8, 8, 0), (12, 12, 20)]))
@@ -640,6 +641,7 @@ def test_objectives_that_are_not_possible_are_named() -> None:
         pack([cube()], (20, 20, 20), "height", settings=PackSettings(boxes=2))
 
 
+@pytest.mark.slow
 def test_stable_parts_are_written_where_they_rest() -> None:
     """A ball touches a floor in one point: it rests, and the wall keeps it from rolling away."""
     parts = [slab(18, 9, 3, count=2), Part("ball", creation.icosphere(2, 4.0), mass=20.0)]

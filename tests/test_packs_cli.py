@@ -363,6 +363,7 @@ def original(shapenet: Path, tmp_path: Path) -> Callable[..., Result]:
     return run
 
 
+@pytest.mark.slow
 def test_packs_of_the_original_become_tasks_that_agents_play(
     original: Callable[..., Result], shapenet: Path, tmp_path: Path
 ) -> None:

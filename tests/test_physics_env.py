@@ -388,6 +388,7 @@ def test_what_settled_is_recorded_with_its_poses(tmp_path) -> None:
     assert "density is recorded" in verify(replace(read.pack, density=0.5), library)[0]
 
 
+@pytest.mark.slow
 def test_evaluations_with_physics_are_stored_resumed_and_drawn(tmp_path) -> None:
     zoo, packs, out = (tmp_path / name for name in ("zoo", "packs.jsonl", "results.jsonl"))
     stored.write(zoo, "zoo", "1", [stored.entry(shape) for shape in ZOO])

@@ -288,6 +288,7 @@ def test_a_read_only_folder_is_reported_before_any_work(
     assert {path.suffix for path in tmp_path.iterdir()} == {".jsonl", ".json"}
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_film_and_leaves_nothing(packs, tmp_path) -> None:
     out = tmp_path / "out" / "film.mp4"
     temporary = tmp_path / "temporary"

@@ -108,6 +108,7 @@ def test_why_not_names_each_wall_and_each_item_that_is_in_the_way(seed) -> None:
         )
 
 
+@pytest.mark.slow
 def test_more_items_leave_a_location_open_than_there_is_room_for_at_first() -> None:
     """In Python, which checks indices: compiled code would write behind its array."""
     box, ball = Box((40, 40, 40)), Item(BALL, 0.03)

@@ -52,6 +52,7 @@ def settings_of(packs: str, **changed) -> PlacementTrainingSettings:
     return replace(small, **changed)
 
 
+@pytest.mark.slow
 def test_decisions_of_better_plays_become_more_probable() -> None:
     rng = np.random.default_rng(0)
     shapes = PlacementNetwork.shapes(4)
@@ -73,6 +74,7 @@ def test_decisions_of_better_plays_become_more_probable() -> None:
     assert unchanged.digest == before.digest
 
 
+@pytest.mark.slow
 def test_plays_of_a_task_begin_with_the_same_items(tasks) -> None:
     network = first_network(tasks[:1], 4, 0)
     first, second = plays(tasks[0], network, 2, (0, 7))
@@ -101,6 +103,7 @@ def test_hidden_layers_add_nothing_at_first(tasks) -> None:
     assert scores - scores[0] == pytest.approx(expected - expected[0], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_training_resumes_with_the_same_weights_whatever_the_workers(
     packs, tmp_path, caplog
 ) -> None:

@@ -403,6 +403,7 @@ def test_the_search_keeps_what_is_in_the_box_and_stops_when_all_is_placed(weight
     assert episode.end is End.COMPLETE and episode.box.placed[0] == first
 
 
+@pytest.mark.slow
 def test_a_search_that_finds_nothing_better_takes_more_items_out() -> None:
     """The champion leaves a large item outside; six items fewer make no space for it."""
     task = load_tasks("everyday-v1", split="validation")[44]

@@ -101,6 +101,7 @@ def test_a_dataset_holds_by_the_oracle_and_finds_its_library_where_it_is_moved(
     assert all(len(task.items) == task.pack.provenance.pieces for task in tasks)  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_a_fresh_process_writes_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     options = [f"--puzzle={kind}" for kind in KINDS] + ["--pieces=5", "--seed=7"]
     command = [sys.executable, "-m", "packit_sim", "generate", *options, "--out", "again"]

@@ -387,6 +387,7 @@ MESALESS = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "LIBGL_DRIVERS_PATH": "/now
 HERE = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(Path(__file__).parents[1])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "missing",
     [

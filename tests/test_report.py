@@ -327,6 +327,7 @@ def test_an_output_that_is_no_page_is_refused(out, tmp_path, monkeypatch) -> Non
     assert Path("played.jsonl").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_read_only_is_named_and_what_is_there_stays(tmp_path) -> None:
     run = training(tmp_path / "run", [0.5])
     out = tmp_path / "out"

@@ -135,6 +135,7 @@ def test_dragging_and_keys_turn_a_model_and_no_other(shown, card) -> None:
     assert other.locator("canvas").get_attribute("data-drawn") == at
 
 
+@pytest.mark.slow
 def test_sliders_and_choices_change_what_is_seen(shown, card) -> None:
     whole = picture(card)
     slide(card, ".step", 0)

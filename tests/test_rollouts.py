@@ -101,6 +101,7 @@ def fingerprint(env_id: str, vectorization: str, steps: int = 12) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.slow
 def test_a_seed_determines_all_in_one_process_in_many_and_in_a_new_one() -> None:
     ids = ("PackIt-v0", "PackItEasy-v0")
     expected = [fingerprint(env_id, "sync") for env_id in ids]

@@ -61,13 +61,23 @@ def key(name: str, changes: dict[str, Any]) -> str:
     return " ".join([name, *(f"{field}={value}" for field, value in changes.items())])
 
 
-@pytest.mark.parametrize(("name", "changes"), CASES, ids=[key(*case) for case in CASES])
+SLOW = {"easy": True}, {"kinematic": True}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        pytest.param(*case, id=key(*case), marks=[pytest.mark.slow] if case[1] in SLOW else [])
+        for case in CASES
+    ],
+)
 def test_agents_play_as_recorded(tasks: list[Task], name: str, changes: dict[str, Any]) -> None:
     caches.clear("no-fit tables", "pairs that met", "collisions")
     recorded = json.loads(RECORD.read_text())[key(name, changes)]
     assert [play(name, changes, task) for task in tasks] == recorded
 
 
+@pytest.mark.slow
 def test_what_caches_hold_changes_no_action(tasks: list[Task]) -> None:
     name, changes = CASES[0]
     (recorded,) = json.loads(RECORD.read_text())[key(name, changes)][:1]

@@ -51,7 +51,9 @@ def test_the_checker_is_content_where_there_are_no_grids(name) -> None:
     check_env(flattened(gym.make(name, observation="none", **FREE)))
 
 
-@pytest.mark.parametrize("vectorized", [DummyVecEnv, SubprocVecEnv])
+@pytest.mark.parametrize(
+    "vectorized", [DummyVecEnv, pytest.param(SubprocVecEnv, marks=pytest.mark.slow)]
+)
 def test_vector_environments_play_like_single_ones(vectorized) -> None:
     settings = {"observation": "features", **SHAPE_ONLY}
     multiprocessing.set_forkserver_preload(

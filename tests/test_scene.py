@@ -276,6 +276,7 @@ def test_egl_on_demand_says_what_is_missing(broken_probe: pytest.MonkeyPatch) ->
         Scene(Box())
 
 
+@pytest.mark.slow
 def test_only_one_scene_at_a_time_draws_with_egl(monkeypatch: pytest.MonkeyPatch) -> None:
     if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
@@ -363,6 +364,7 @@ with Scene(box) as scene:
 """
 
 
+@pytest.mark.slow
 def test_without_pybullet_pictures_are_drawn_and_contacts_name_the_extra(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -461,6 +463,7 @@ def test_accepted_items_do_not_interpenetrate() -> None:
     assert max(found.values()) <= CONTACT_TOLERANCE
 
 
+@pytest.mark.slow
 def test_egl_frees_its_memory() -> None:
     if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")
@@ -494,6 +497,7 @@ print(used[-1] - used[1])
 """
 
 
+@pytest.mark.slow
 def test_an_empty_mesh_is_drawn_as_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     if bullet.egl_problem() is not None:
         pytest.skip("EGL does not start here")

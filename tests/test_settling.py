@@ -106,6 +106,7 @@ def test_a_leaning_stack_falls() -> None:
     assert "floor" in found.items[2].walls
 
 
+@pytest.mark.slow
 def test_a_ball_in_a_bowl_comes_to_rest_at_the_bottom() -> None:
     bowl = Item(BOWL, 1.0)
     box = box_of((bowl, (0, 0, 0)))
@@ -227,6 +228,7 @@ def as_tuples(found: Settled) -> list[tuple[object, ...]]:
     ]
 
 
+@pytest.mark.slow
 def test_the_same_again_is_the_same(zoo_box: Box) -> None:
     """As far as the first second, in which everything falls and collides."""
     short = replace(SETTINGS, time_limit=1.0)

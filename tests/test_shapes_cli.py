@@ -72,6 +72,7 @@ def test_statistics_add_up(meshes: Path) -> None:
     assert "3" in packit("shapes", "stats", "--library", f"folder:{meshes}").stdout
 
 
+@pytest.mark.slow
 def test_a_contact_sheet_shows_a_selection(meshes: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.png"
     drawn = packit(

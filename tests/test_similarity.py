@@ -40,6 +40,7 @@ STEPS = trimesh.util.concatenate(
 OBJECTS = (TABLE, RING, BALL, CONE, STEPS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [TABLE, STEPS])
 def test_rotations_and_mirror_images_are_the_same(mesh: trimesh.Trimesh) -> None:
     copies = [turned(mesh, rotation) for rotation in range(rotations.COUNT)]

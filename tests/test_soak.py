@@ -17,6 +17,7 @@ from packit_sim.geometry.lattice import BOX_CELLS
 from packit_sim.libraries.library import ShapeLibrary
 
 
+@pytest.mark.slow
 def test_episodes_are_played_and_everything_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

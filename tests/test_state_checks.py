@@ -27,6 +27,7 @@ def items(detailed: bool) -> list[ItemType]:
     return [ItemType(name, m.vertices, m.faces, 5, "cube") for name, m in meshes.items()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detailed", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("objective", ["strip", "knapsack", "bins"])
 def test_checked_searches_find_the_same_packings(objective: str, detailed: bool) -> None:

@@ -49,6 +49,7 @@ def test_the_unit_of_the_file_counts(tmp_path: Path, unit: str, millimetres: flo
     assert (raw.up, raw.unit_cm, raw.deviation, raw.mesh.is_watertight) == ("z", 0.1, 0.0, True)
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_solids_of_an_assembly_have_their_names_and_are_counted(tmp_path: Path) -> None:
     file = tmp_path / "top.step"
@@ -185,6 +186,7 @@ def test_a_crash_and_a_limit_are_errors(tmp_path: Path, monkeypatch: pytest.Monk
         read(file)
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_a_folder_of_step_files_is_imported(tmp_path: Path) -> None:
     """The processes of an import have limits that their children can't raise."""

@@ -30,6 +30,7 @@ def test_the_same_seed_writes_the_same_shapes(tmp_path) -> None:
     assert [one[id].digest for id in one] == [again[id].digest for id in again]
 
 
+@pytest.mark.slow
 def test_the_items_of_the_built_in_instances_are_all_different(tmp_path) -> None:
     library = transfer.builtin_items(tmp_path)
     assert len({library[id].digest for id in library}) == len(library) > 20

@@ -59,6 +59,7 @@ def test_a_batch_plays_each_task_once_as_one_by_one(count) -> None:
     assert max(batches) == count
 
 
+@pytest.mark.slow
 def test_a_batch_gives_the_same_rollouts_whatever_its_size() -> None:
     settings = {"observation": "none", "rotation": "random", "location": "blbf", "max_shapes": 40}
 

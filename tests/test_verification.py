@@ -120,6 +120,7 @@ def _problem_lines(report: Report) -> str:
     return "\n".join(map(str, report.problems))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.slow)])
 def test_the_starter_packs_hold(count, tmp_path) -> None:
     calls: list[tuple[int, int]] = []

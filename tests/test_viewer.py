@@ -257,6 +257,7 @@ def test_a_connection_without_a_word_is_not_reported(
     assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
 
 
+@pytest.mark.slow
 def test_one_left_open_ends_quietly_with_the_process() -> None:
     run = subprocess.run([sys.executable, "-c", LEFT_OPEN], capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")

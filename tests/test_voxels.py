@@ -72,6 +72,7 @@ def test_cells_follow_from_fine_cells(shape, size) -> None:
     assert (item.inner == item.voxels.inner_fine.reshape(by_cell).all(axis=(1, 3, 5))).all()
 
 
+@pytest.mark.slow
 @given(st.sampled_from(ZOO), st.floats(0.05, 0.4), st.integers(0, 23))
 def test_cells_turn_with_the_item(shape, size, rotation) -> None:
     upright, turned = Item(shape, size**3), Item(shape, size**3, rotation)
@@ -122,6 +123,7 @@ for shape in ZOO[::3]:
 """
 
 
+@pytest.mark.slow
 def test_kernels_stay_within_their_arrays() -> None:
     """Compiled code does not check indices; the same code, interpreted, does."""
     run = subprocess.run(
@@ -166,6 +168,7 @@ def test_volume_by_voxels_is_near_the_exact_one(shape) -> None:
     assert sum(shape.volume_bounds) / 2 == pytest.approx(exact, rel=0.005)
 
 
+@pytest.mark.slow
 def test_volumes_by_voxels_of_real_closed_bodies_are_within_their_bounds() -> None:
     """Off by half the touched voxels at most, and by very little unless walls are thin."""
     library = ShapeLibrary.open("everyday")

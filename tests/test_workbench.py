@@ -86,6 +86,7 @@ def centres(data: bytes, folder: Path) -> dict[str, Any]:
     return {name: (own.min(axis=0) + own.max(axis=0)) / 2 for name, own in corners.items()}
 
 
+@pytest.mark.slow
 def test_parts_are_packed_and_stay_where_they_are_locked(bench, tmp_path) -> None:
     number = send(bench, "folder/cube.stl", creation.box((6, 6, 6)))
     other = send(bench, "cube.stl", creation.box((2, 4, 6)))
@@ -195,6 +196,7 @@ def test_only_requests_of_the_page_are_answered(bench) -> None:
     assert ask(bench, "POST", "/pack", b"[" * 100_000)[0] == 400
 
 
+@pytest.mark.slow
 def test_the_command_serves_the_page_until_ctrl_c() -> None:
     command = [sys.executable, "-u", "-m", "packit_sim", "workbench", "--no-browser"]
     environment = {**os.environ, "COLUMNS": "400"}

@@ -63,7 +63,7 @@ def test_a_wrapped_environment_can_be_created_from_its_spec(wrap) -> None:
 
 
 @pytest.mark.parametrize("wrap", [features_only, flattened])
-@pytest.mark.parametrize("vectorization", ["sync", "async"])
+@pytest.mark.parametrize("vectorization", ["sync", pytest.param("async", marks=pytest.mark.slow)])
 def test_wrapped_vector_environments_play_like_a_single_one(wrap, vectorization) -> None:
     settings = {"observation": "features", **SHAPE_ONLY}
     single = wrap(PackItEnv(**settings))
