@@ -13,7 +13,7 @@ PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo docs test test-all coverage bench lint types wheel constraints clean
+.PHONY: help setup demo docs test test-all coverage bench campaigns lint types wheel constraints clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 22
@@ -54,6 +54,10 @@ bench: ## the benchmarks that take minutes, one after the other
 	@$(BIN)/python -m benchmarks.pictures
 	@$(BIN)/python -m benchmarks.viewer
 	@$(BIN)/python -m benchmarks.cluster
+
+campaigns: ## the campaigns of the trust pages, anew: a night on two cores
+	@$(MAKE) --no-print-directory setup EXTRAS=dev,campaign,cluster
+	@$(BIN)/python -m campaigns
 
 lint: $(STAMP) ## ruff: rules and format; pydoclint: docstrings; import-linter: who may import whom
 	@$(BIN)/ruff check

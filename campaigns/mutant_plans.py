@@ -9,14 +9,24 @@ from pathlib import Path
 from campaigns.mutant_runs import Baseline, kernel_modules
 from campaigns.mutations import Mutation
 
-_TESTS = (
+_OF_THE_GAME = (
     *("rotations", "voxels", "shapes", "poses", "placement", "containment", "nofit", "insertion"),
     *("off_grid", "witness", "compaction", "disassembly", "caches", "box", "unchanged", "episode"),
     *("packs", "old_format", "original", "verification", "rules", "evaluation", "manifests"),
     *("forged_results", "terminal"),
 )
-TESTS = tuple(f"tests/test_{name}.py" for name in _TESTS)
-"""The files of tests that are run."""
+TESTS = tuple(f"tests/test_{name}.py" for name in _OF_THE_GAME)
+"""The files of tests that are run on mutants of the game and its ground."""
+
+_OF_PARTS = (
+    *("bad_folders", "builtin_instances", "closed_meshes", "constraints", "exact_fits", "films"),
+    *("gltf_files", "instances", "instructions", "nest", "nest_cli", "nest_conflicts", "motions"),
+    *("nesting_types", "nesting_validity", "pack", "pack_cli", "pack_results", "packing_film"),
+    *("packing_page", "part_lists", "plates", "public_reports", "rebuilding", "removal"),
+    *("stacking", "state_checks", "workbench", "workbench_page"),
+)
+TESTS_OF_PARTS = tuple(f"tests/test_{name}.py" for name in _OF_PARTS)
+"""The files of tests that are run on mutants of what packs parts."""
 
 _OWN = {
     "voxel": ("voxels",),

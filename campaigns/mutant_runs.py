@@ -27,7 +27,7 @@ COPIED = ("packit_sim", "agents", "assets", "benchmarks", "campaigns", "docs", "
 MEMORY = 8 << 30
 """Bytes of address space that a mutant may use."""
 
-COMPILATION = 30.0
+COMPILATION = 300.0
 """Seconds of processor time that the first tests may take longer because of compilation."""
 
 SLACK = 5.0
@@ -109,7 +109,8 @@ def _measure(copy: Path, modules: Sequence[str], files: Sequence[str], result: P
     import coverage
     import pytest
 
-    measured = coverage.Coverage(data_file=None, include=[str(copy / module) for module in modules])
+    watched = [str(copy / module) for module in modules]
+    measured = coverage.Coverage(data_file=None, config_file=False, include=watched)
     seconds: dict[str, float] = {}
     failed = set()
 

@@ -1,10 +1,11 @@
 """Mutation testing: whether the tests notice small changes of the code.
 
-Draws mutants of the modules that decide what is feasible and what is stored, runs for each the
-tests that execute the changed line, and writes what they found after each mutant. A second run with
-the same seed continues; other seeds add to the totals.
+Draws mutants of the modules that decide what is feasible and what is stored in the game, or of
+those that pack parts, runs for each the tests that execute the changed line, and writes what they
+found after each mutant. A second run with the same seed continues; other seeds add to the totals.
 
     python -m campaigns.mutants --seed 1 --count 400
+    python -m campaigns.mutants --of parts --seed 1 --count 400
     python -m campaigns.mutants --check     # survivors with the tests that kill them
     python -m campaigns.mutants --table     # write the table in docs/trust/mutants.md
 """
@@ -23,18 +24,18 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from campaigns import mutant_runs
-from campaigns.mutant_plans import TESTS, plan
+from campaigns.mutant_plans import TESTS, TESTS_OF_PARTS, plan
 from campaigns.mutations import Mutation, mutations
 
 ROOT = Path(__file__).parents[1]
-RESULTS = Path(__file__).parent / "results" / "mutants.json"
+RESULTS = Path(__file__).parent / "results"
 
-JUDGED = RESULTS.with_name("mutants_judged.json")
+JUDGED = RESULTS / "mutants_judged.json"
 """What was found of survivors: "equivalent" and why; "other", a test that was not run and kills it;
 or "added", a new test that does."""
 
@@ -44,7 +45,7 @@ _ENGINE = (
     *("feasibility", "screening", "screening_kernels", "collision", "collision_meshes"),
     *("nofit", "occupancy", "occupancy_kernels", "oracle", "containment", "containment_kernels"),
 )
-MODULES = (
+_OF_THE_GAME = (
     *(f"packit_sim/geometry/{name}.py" for name in (*_GEOMETRY, "word_kernels")),
     *(f"packit_sim/engine/{name}.py" for name in _ENGINE),
     "packit_sim/box.py",
@@ -52,7 +53,43 @@ MODULES = (
     *(f"packit_sim/game/evaluation/{name}.py" for name in ("results", "results_store")),
     "packit_sim/rules.py",
 )
-"""The modules that are mutated. `packit_sim/placement.py` only names others' functions."""
+"""`packit_sim/placement.py` only names others' functions."""
+
+_OF_PARTS = tuple(
+    file.relative_to(ROOT).as_posix()
+    for file in sorted((ROOT / "packit_sim" / "parts").rglob("*.py"))
+    if file.name != "__init__.py"
+)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Modules that are mutated together.
+
+    Attributes
+    ----------
+    name : str
+        The name of the results file, and of the table in the page.
+    modules : tuple of str
+        The modules.
+    tests : tuple of str
+        The files of tests that are run.
+    """
+
+    name: str
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+
+    def source(self) -> str:
+        """Return a digest of the modules, since mutants are drawn anew when these change."""
+        texts = b"".join((ROOT / module).read_bytes() for module in self.modules)
+        return hashlib.sha256(texts).hexdigest()[:16]
+
+
+GROUPS = {
+    "game": Group("mutants", _OF_THE_GAME, TESTS),
+    "parts": Group("mutants-parts", _OF_PARTS, TESTS_OF_PARTS),
+}
 
 HEAD = (
     *("module", "mutants", "drawn", "killed at first", "by time limit", "survived"),
@@ -63,7 +100,7 @@ HEAD = (
 Record = dict[str, Any]
 
 
-def draw(seed: int, count: int, modules: Sequence[str] = MODULES) -> list[tuple[str, Mutation]]:
+def draw(seed: int, count: int, modules: Sequence[str]) -> list[tuple[str, Mutation]]:
     """Draw mutants at random, without repetition; a larger count extends the list."""
     mutants = [
         (module, mutation)
@@ -78,16 +115,17 @@ def campaign(options: argparse.Namespace) -> None:
     """Run the mutants that are not in the results file yet."""
     found: Record = json.loads(options.out.read_text()) if options.out.exists() else {"mutants": []}
     done: list[Record] = found["mutants"]
-    if found.get("source", source()) != source():
+    group = GROUPS[options.of]
+    if found.get("source", group.source()) != group.source():
         sys.exit(f"{options.out} has mutants of other source code: choose another file with --out")
     copy: Path = options.copy
     if not copy.exists():
         mutant_runs.copy_source(ROOT, copy)
     mutant_runs.restore(copy)
-    baseline = mutant_runs.measure(copy, MODULES, TESTS)
+    baseline = mutant_runs.measure(copy, group.modules, group.tests)
     print(f"{len(baseline.seconds)} tests take {sum(baseline.seconds.values()):.0f} s", flush=True)
     mutant_runs.import_libraries(baseline.libraries)
-    kills: dict[str, Counter[str]] = {module: Counter() for module in MODULES}
+    kills: dict[str, Counter[str]] = {module: Counter() for module in group.modules}
     for record in done:
         kills[record["module"]][record["test"]] += 1
     ends = time.monotonic() + 60 * options.minutes
@@ -104,7 +142,7 @@ def campaign(options: argparse.Namespace) -> None:
         record["seconds"] = round(time.monotonic() - started, 1)
         kills[module][outcome.test] += 1
         done.append(record)
-        _write(options.out, _totals(found))
+        _write(options.out, _totals(found, group))
         print(f"{len(done)}", *(record[key] for key in _PRINTED), flush=True)
 
 
@@ -115,7 +153,7 @@ def _left(
     options: argparse.Namespace, done: list[Record]
 ) -> Iterator[tuple[tuple[str, Mutation], Record]]:
     """List the mutants to run, and what is known of them."""
-    drawn = draw(options.seed, options.count)
+    drawn = draw(options.seed, options.count, GROUPS[options.of].modules)
     known = {(record["seed"], *_place(record)) for record in done}
     for module, mutation in drawn:
         record = {
@@ -160,27 +198,21 @@ def _nearest(text: str, judged: Record) -> Mutation:
     return min(same, key=lambda m: (abs(m.line - place[0]), abs(m.column - place[1])))
 
 
-def _totals(found: Record) -> Record:
+def _totals(found: Record, group: Group) -> Record:
     """Return a results file with its totals, which come first."""
     done = found["mutants"]
     outcomes = Counter(record["outcome"] for record in done)
     return {
         "version": _version(),
-        "source": source(),
+        "source": group.source(),
         "python": platform.python_version(),
         "cores": os.cpu_count(),
-        "sizes": {module: len(draw(0, 10**9, [module])) for module in MODULES},
+        "sizes": {module: len(draw(0, 10**9, [module])) for module in group.modules},
         "seeds": sorted({record["seed"] for record in done}),
         "seconds": round(sum(record["seconds"] for record in done)),
         "outcomes": dict(outcomes),
         "mutants": done,
     }
-
-
-def source() -> str:
-    """Return a digest of the modules, since mutants are drawn anew when these change."""
-    texts = b"".join((ROOT / module).read_bytes() for module in MODULES)
-    return hashlib.sha256(texts).hexdigest()[:16]
 
 
 def _version() -> str:
@@ -197,7 +229,7 @@ def table(found: Record) -> str:
     records = [record | judged.get(_place(record), {}) for record in found["mutants"]]
     rows = {
         "all": records,
-        **{module: [r for r in records if r["module"] == module] for module in MODULES},
+        **{module: [r for r in records if r["module"] == module] for module in found["sizes"]},
     }
     sizes = found["sizes"]
     whole = sum(sizes.values())
@@ -228,20 +260,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--of", choices=GROUPS, default="game", help="what to mutate")
     parser.add_argument("--seed", type=int, default=1, help="what to draw the mutants from")
     parser.add_argument("--count", type=int, default=400, help="mutants of this seed")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that")
     parser.add_argument("--check", action="store_true", help="only run the survivors' tests")
     parser.add_argument("--table", action="store_true", help="only write the table of the page")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="results file")
+    parser.add_argument("--out", type=Path, help="results file")
     parser.add_argument(
         "--copy", type=Path, help="folder of the copied source; reused if it exists"
     )
     options = parser.parse_args()
+    name = GROUPS[options.of].name
+    options.out = options.out or RESULTS / f"{name}.json"
     if options.table:
-        from campaigns.common import write_into_page
+        from benchmarks.common import write_into_page
 
-        write_into_page("mutants", table(json.loads(options.out.read_text())))
+        page = ROOT / "docs" / "trust" / "mutants.md"
+        write_into_page(page, table(json.loads(options.out.read_text())), name)
         return
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         options.copy = options.copy or Path(folder) / "copy"

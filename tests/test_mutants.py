@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.common import table_in_page
 from campaigns import common, mutants
 from campaigns.mutations import mutations
 
@@ -68,7 +69,7 @@ def test_mutations_change_code_and_no_text() -> None:
     ]
 
 
-@pytest.mark.parametrize("module", mutants.MODULES)
+@pytest.mark.parametrize("module", [m for each in mutants.GROUPS.values() for m in each.modules])
 def test_every_mutant_is_another_program(module: str) -> None:
     text = (mutants.ROOT / module).read_text()
     original = ast.dump(ast.parse(text))
@@ -95,9 +96,13 @@ def test_a_hole_in_the_tests_is_found(tmp_path: Path) -> None:
 
 
 def test_a_draw_is_repeated_by_its_seed_and_extended_by_its_count() -> None:
-    assert mutants.draw(1, 30)[:20] == mutants.draw(1, 20) != mutants.draw(2, 20)
+    modules = mutants.GROUPS["game"].modules
+    first, second = mutants.draw(1, 20, modules), mutants.draw(2, 20, modules)
+    assert mutants.draw(1, 30, modules)[:20] == first != second
 
 
-def test_the_page_has_the_results() -> None:
-    found = json.loads(mutants.RESULTS.read_text())
-    assert common.table_in_page("mutants") == mutants.table(found)
+@pytest.mark.parametrize("group", mutants.GROUPS.values(), ids=mutants.GROUPS)
+def test_the_page_has_the_results(group: mutants.Group) -> None:
+    found = json.loads((mutants.RESULTS / f"{group.name}.json").read_text())
+    page = common.PAGES / "mutants.md"
+    assert table_in_page(page, group.name) == mutants.table(found)
