@@ -1,11 +1,15 @@
 """The workbench: what its page may ask for, and what it packs."""
 
+import contextlib
 import http.client
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +24,7 @@ from trimesh import creation
 from packit_sim.core.errors import RenderError
 from packit_sim.parts.results import exports
 from packit_sim.parts.workbench import uploads as uploads_module
+from packit_sim.parts.workbench import workbench as workbench_module
 from packit_sim.parts.workbench.workbench import Workbench
 from tests.read_3mf import bodies
 
@@ -174,6 +179,118 @@ def test_files_that_can_not_be_packed_are_refused_and_not_kept(bench, monkeypatc
         assert "packit-workbench" not in answer.decode()
     assert state(bench)["files"] == []
     assert not list((bench.folder / "parts").glob("*"))
+
+
+@pytest.mark.parametrize("limit", ["MAX_FILES", "MAX_BYTES_TOGETHER"])
+def test_limits_hold_for_files_that_are_sent_at_once(bench, monkeypatch, limit) -> None:
+    data = stl(creation.box((6, 6, 6)))
+    monkeypatch.setattr(uploads_module, limit, 3 if limit == "MAX_FILES" else 3 * len(data))
+    senders = [_Sender(bench, data, number) for number in range(12)]
+    answers = [sender.finish() for sender in senders]
+    assert sorted(answers) == [200] * 3 + [422] * 9
+    names = [each["name"] for each in state(bench)["files"]]
+    assert len(names) == 3 and len(list((bench.folder / "parts").iterdir())) == 3
+    assert post(bench, "/remove", {"number": state(bench)["files"][0]["number"]})[0] == 200
+    send(bench, "again.stl", creation.box((6, 6, 6)))
+
+
+class _Sender:
+    """Sends a file in two pieces, so that all requests are open at a time."""
+
+    def __init__(self, bench: Workbench, data: bytes, number: int) -> None:
+        host = bench.address.removeprefix("http://")
+        self._rest = data[80:]
+        self._connection = http.client.HTTPConnection(host, timeout=60)
+        self._connection.putrequest("POST", f"/parts?name=cube{number}.stl")
+        self._connection.putheader("Content-Length", str(len(data)))
+        self._connection.endheaders(data[:80])
+
+    def finish(self) -> int:
+        with contextlib.suppress(ConnectionError):
+            self._connection.send(self._rest)
+        answer = self._connection.getresponse()
+        answer.read()
+        self._connection.close()
+        return answer.status
+
+
+def test_files_with_one_name_that_are_sent_at_once_are_parts_with_different_names(bench) -> None:
+    data = stl(creation.box((6, 6, 6)))
+    threads = [
+        threading.Thread(target=ask, args=(bench, "POST", "/parts?name=a.stl", data))
+        for _ in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    numbers = [each["number"] for each in state(bench)["files"]]
+    files = [{"number": number, "count": 1, "rotations": "cube"} for number in numbers]
+    assert post(bench, "/pack", {**ORDER, "box": "60x60x60", "files": files})[0] == 200
+    found = wait(bench, is_done)
+    assert len(set(found["result"]["boxes"][0]["parts"])) == 8
+
+
+def test_files_that_are_removed_during_a_search_stay_until_it_ends(bench, monkeypatch) -> None:
+    monkeypatch.setattr(uploads_module, "MAX_FILES", 1)
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    files = [{"number": number, "count": 90, "rotations": "cube"}]
+    assert post(bench, "/pack", {**ORDER, "seconds": 3600, "files": files})[0] == 200
+    wait(bench, lambda one: one["busy"] and "result" in one)
+    assert post(bench, "/remove", {"number": number}) == (200, {})
+    assert state(bench)["files"] == [] and list(bench.folder.rglob("cube.stl"))
+    status, data = ask(bench, "POST", "/parts?name=b.stl", stl(creation.box((6, 6, 6))))
+    assert status == 422 and "1 files already" in data.decode()
+    assert ask(bench, "POST", "/stop")[0] == 200
+    found = wait(bench, is_done)
+    assert found["message"] == "" and found["result"]["problems"] == []
+    assert ask(bench, "GET", "/files/packing.3mf")[0] == 200
+    assert not list((bench.folder / "parts").iterdir())
+    send(bench, "b.stl", creation.box((6, 6, 6)))
+
+
+def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch) -> None:
+    number = send(bench, "cube.stl", creation.box((6, 6, 6)))
+    files = [{"number": number, "count": 2, "rotations": "cube"}]
+    assert post(bench, "/pack", {**ORDER, "files": files})[0] == 200
+    found = wait(bench, is_done)["result"]
+    data = ask(bench, "GET", "/files/packing.3mf")
+    for change, sentence in (({"box": "5x5x5"}, "larger than the box"), ({"seconds": 0.5}, "full")):
+        if sentence == "full":
+            monkeypatch.setattr(workbench_module, "export", _full)
+        post(bench, "/pack", {**ORDER, "files": files, **change})
+        after = wait(bench, lambda one: not one["busy"])
+        assert sentence in after["message"] and after["result"] == found
+        assert ask(bench, "GET", "/files/packing.3mf") == data
+    assert post(bench, "/pack", {**ORDER, "files": files, "locked": [0]})[0] == 200
+
+
+def _full(*_: object) -> None:
+    raise OSError(28, "the disk is full")
+
+
+def test_a_full_disk_refuses_a_file_with_one_sentence(bench, monkeypatch) -> None:
+    shutil.rmtree(bench.folder / "parts")
+    (bench.folder / "parts").symlink_to("/dev/full")
+    status, data = ask(bench, "POST", "/parts?name=a.stl", stl(creation.box((6, 6, 6))))
+    assert status == 422 and "a.stl: it can't be kept: " in data.decode()
+
+
+def test_folders_that_killed_workbenches_left_are_removed(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    others = [tmp_path / "packit-workbench-abc", tmp_path / "packit-workbench-abcdefgh-mine"]
+    left = tmp_path / "packit-workbench-abcdefgh"
+    for folder in (left, *others):
+        (folder / "parts").mkdir(parents=True)
+    target = tmp_path / "mine"
+    target.mkdir()
+    link = tmp_path / "packit-workbench-abcdefg0"
+    link.symlink_to(target)
+    with Workbench() as one:
+        assert not left.exists() and all(each.exists() for each in (*others, target, link))
+        with Workbench() as two:
+            assert one.folder.exists() and two.folder.exists()
+    assert not one.folder.exists()
 
 
 def test_only_requests_of_the_page_are_answered(bench) -> None:

@@ -16,7 +16,7 @@ from websockets.asyncio import server
 from websockets.http11 import Request, Response
 
 from packit_sim.core.plain_text import plain_logger
-from packit_sim.web.origins import is_own_page
+from packit_sim.web.origins import MAX_CONNECTIONS, is_own_page
 
 _INVALID = 1007
 """The code with which a WebSocket closes after a malformed message (RFC 6455)."""
@@ -58,6 +58,8 @@ def guarded(host: str, protocol: str) -> Iterator[list[int]]:
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
             if not is_own_page(origins, hosts, host):
                 return connection.respond(HTTPStatus.FORBIDDEN, "not a page of this server\n")
+            if len(connection.server.connections) >= MAX_CONNECTIONS:
+                return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many connections\n")
             answer: Response | None = process_request(connection, request)
             return answer
 

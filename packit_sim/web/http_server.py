@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import shutil
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from io import BufferedIOBase
-from pathlib import Path
-from typing import Any
+from http.server import BaseHTTPRequestHandler
+from typing import Any, BinaryIO
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from packit_sim.core.errors import PackItError
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.web.limited_server import LimitedServer
 from packit_sim.web.origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page, refused
 
 _SECONDS = 60.0
 """Timeout of a silent connection."""
+
+_CHUNK = 2**20
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -50,6 +55,26 @@ class RequestError(PackItError, ValueError):
         self.status = status
 
 
+class RequestBody:
+    """The body of a request, of which never more is read than its length.
+
+    Attributes
+    ----------
+    left : int
+        Bytes that are not read.
+    """
+
+    def __init__(self, source: BinaryIO, length: int) -> None:
+        self._source = source
+        self.left = length
+
+    def read(self, size: int = sys.maxsize) -> bytes:
+        """Read at most so many bytes; less only if the client has sent no more."""
+        data = self._source.read(min(size, self.left))
+        self.left -= len(data)
+        return data
+
+
 @dataclass(frozen=True)
 class WebRequest:
     """A request of a page.
@@ -60,16 +85,11 @@ class WebRequest:
         The path after that of the route, decoded.
     query : mapping of str to str
         The values behind the question mark.
-    length : int
-        Bytes of the body.
-    body : binary file
-        The body; read at most `length` bytes of it.
     """
 
     path: str
     query: Mapping[str, str]
-    length: int
-    body: BufferedIOBase
+    body: RequestBody
 
 
 @dataclass(frozen=True)
@@ -78,15 +98,15 @@ class WebAnswer:
 
     Attributes
     ----------
-    data : bytes or Path
-        The content, or the file that has it.
+    data : bytes or BinaryIO
+        The content, or an open file that has it, which is closed when it is sent.
     type : str
         The media type.
     headers : mapping of str to str
         Further headers.
     """
 
-    data: bytes | Path
+    data: bytes | BinaryIO
     type: str
     headers: Mapping[str, str] = field(default_factory=dict)
 
@@ -146,20 +166,20 @@ class HttpServer:
             own_routes = routes
 
         try:
-            self._server = ThreadingHTTPServer((host, port or 0), Handler)
+            self._server = LimitedServer((host, port or 0), Handler)
         except (OSError, OverflowError) as error:
             raise refused(host, port, error) from error
-        self._server.daemon_threads = True
         shown = LOOPBACK if host == EVERYWHERE else host
         self.address = f"http://{shown}:{self._server.server_address[1]}"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the server."""
+        """End the server and its connections."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
+        self._server.end_connections()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -177,16 +197,16 @@ class _Handler(BaseHTTPRequestHandler):
         self._respond()
 
     def _respond(self) -> None:
+        self._body: RequestBody | None = None
         try:
             answer = self._answer()
         except RequestError as error:
-            self.close_connection = True  # its body may not be read
             self._fail(error.status, str(error))
         except PackItError as error:
             self._fail(HTTPStatus.BAD_REQUEST, str(error))
-        except OSError as error:
+        except (ConnectionError, TimeoutError) as error:
             self.close_connection = True
-            _log.warning("a request was not answered: %s", error)
+            _log.debug("a request was not received: %s", error)
         except Exception as error:
             _log.exception("a request failed")
             self._fail(HTTPStatus.INTERNAL_SERVER_ERROR, f"unexpected error: {error!r}")
@@ -217,15 +237,17 @@ class _Handler(BaseHTTPRequestHandler):
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
             )
         query = {key: values[-1] for key, values in parse_qs(url.query).items()}
-        return route.answer(WebRequest(unquote(name), query, length, self.rfile))
+        self._body = RequestBody(self.rfile, length)
+        return route.answer(WebRequest(unquote(name), query, self._body))
 
     def _length(self) -> int:
         """Return the length of the body."""
         if "Transfer-Encoding" in self.headers:
             raise RequestError("a body needs its length", HTTPStatus.LENGTH_REQUIRED)
-        text = self.headers.get("Content-Length", "0")
-        if not (text.isascii() and text.isdigit()) or len(text) > 15:
-            raise RequestError(f"a body can't have the length {text!r}")
+        texts = self.headers.get_all("Content-Length") or ["0"]
+        text = texts[0]
+        if len(texts) > 1 or not (text.isascii() and text.isdigit()) or len(text) > 15:
+            raise RequestError(f"a body can't have the length {', '.join(texts)!r}")
         return int(text)
 
     def _fail(self, status: HTTPStatus, message: str) -> None:
@@ -233,20 +255,25 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(status, answer)
 
     def _send(self, status: HTTPStatus, answer: WebAnswer) -> None:
-        try:
-            data = answer.data.read_bytes() if isinstance(answer.data, Path) else answer.data
-            self.send_response(status)
-            for name, value in {**_HEADERS, **answer.headers}.items():
-                self.send_header(name, value)
-            self.send_header("Content-Type", answer.type)
-            self.send_header("Content-Length", str(len(data)))
-            if self.close_connection:
-                self.send_header("Connection", "close")
-            self.end_headers()
-            self.wfile.write(data)
-        except OSError as error:
+        if self._body is None or self._body.left:  # would be taken for the next request
             self.close_connection = True
-            _log.debug("an answer was not sent: %s", error)
+        data = answer.data
+        with io.BytesIO(data) if isinstance(data, bytes) else data as source:
+            length = source.seek(0, os.SEEK_END)
+            source.seek(0)
+            try:
+                self.send_response(status)
+                for name, value in {**_HEADERS, **answer.headers}.items():
+                    self.send_header(name, value)
+                self.send_header("Content-Type", answer.type)
+                self.send_header("Content-Length", str(length))
+                if self.close_connection:
+                    self.send_header("Connection", "close")
+                self.end_headers()
+                shutil.copyfileobj(source, self.wfile, _CHUNK)
+            except OSError as error:
+                self.close_connection = True
+                _log.debug("an answer was not sent: %s", error)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log a request; by default http.server prints it."""

@@ -19,6 +19,9 @@ LOOPBACK = "127.0.0.1"
 EVERYWHERE = "0.0.0.0"
 """The wildcard for all addresses of this machine."""
 
+MAX_CONNECTIONS = 64
+"""Most connections of a page's server at a time; a browser opens about six."""
+
 
 def refused(host: str, port: int | None, reason: object) -> RenderError:
     """Return the error for a page that can't be served at a host and a port, 0 or None for any."""

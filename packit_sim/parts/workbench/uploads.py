@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import itertools
 import shutil
+import threading
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BufferedIOBase
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.core.files import replacing
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_line
 from packit_sim.libraries.mesh_files import SUFFIXES
 from packit_sim.parts.reading.files import ReadSettings, find_parts, with_own_names
 from packit_sim.parts.reading.part import Part
+from packit_sim.web.http_server import RequestBody
 
 MAX_BYTES = 256 * 2**20
 """The largest file."""
@@ -59,19 +62,21 @@ class Uploads:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._numbers = itertools.count(1)
+        self._reading = threading.Lock()  # one file at a time: their meshes need memory
+        self._changing = threading.Lock()
+        self._bytes: dict[int, int] = {}  # of files on the disk, also while they are being sent
+        self._users: Counter[int] = Counter()
         self.files: dict[int, Upload] = {}
 
-    def add(self, name: str, body: BufferedIOBase, length: int, unit: Unit) -> Upload:
+    def add(self, name: str, body: RequestBody, unit: Unit) -> Upload:
         """Keep a file, if parts can be read from it.
 
         Parameters
         ----------
         name : str
             Its name; folders in it are dropped.
-        body : binary file
+        body : RequestBody
             Its content.
-        length : int
-            How many bytes it has.
         unit : str
             The unit of length if it does not define one.
 
@@ -91,40 +96,104 @@ class Uploads:
         suffix = PurePosixPath(name).suffix.lower()
         if suffix not in SUFFIXES:
             raise ArgumentError(f"{name}: choose a mesh file ({', '.join(SUFFIXES)})")
-        if len(self.files) >= MAX_FILES:
-            raise ArgumentError(f"{name}: there are {MAX_FILES} files already")
-        together = sum(each.file.stat().st_size for each in self.files.values())
-        if length > MAX_BYTES or together + length > MAX_BYTES_TOGETHER:
-            raise ArgumentError(
-                f"{name}: too large: at most {MAX_BYTES:,} bytes, and {MAX_BYTES_TOGETHER:,} "
-                "of all files together"
-            )
-        number = next(self._numbers)
+        number = self._reserve(name, body.left)
         file = self._folder / str(number) / name
         try:
-            file.parent.mkdir(parents=True)
-            with replacing(file) as target:
-                left = length
-                while left and (data := body.read(min(left, _CHUNK))):
-                    target.write(data)
-                    left -= len(data)
-                if left:
-                    raise ArgumentError(f"{name}: it was not sent completely")
-            parts = find_parts([file], ReadSettings(unit)).parts
-            others = [part.name for each in list(self.files.values()) for part in each.parts]
-            upload = Upload(number, file, unit, tuple(with_own_names(parts, others)))
-            self.files[number] = upload
-            return upload
-        except ArgumentError as error:
-            sentence = str(error).replace(str(file), name)
-            raise ArgumentError(sentence.removeprefix("no part can be read: ")) from None
-        finally:
-            if number not in self.files:
-                shutil.rmtree(file.parent, ignore_errors=True)
+            _receive(file, body)
+            return self._read(number, file, unit)
+        except BaseException as error:
+            self._delete(number)
+            if isinstance(error, ArgumentError):
+                sentence = str(error).replace(str(file), name)
+                raise ArgumentError(sentence.removeprefix("no part can be read: ")) from None
+            raise
 
     def remove(self, number: int) -> None:
         """Forget a file; raise ArgumentError if there is none with this number."""
-        upload = self.files.pop(number, None)
-        if upload is None:
-            raise ArgumentError(f"there is no file {number}")
-        shutil.rmtree(upload.file.parent, ignore_errors=True)
+        with self._changing:
+            if self.files.pop(number, None) is None:
+                raise ArgumentError(f"there is no file {number}")
+            is_used = self._users[number] > 0
+        if not is_used:
+            self._delete(number)
+
+    @contextmanager
+    def kept(self, numbers: Collection[int]) -> Iterator[list[Upload]]:
+        """Keep files on the disk while the block runs, even those that are removed meanwhile.
+
+        Parameters
+        ----------
+        numbers : collection of int
+            Their numbers.
+
+        Yields
+        ------
+        list of Upload
+            The files.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no file with one of the numbers.
+        """
+        with self._changing:
+            for number in numbers:
+                if number not in self.files:
+                    raise ArgumentError(f"there is no file {number}")
+            found = [self.files[number] for number in numbers]
+            self._users.update(numbers)
+        try:
+            yield found
+        finally:
+            with self._changing:
+                self._users.subtract(numbers)
+                gone = {n for n in numbers if not self._users[n] and n not in self.files}
+            for number in gone:
+                self._delete(number)
+
+    def _reserve(self, name: str, size: int) -> int:
+        """Return the number of a file to come, for which there is space until it is deleted."""
+        with self._changing:
+            if len(self._bytes) >= MAX_FILES:
+                raise ArgumentError(f"{name}: there are {MAX_FILES} files already")
+            together = sum(self._bytes.values()) + size
+            if size > MAX_BYTES or together > MAX_BYTES_TOGETHER:
+                raise ArgumentError(
+                    f"{name}: too large: at most {MAX_BYTES:,} bytes, and {MAX_BYTES_TOGETHER:,} "
+                    "of all files together"
+                )
+            number = next(self._numbers)
+            self._bytes[number] = size
+            return number
+
+    def _read(self, number: int, file: Path, unit: Unit) -> Upload:
+        """Read the parts of a file, and keep it."""
+        with self._reading:
+            parts = find_parts([file], ReadSettings(unit)).parts
+            with self._changing:
+                others = [part.name for each in self.files.values() for part in each.parts]
+                upload = Upload(number, file, unit, tuple(with_own_names(parts, others)))
+                self.files[number] = upload
+        return upload
+
+    def _delete(self, number: int) -> None:
+        """Delete a file, and free its space."""
+        shutil.rmtree(self._folder / str(number), ignore_errors=True)
+        with self._changing:
+            self._bytes.pop(number, None)
+            self._users.pop(number, None)
+
+
+def _receive(file: Path, body: RequestBody) -> None:
+    """Write a file that is being sent."""
+    try:
+        file.parent.mkdir()
+        with open(file, "xb") as target:
+            while data := body.read(_CHUNK):
+                target.write(data)
+    except (ConnectionError, TimeoutError):
+        raise
+    except OSError as error:
+        raise ArgumentError(f"{file.name}: it can't be kept: {error.strerror}") from None
+    if body.left:
+        raise ArgumentError(f"{file.name}: it was not sent completely")

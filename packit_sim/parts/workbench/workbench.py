@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
-import tempfile
 import threading
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from http import HTTPStatus
 from pathlib import Path
@@ -19,6 +20,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.plain_text import plain_logger
+from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.geometry.motions import split
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import Goal, PackSettings
@@ -27,13 +29,11 @@ from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
-from packit_sim.parts.results.check import Check, check
 from packit_sim.parts.results.exports import attempted, export
 from packit_sim.parts.results.instructions import write_instructions
-from packit_sim.parts.results.page import add_box
 from packit_sim.parts.results.record import INSTRUCTIONS
-from packit_sim.parts.results.summary import summary
-from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Uploads
+from packit_sim.parts.workbench.page_state import LockedPart, PageState, ShownPacking
+from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Upload, Uploads
 from packit_sim.web.http_server import (
     HttpRoute,
     HttpServer,
@@ -42,7 +42,7 @@ from packit_sim.web.http_server import (
     WebRequest,
 )
 from packit_sim.web.origins import LOOPBACK
-from packit_sim.web.page_models import Models, page_files
+from packit_sim.web.page_models import page_files
 
 _MAX_JSON = 2**20
 
@@ -86,14 +86,6 @@ class _Number(Struct, forbid_unknown_fields=True):
     number: int
 
 
-@dataclass(frozen=True)
-class _Locked:
-    """A part that stays where it was: its name before it was fixed, and the part that is fixed."""
-
-    name: str
-    part: Part
-
-
 class Workbench:
     """A local web page to pack parts: send files, set the box, pack, lock parts, pack the rest.
 
@@ -121,34 +113,30 @@ class Workbench:
     """
 
     def __init__(self, host: str = LOOPBACK, port: int | None = None) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="packit-workbench-"))
+        self._folder = TemporaryFolder("packit-workbench-")
+        self.folder = self._folder.path
+        (self.folder / "parts").mkdir()
         self._uploads = Uploads(self.folder / "parts")
-        self._starting = threading.Lock()
-        self._changed = threading.Lock()
-        self._version = 0
-        self._message = ""
-        self._is_busy = False
+        self._page = PageState()
+        self._results = itertools.count(1)
         self._search: threading.Thread | None = None
         self._stop = threading.Event()
-        self._packed: PackedParts | None = None
-        self._locked: tuple[_Locked, ...] = ()
-        self._files: dict[str, Path] = {}
         try:
             self._server = HttpServer(self._routes(), host, port)
         except BaseException:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            self._folder.remove()
             raise
         self.address = self._server.address
 
     def close(self) -> None:
         """End the page and its search, and remove its folder; calling it again does nothing."""
-        if not self.folder.exists():
+        if not self._folder.remove.alive:
             return
         self._server.close()
         self._stop.set()
         if self._search is not None:
             self._search.join()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._folder.remove()
 
     def __enter__(self) -> Workbench:
         return self
@@ -181,25 +169,42 @@ class Workbench:
     def _upload(self, request: WebRequest) -> WebAnswer:
         name, unit = request.query.get("name", ""), check_unit(request.query.get("unit", "mm"))
         try:
-            upload = self._uploads.add(name, request.body, request.length, unit)
+            upload = self._uploads.add(name, request.body, unit)
         except ArgumentError as error:
             raise RequestError(str(error), HTTPStatus.UNPROCESSABLE_ENTITY) from None
-        self._note()
+        self._page.note()
         return WebAnswer.of_json({"number": upload.number})
 
     def _remove(self, request: WebRequest) -> WebAnswer:
         self._uploads.remove(_read(request, _Number).number)
-        self._note()
+        self._page.note()
         return WebAnswer.of_json({})
 
     def _pack(self, request: WebRequest) -> WebAnswer:
         job = _read(request, PackingJob)
-        with self._starting:
-            if self._is_busy:
-                raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
-            locked = self._locked_parts(job.locked)
-            self._stop = threading.Event()
-            parts = self._parts(job, Counter(each.name for each in locked))
+        if not self._page.begin():
+            raise RequestError("a search is running: stop it first", HTTPStatus.CONFLICT)
+        try:
+            self._begin(job)
+        except BaseException as error:
+            self._page.end(f"error: {error}")
+            raise
+        return WebAnswer.of_json({})
+
+    def _end(self, request: WebRequest) -> WebAnswer:
+        self._stop.set()
+        return WebAnswer.of_json({})
+
+    def _begin(self, job: PackingJob) -> None:
+        """Start the search of a job, which keeps the files that it needs."""
+        self._stop = threading.Event()
+        locked = self._locked_parts(job.locked)
+        uploads = ExitStack()
+        with ExitStack() as failed:
+            failed.push(uploads)
+            numbers = [asked.number for asked in job.files]
+            files = uploads.enter_context(self._uploads.kept(numbers))
+            parts = _parts(job, files, Counter(each.name for each in locked))
             settings = PackSettings(
                 clearance=_length(job.clearance, job.unit),
                 wall_clearance=_length(job.wall_clearance, job.unit),
@@ -209,44 +214,19 @@ class Workbench:
                 stop=self._stop,
             )
             self._search = threading.Thread(
-                target=self._run, args=(job, parts, settings, locked), daemon=True
+                target=self._run, args=(job, parts, settings, locked, uploads), daemon=True
             )
-            self._is_busy = True
-            self._note("preparing the parts")
             self._search.start()
-        return WebAnswer.of_json({})
+            failed.pop_all()
 
-    def _end(self, request: WebRequest) -> WebAnswer:
-        self._stop.set()
-        return WebAnswer.of_json({})
-
-    def _parts(self, job: PackingJob, locked: Counter[str]) -> list[Part]:
-        """Read the parts of a job, less those that are locked."""
-        found = []
-        for asked in job.files:
-            upload = self._uploads.files.get(asked.number)
-            if upload is None:
-                raise ArgumentError(f"there is no file {asked.number}")
-            parts = upload.parts
-            if upload.unit != job.unit:
-                parts = find_parts([upload.file], ReadSettings(check_unit(job.unit))).parts
-            for part, known in zip(parts, upload.parts, strict=True):
-                count = asked.count * part.count - locked[known.name]
-                if count > 0:
-                    own = replace(part, name=known.name, count=count, rotations=asked.rotations)
-                    found.append(own)
-        if not found:
-            what = "all parts are locked" if job.files else "there are no parts: send mesh files"
-            raise ArgumentError(what)
-        return found
-
-    def _locked_parts(self, numbers: list[int]) -> tuple[_Locked, ...]:
+    def _locked_parts(self, numbers: list[int]) -> tuple[LockedPart, ...]:
         """Return the parts of the last packing that stay, by their numbers in its one box."""
-        packed = self._packed
+        shown = self._page.shown
         if not numbers:
             return ()
-        if packed is None or len(packed.packings) != 1:
+        if shown is None or len(shown.packed.packings) != 1:
             raise ArgumentError("there is no packing in one box whose parts can be locked")
+        packed, locked = shown.packed, shown.locked
         placements = packed.contents[0].placements
         found = []
         for n in sorted(set(numbers)):
@@ -256,9 +236,9 @@ class Workbench:
             linear, place = split(pose)
             vertices = part.mesh.vertices @ linear.T + place
             mesh = trimesh.Trimesh(vertices, part.mesh.faces, process=False)
-            name = self._locked[n].name if n < len(self._locked) else part.name
+            name = locked[n].name if n < len(locked) else part.name
             fixed = Part(name, mesh, unit=packed.task.unit, mass=part.mass, density=part.density)
-            found.append(_Locked(name, fixed))
+            found.append(LockedPart(name, fixed))
         return tuple(found)
 
     def _run(
@@ -266,77 +246,54 @@ class Workbench:
         job: PackingJob,
         parts: list[Part],
         settings: PackSettings,
-        locked: tuple[_Locked, ...],
+        locked: tuple[LockedPart, ...],
+        uploads: ExitStack,
     ) -> None:
-        """Search, in a separate thread."""
-        out = self.folder / "packing"
+        """Search, in a separate thread, and then let go of the files that were sent."""
+        out = self.folder / f"packing-{next(self._results)}"
         total = sum(part.count for part in parts)
 
         def better(packed: PackedParts, seconds: float) -> None:
-            self._note(
+            self._page.note(
                 f"{packed.count} of {total} parts, density {packed.density:.3f}, "
                 f"after {seconds:.0f} s",
-                packed,
-                locked,
+                ShownPacking(packed, locked),
             )
 
         try:
-            packed = pack(
-                parts,
-                job.box,
-                job.objective,
-                job.seconds,
-                job.seed,
-                callback=better,
-                settings=settings,
-            )
-            if not packed.packings:
-                raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
-            self._note("checking the result and writing its files", packed, locked)
-            shutil.rmtree(out, ignore_errors=True)
-            files = export(packed, out)
-            if job.instructions:
-                self._note("writing the instructions", packed, locked)
-                path = out / INSTRUCTIONS
-                if attempted(path, partial(write_instructions, packed, path)):
-                    files.append(path)
+            with uploads:
+                packed = pack(
+                    parts,
+                    job.box,
+                    job.objective,
+                    job.seconds,
+                    job.seed,
+                    callback=better,
+                    settings=settings,
+                )
+                if not packed.packings:
+                    raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
+                shown = ShownPacking(packed, locked)
+                self._page.note("checking the result and writing its files", shown)
+                files = export(packed, out)
+                if job.instructions:
+                    self._page.note("writing the instructions")
+                    path = out / INSTRUCTIONS
+                    if attempted(path, partial(write_instructions, packed, path)):
+                        files.append(path)
         except Exception as error:
             if not isinstance(error, PackItError):
                 _log.exception("the search failed")
+            shutil.rmtree(out, ignore_errors=True)
             what = "error" if isinstance(error, PackItError) else "unexpected error"
-            self._is_busy = False
-            self._note(f"{what}: {error}")
+            self._page.end(f"{what}: {error}")
         else:
             own = {file.name: file for file in files if file.parent == out}
-            self._is_busy = False
-            self._note("", packed, locked, own)
-
-    def _note(
-        self,
-        message: str | None = None,
-        packed: PackedParts | None = None,
-        locked: tuple[_Locked, ...] = (),
-        files: Mapping[str, Path] | None = None,
-    ) -> None:
-        """Change what the page shows."""
-        with self._changed:
-            self._version += 1
-            if message is not None:
-                self._message = message
-            if packed is not None:
-                self._packed, self._locked = packed, locked
-                self._files = dict(files or {})
+            self._page.end("", replace(shown, folder=out, files=own))
 
     def _state(self, request: WebRequest) -> WebAnswer:
         """Return all that the page shows, unless it has seen it."""
-        with self._changed:
-            version, message, packed = self._version, self._message, self._packed
-            files, locked = self._files, self._locked
-            is_busy = self._is_busy
-        state: dict[str, Any] = {"version": version, "message": message, "busy": is_busy}
-        if request.query.get("seen") == str(version):
-            return WebAnswer.of_json(state)
-        state["files"] = [
+        files = [
             {
                 "number": each.number,
                 "name": each.file.name,
@@ -348,45 +305,40 @@ class Workbench:
             }
             for each in list(self._uploads.files.values())
         ]
-        if packed is not None:
-            state["result"] = _result(packed, len(locked), check(packed) if files else None)
-            state["result"]["downloads"] = sorted(files)
-        return WebAnswer.of_json(state)
+        return WebAnswer.of_json(self._page.to_json(request.query.get("seen"), files))
 
     def _download(self, request: WebRequest) -> WebAnswer:
-        with self._changed:
-            file = self._files.get(request.path)
+        file = self._page.opened(request.path)
         if file is None:
             raise RequestError(f"there is no file {request.path}", HTTPStatus.NOT_FOUND)
-        name = {"Content-Disposition": f'attachment; filename="{file.name}"'}
-        return WebAnswer(file, _TYPES[file.suffix], name)
+        name = {"Content-Disposition": f'attachment; filename="{request.path}"'}
+        return WebAnswer(file, _TYPES[Path(request.path).suffix], name)
 
 
-def _result(packed: PackedParts, locked: int, found: Check | None) -> dict[str, Any]:
-    """Return a packing as the page shows it, with numbers once its files are checked."""
-    models = Models()
-    boxes = []
-    for contents in packed.contents:
-        add_box(models, contents)
-        names = [packed.part(one).part.name for one in contents.placements]
-        boxes.append({"name": contents.container.name, "parts": names})
-    return {
-        "models": models.to_json(),
-        "boxes": boxes,
-        "locked": locked,
-        "left out": [f"{each.count} x {each.name}: {each.reason}" for each in packed.left_out],
-        "notes": list(packed.notes),
-        "summary": summary(packed, found) if found else {},
-        "problems": list(found.problems) if found else [],
-    }
+def _parts(job: PackingJob, files: Sequence[Upload], locked: Counter[str]) -> list[Part]:
+    """Return the parts of a job, less those that are locked."""
+    found = []
+    for asked, upload in zip(job.files, files, strict=True):
+        parts = upload.parts
+        if upload.unit != job.unit:
+            parts = find_parts([upload.file], ReadSettings(check_unit(job.unit))).parts
+        for part, known in zip(parts, upload.parts, strict=True):
+            count = asked.count * part.count - locked[known.name]
+            if count > 0:
+                own = replace(part, name=known.name, count=count, rotations=asked.rotations)
+                found.append(own)
+    if not found:
+        what = "all parts are locked" if job.files else "there are no parts: send mesh files"
+        raise ArgumentError(what)
+    return found
 
 
 def _file(file: Path, kind: str) -> Any:
-    return lambda request: WebAnswer(file, kind)
+    return lambda request: WebAnswer(file.open("rb"), kind)
 
 
 def _read(request: WebRequest, kind: type[Any]) -> Any:
-    return typed_json.decode(request.body.read(request.length), kind, RequestError, "the request")
+    return typed_json.decode(request.body.read(), kind, RequestError, "the request")
 
 
 def _length(text: str, unit: str) -> float:
