@@ -13,7 +13,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from packit_sim.cli import agent_commands, dataset_commands, shape_commands
-from packit_sim.cli.console import PlainConsole
+from packit_sim.cli.console import PlainConsole, console
 from packit_sim.cli.demo_command import demo_command
 from packit_sim.cli.doctor_command import doctor_command
 from packit_sim.cli.evaluation_commands import compare_command, evaluate_command
@@ -31,6 +31,7 @@ from packit_sim.cli.selftest_command import selftest_command
 from packit_sim.cli.verify_command import verify_command
 from packit_sim.cli.viewer_commands import view_command, workbench_command
 from packit_sim.core.errors import PackItError
+from packit_sim.core.signals import as_interrupts, end_at_once
 from packit_sim.core.version import DOCUMENTATION, __version__
 
 LOGGERS = ("packit_sim", "packit_agents")
@@ -145,16 +146,30 @@ def configure(
 
 
 def main() -> None:
-    """Run `packit`: a user's error is one line on stderr and exit code 2."""
+    """Run `packit`: a user's error is one line on stderr and exit code 2.
+
+    SIGTERM and SIGHUP end it as Ctrl-C does, with exit codes 143 and 129.
+    """
+    arrived: list[int] = []
     try:
-        code = app(standalone_mode=False)
+        with as_interrupts() as arrived:
+            code = _run()
+    except (KeyboardInterrupt, typer.Abort):  # outside of a command
+        end_at_once()
+        console.print("stopped")
+        code = 130
+    sys.exit(128 + arrived[-1] if arrived else code)
+
+
+def _run() -> Any:
+    """Run the command, and return its exit code."""
+    try:
+        return app(standalone_mode=False)
     except (PackItError, OSError, typer.TyperException) as error:
         _print_error(_message(error))
-        code = 2
     except MemoryError as error:
         _print_error("the memory is not enough" + (f": {error}" if str(error) else ""))
-        code = 2
-    sys.exit(code)
+    return 2
 
 
 def _message(error: PackItError | OSError | typer.TyperException) -> str:

@@ -1,0 +1,74 @@
+"""How Ctrl-C, SIGTERM and SIGHUP end a command: with one line, at every moment.
+
+This module imports little, because it is the first that a command imports.
+"""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_OTHERS = signal.SIGTERM, signal.SIGHUP
+
+_arrived: list[int] = []
+
+
+def end_at_once() -> None:
+    """Let these signals end the process with a line and exit status 128 + n, as nothing is begun.
+
+    KeyboardInterrupt would show as another error in the middle of an import. Signals that are
+    ignored, such as SIGHUP by `nohup`, stay ignored.
+    """
+    for number in (signal.SIGINT, *_OTHERS):
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler, _interrupt):
+            signal.signal(number, _end)
+
+
+@contextmanager
+def as_interrupts() -> Iterator[list[int]]:
+    """Let SIGTERM and SIGHUP do what Ctrl-C does, which is KeyboardInterrupt, within the block.
+
+    Yields
+    ------
+    list of int
+        The numbers of those that arrived.
+    """
+    _arrived.clear()
+    if threading.current_thread() is not threading.main_thread():
+        yield _arrived
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_OTHERS)}
+    try:
+        for number, handler in before.items():
+            if handler in (signal.SIG_DFL, _end):
+                is_other = number in _OTHERS
+                signal.signal(number, _interrupt if is_other else signal.default_int_handler)
+        yield _arrived
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    """Do what Ctrl-C does now: a search replaces its handler, and others may ignore it."""
+    _arrived.append(number)
+    handler = signal.getsignal(signal.SIGINT)
+    (handler if callable(handler) else signal.default_int_handler)(number, None)
+
+
+def _end(number: int, frame: object) -> None:
+    try:
+        os.write(1, b"stopped\n")
+    finally:
+        os._exit(128 + number)
+
+
+def _leave_to_parent() -> None:
+    """Let a forked child end by these signals at once, also within compiled code."""
+    for number in _OTHERS:
+        if signal.getsignal(number) is _interrupt:
+            signal.signal(number, signal.SIG_DFL)
+
+
+os.register_at_fork(after_in_child=_leave_to_parent)
