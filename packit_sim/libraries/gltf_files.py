@@ -61,7 +61,7 @@ def expanded(content: bytes, suffix: str, load: Callable[[str], bytes]) -> tuple
             )
     nodes: list[dict[str, Any]] = header.get("nodes", [])
     notes = _notes(header, nodes)
-    instanced = [node for node in nodes if INSTANCING in node.get("extensions", {})]
+    instanced = [(n, e) for n, e in enumerate(nodes) if INSTANCING in e.get("extensions", {})]
     if not instanced:
         return content, notes
 
@@ -71,7 +71,7 @@ def expanded(content: bytes, suffix: str, load: Callable[[str], bytes]) -> tuple
             return binary
         return base64.b64decode(uri.partition(",")[2]) if uri[:5] == "data:" else load(uri)
 
-    for node in instanced:
+    for number, node in instanced:
         attributes = node["extensions"].pop(INSTANCING)["attributes"]
         mesh = node.pop("mesh", None)
         if mesh is None:
@@ -84,7 +84,7 @@ def expanded(content: bytes, suffix: str, load: Callable[[str], bytes]) -> tuple
         counts = {len(values) for values in rows.values()}
         if len(counts) != 1:
             raise MeshError(f"the attributes of its instances have different counts: {counts}")
-        name = node.get("name", str(nodes.index(node)))
+        name = node.get("name", str(number))
         node.setdefault("children", []).extend(range(len(nodes), len(nodes) + counts.pop()))
         for k, values in enumerate(zip(*rows.values(), strict=True)):
             motion = {key.lower(): value.tolist() for key, value in zip(rows, values, strict=True)}

@@ -165,9 +165,14 @@ def _solid(own: Object3MF, settings: ObjectSettings, objects: Mapping[int, Objec
     """Return an object without what is not solid in it."""
     if own.kind != "model":
         return replace(own, triangles=own.triangles[:0], components=())
-    kept = np.ones(len(own.triangles), dtype=bool)
+    size = len(own.triangles)
+    changes = np.zeros(size + 1, dtype=np.int64)  # slices may be many, and overlap
     for each in settings.triangles:
-        kept[each] = False
+        start, stop, _ = each.indices(size)
+        if start < stop:
+            changes[start] += 1
+            changes[stop] -= 1
+    kept = np.cumsum(changes[:size]) == 0
     components = tuple(
         (key, place)
         for key, place in own.components

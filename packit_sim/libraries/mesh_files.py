@@ -8,7 +8,6 @@ folder.
 from __future__ import annotations
 
 import io
-import re
 import stat
 import warnings
 from collections.abc import Callable
@@ -178,7 +177,9 @@ class _FolderResolver(FilePathResolver):
 
 def _dae_asset(content: bytes) -> tuple[str, float]:
     """Return the up axis and the unit in cm of a COLLADA file, or the format's defaults."""
-    axis = re.search(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>", content)
-    meter = re.search(rb"<unit[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", content)
-    up = axis[1].decode().lower() if axis else "y"
-    return up, UNITS_CM["m"] * (float(meter[1]) if meter else 1.0)
+    root = mesh_limits.parsed(content)
+    axis = root.findtext("{*}asset/{*}up_axis", "Y_UP").strip()
+    if axis not in ("X_UP", "Y_UP", "Z_UP"):
+        raise MeshError(f"its up axis {axis!r:.20} is none of X_UP, Y_UP, Z_UP")
+    unit = root.find("{*}asset/{*}unit")
+    return axis[0].lower(), UNITS_CM["m"] * float(1 if unit is None else unit.get("meter", 1))

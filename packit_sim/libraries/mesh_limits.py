@@ -32,6 +32,12 @@ MAX_DEPTH = 200
 _MIN_BYTES = {"vertex": 3, "face": 4}
 """Minimum bytes of an element of a PLY file: three coordinates, or a count and three indices."""
 
+_MAX_DIGITS = 20
+"""Maximum digits of a number of elements in a text."""
+
+_COMMENT = re.compile(rb"#[^\n]*")
+"""A comment of an OFF file."""
+
 _OFF_BYTES = 6
 """Minimum bytes of a vertex of an OFF file: three digits and their separators."""
 
@@ -42,6 +48,18 @@ _STL_TRIANGLE = 50
 """Bytes of a triangle of a binary STL."""
 
 
+def _count(digits: bytes) -> int:
+    """Read a number of elements; Python reads none of more than 4,300 digits."""
+    if len(digits) > _MAX_DIGITS:
+        raise MeshError(f"it declares a number of {len(digits):,} digits: at most {_MAX_DIGITS}")
+    return int(digits)
+
+
+def _lines_of(word: bytes, content: bytes) -> int:
+    """Count the lines that begin with a word."""
+    return len(re.findall(rb"^[^\S\n]*%s\b" % word, content, re.MULTILINE | re.IGNORECASE))
+
+
 def _check_ply(content: bytes) -> int:
     """Refuse a header that declares more than the file contains; return the number of faces.
 
@@ -50,20 +68,23 @@ def _check_ply(content: bytes) -> int:
     header, found, body = content.partition(b"end_header")
     if not found:
         raise MeshError("its header has no end_header")
+    lines = [line.split() for line in header.splitlines()]
     counts = {
-        name.decode("ascii", "replace"): int(count)
-        for name, count in re.findall(rb"^\s*element\s+(\S+)\s+(\d+)\s*$", header, re.MULTILINE)
+        line[1].decode("ascii", "replace"): _count(line[2])
+        for line in lines
+        if len(line) == 3 and line[0] == b"element" and line[2].isdigit()
     }
     for name, count in counts.items():
         if count * _MIN_BYTES.get(name, 1) > len(body):
             raise MeshError(
                 f"it declares {count:,} elements {name!r}, but only {len(body):,} bytes follow"
             )
-    if re.search(rb"^\s*format\s+ascii", header, re.MULTILINE):
-        lines = sum(1 for line in body.splitlines() if line.strip())
-        if lines < sum(counts.values()):
+    if any(line[:1] == [b"format"] and line[1][:5] == b"ascii" for line in lines if line[1:]):
+        found_lines = sum(1 for line in body.splitlines() if line.strip())
+        if found_lines < sum(counts.values()):
             raise MeshError(
-                f"it declares {sum(counts.values()):,} elements, but only {lines:,} lines follow"
+                f"it declares {sum(counts.values()):,} elements, but only {found_lines:,} lines "
+                "follow"
             )
     return counts.get("face", 0)
 
@@ -78,9 +99,9 @@ def _check_stl(content: bytes) -> int:
         if len(content) == _STL_HEADER + count * _STL_TRIANGLE:
             return int(count)
     if content.lstrip()[:5].lower() == b"solid":
-        solids = len(re.findall(rb"^\s*solid\b", content, re.MULTILINE | re.IGNORECASE))
+        solids = _lines_of(b"solid", content)
         check_instances(solids, "solids")
-        return len(re.findall(rb"^\s*facet\b", content, re.MULTILINE | re.IGNORECASE))
+        return _lines_of(b"facet", content)
     raise MeshError(
         f"it is not ASCII, and {len(content):,} bytes are not the length of a binary STL"
     )
@@ -88,13 +109,15 @@ def _check_stl(content: bytes) -> int:
 
 def _check_off(content: bytes) -> int:
     """Refuse counts that are too large for the file; return the number of faces."""
-    counts = re.search(rb"OFF\s+(?:#[^\n]*\s+)*(\d+)\s+(\d+)", content)
-    if counts is None:
+    _, _, behind = _COMMENT.sub(b"", content).partition(b"OFF")
+    first = next((line.split() for line in behind.splitlines() if line.strip()), [])
+    if len(first) < 2 or not (first[0].isdigit() and first[1].isdigit()):
         raise MeshError("it has no line of counts after OFF")
-    for name, count in zip(("vertices", "faces"), map(int, counts.groups()), strict=True):
+    vertices, faces = map(_count, first[:2])
+    for name, count in (("vertices", vertices), ("faces", faces)):
         if count * _OFF_BYTES > len(content):
             raise MeshError(f"it declares {count:,} {name}, but has only {len(content):,} bytes")
-    return int(counts[2])
+    return faces
 
 
 def _check_obj(content: bytes) -> int:
@@ -171,10 +194,14 @@ def check_expanded(
     return totals
 
 
+def parsed(content: bytes) -> etree._Element:
+    """Return the root of an XML file, without entities and other files."""
+    return etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
+
+
 def _check_dae(content: bytes) -> int:
     """Refuse scenes of too many nodes, counting every instance of a node."""
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
-    root = etree.fromstring(content, parser)
+    root = parsed(content)
     nodes = {node: number for number, node in enumerate(root.iter("{*}node"))}
     numbers = {node.get("id"): number for node, number in nodes.items()}
     inside: dict[int, list[int]] = {}

@@ -115,16 +115,27 @@ def tessellated(content: bytes, tolerances: Sequence[tuple[float, float, bool]])
             )
         except subprocess.TimeoutExpired:
             raise MeshError(f"OpenCASCADE took more than {4 * SECONDS} s for it") from None
-        printed = re.sub(r"\x1b\[[\d;]*m", "", run.stdout.decode("utf-8", "replace"))
         if run.returncode:
             why = f"signal {-run.returncode}" if run.returncode < 0 else f"status {run.returncode}"
             raise MeshError(f"OpenCASCADE crashes on it ({why}): export it again, or as 3MF or STL")
-        if problem := re.search(r"Incorrect syntax: (.*?)\s*\*|ERR \w+ : (.*?) : Fails", printed):
-            raise MeshError(f"it is no valid STEP file: {problem[1] or problem[2]:.200}")
+        if problem := _problem(run.stdout.decode("utf-8", "replace")):
+            raise MeshError(f"it is no valid STEP file: {problem:.200}")
         results = [Path(f"{path}.{n}") for n in range(len(tolerances))]
         if not all(result.exists() for result in results):
             raise MeshError("OpenCASCADE finds no shape in it")
         return [result.read_bytes() for result in results]
+
+
+def _problem(printed: str) -> str | None:
+    """Return the first error in what OpenCASCADE prints, if there is one."""
+    for line in printed.splitlines():
+        _, found, text = line.partition("Incorrect syntax: ")
+        if not found:  # such as "**** ERR StepFile : Incorrect Syntax : Fails Count : 1 ****"
+            _, _, text = line.partition(" ERR ")[2].partition(" : ")
+            text, found, _ = text.partition(" : Fails")
+        if found:
+            return text.partition("*")[0].strip()
+    return None
 
 
 class Solids(NamedTuple):

@@ -40,7 +40,7 @@ _LARGE = 200_000
 _FEW = 3
 """Notes on different parts that are alike and yet given one by one."""
 
-_NUMBER = re.compile(r"[\d.,]*\d(e[+-]?\d+)?")
+_NUMBER = re.compile(r"\d[\d.,]*(e[+-]?\d+)?")
 
 
 def prepared_task(

@@ -269,10 +269,11 @@ def _unit(unit_cm: float | None, assumed: str) -> tuple[Unit, float | None]:
 def with_own_names(parts: Sequence[Part], others: Iterable[str] = ()) -> Iterator[Part]:
     """Yield parts with names that differ from each other and from those of others."""
     taken = set(others)
+    last: dict[str, int] = {}
     for part in parts:
-        name, number = part.name, 1
+        name = part.name
         while name in taken:
-            number += 1
-            name = f"{part.name}-{number}"
+            last[part.name] = last.get(part.name, 1) + 1
+            name = f"{part.name}-{last[part.name]}"
         taken.add(name)
         yield part if name == part.name else replace(part, name=name)

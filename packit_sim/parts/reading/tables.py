@@ -34,6 +34,13 @@ _ONLY_DECIMAL = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+,\d+|(\d*|\d{4,}),(\d{1,2}|\
 _ONE_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
+_TAG = re.compile(rb"""<(?:\w+:)?(row|c)\b((?:[^<>"']|"[^"]*"|'[^']*')*)""")
+"""The beginning of a row or a cell of a sheet, and its attributes."""
+
+_PLACE = re.compile(rb"""\br\s*=\s*["']([A-Za-z]{0,9})(\d{1,9})""")
+"""The column and the row in an attribute."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table of cells.
@@ -206,14 +213,19 @@ def _cells(sheet: bytes) -> int:
 
     calamine takes memory for all of them, and ends the process if there is too little.
     """
-    cells = re.findall(rb"<(?:\w+:)?c\b[^>]*", sheet)
-    places = re.findall(rb"\br\s*=\s*[\"']([A-Za-z]+)(\d+)", b"\n".join(cells))
-    rows = re.findall(rb"<(?:\w+:)?row\b[^>]*\br\s*=\s*[\"'](\d+)[^>]*>\s*<(?:\w+:)?c\b", sheet)
-    last_row = max(map(int, [*rows, *(row for _, row in places)]), default=0)
-    columns = [_column(letters) for letters in {letters.upper() for letters, _ in places}]
-    if len(places) < len(cells):  # those without a place follow each other
-        columns.append(len(cells))
-    return max(last_row, 1) * max(columns, default=0)
+    cells, last_row, last_column = 0, 1, 0
+    row = b""  # attributes of a row, whose number counts if a cell follows
+    for kind, attributes in _TAG.findall(sheet):
+        if kind == b"row":
+            row = attributes
+            continue
+        cells += 1
+        places = _PLACE.findall(attributes)
+        last_row = max(last_row, *(int(number) for _, number in (*_PLACE.findall(row), *places)), 1)
+        columns = [_column(letters.upper()) for letters, _ in places]
+        last_column = max(last_column, *columns, 0 if places else cells)  # else they follow on
+        row = b""
+    return last_row * last_column
 
 
 def _column(letters: bytes) -> int:
