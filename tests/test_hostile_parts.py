@@ -32,7 +32,7 @@ from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import lengths
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.exports import export
-from packit_sim.parts.results.record import read_earlier
+from packit_sim.parts.results.resuming import read_earlier
 from packit_sim.parts.workbench.workbench import Workbench
 
 QUICK = PackSettings(workers=1, iterations=100)

@@ -35,7 +35,8 @@ from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.prepared import prepare
 from packit_sim.parts.results import check as check_module
 from packit_sim.parts.results import exports, pictures
-from packit_sim.parts.results.record import own_folder, read_earlier
+from packit_sim.parts.results.record import own_folder
+from packit_sim.parts.results.resuming import read_earlier
 from tests.read_3mf import bodies
 
 QUICK = PackSettings(workers=1, iterations=300)

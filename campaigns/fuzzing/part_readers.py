@@ -23,7 +23,8 @@ from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.units import check_unit, lengths
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.record import RECORD, read_earlier, write_record
+from packit_sim.parts.results.record import RECORD, write_record
+from packit_sim.parts.results.resuming import read_earlier
 from packit_sim.parts.workbench.workbench import PackingJob
 
 if TYPE_CHECKING:

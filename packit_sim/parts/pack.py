@@ -16,7 +16,8 @@ from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.exports import export
-from packit_sim.parts.results.record import own_folder, read_earlier
+from packit_sim.parts.results.record import own_folder
+from packit_sim.parts.results.resuming import read_earlier
 
 _AFTER = 1.5
 """Seconds of the check and the exports, as a share of those of reading and preparing."""
