@@ -143,24 +143,12 @@ def packed() -> PackedParts:
     return pack([cube], (20.0, 20.0, 20.0), settings=QUICK)
 
 
-def _many(record: Record) -> None:
-    record["items"] *= 20_000
-
-
-def _nowhere(record: Record) -> None:
-    record["box names"] = ["box"] * 2
-
-
 FORGED: dict[str, Callable[[Record], object]] = {
     "an infinite number of searches": lambda record: record.update(searches=float("inf")),
     "searches of 401 digits": lambda record: record.update(searches=10**400),
     "a negative number of searches": lambda record: record.update(searches=-1),
     "a coordinate of 401 digits": lambda record: record["items"][0]["pose"][0].append(10**400),
     "a box before the first": lambda record: record["items"][0].update(box=-1),
-    "an unknown part": lambda record: record["items"][0].update(name=""),
-    "more parts than there are": _many,
-    "a box without parts": _nowhere,
-    "a pose of no rotation": lambda record: record["items"][0].update(pose=[[0] * 4] * 4),
 }
 
 

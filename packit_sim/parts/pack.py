@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
 from packit_sim.core.progress import Progress, unseen
-from packit_sim.parts.filling.candidates import candidate, in_order
+from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
@@ -104,7 +105,7 @@ def pack(
     def search(earlier: PackedParts | None = None) -> PackedParts:
         first = PackedParts(task)
         if earlier is not None:
-            first = candidate(task, earlier.packings, earlier.searches + 1)
+            first = replace(earlier, searches=earlier.searches + 1)
             better(first)
         progress("packing", 0, 0)
         return in_order(PackingSearch(first, end, seed + first.searches - 1, better).run())

@@ -70,7 +70,8 @@ def in_order(packed: PackedParts) -> PackedParts:
     first = len(task.fixed)
     packings = []
     for packing, whole in zip(packed.packings, packed.contents, strict=True):
-        if constraints.stable is not None and whole.clearance == 0:
+        may_touch = whole.clearance == 0 and task.settings.wall_clearance == 0
+        if constraints.stable is not None and may_touch:
             resting = lowered(whole, constraints.fixed)
             own = replace(packing, placements=resting.placements[first:])
             others = replace(constraints, stable=None)

@@ -90,7 +90,9 @@ def outside(item: CheckedItem, container: Container) -> Iterator[str]:
             yield f"{item.name} reaches {depth:.3g} beyond {wall}"
 
 
-def pair_problems(one: CheckedItem, other: CheckedItem, clearance: float = 0.0) -> Iterator[str]:
+def pair_problems(
+    one: CheckedItem, other: CheckedItem, clearance: float = 0.0, slack: float | None = None
+) -> Iterator[str]:
     """Yield a sentence for each problem of two items.
 
     Parameters
@@ -101,6 +103,8 @@ def pair_problems(one: CheckedItem, other: CheckedItem, clearance: float = 0.0) 
         Another, in the same container.
     clearance : float
         The smallest distance that their surfaces may have.
+    slack : float, optional
+        How much smaller it may be; by default the tolerance of the pair.
 
     Yields
     ------
@@ -139,7 +143,7 @@ def pair_problems(one: CheckedItem, other: CheckedItem, clearance: float = 0.0) 
     if clearance > 0:
         _, far = other.seen_from(one, smaller)
         distance = mesh.whole_surface.distance(other_mesh.whole_surface, far, turn) * smaller
-        if not distance >= clearance - smaller:
+        if not distance >= clearance - (smaller if slack is None else slack):
             yield (
                 f"{other.name} is {max(distance, 0.0):.3g} from {one.name}: "
                 f"less than the clearance of {clearance:.3g}"

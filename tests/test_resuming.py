@@ -1,0 +1,188 @@
+"""Resuming from a record: each part in it is held to the rules of a new packing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from trimesh import creation
+
+from packit_sim.geometry.motions import Motion
+from packit_sim.parts.filling.candidates import in_order
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.preparation import prepared_task
+from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.results.check import check
+from packit_sim.parts.results.record import write_record
+from packit_sim.parts.results.resuming import read_earlier
+
+Record = dict[str, Any]
+
+SETTINGS = PackSettings(clearance=1.0, wall_clearance=2.0)
+
+PLACES = ((22.0, 17, 12), (63.0, 17, 12), (22.0, 48, 12))
+
+
+def packed(settings: PackSettings = SETTINGS, **given: Any) -> PackedParts:
+    """Three blocks of four, at 1 from each other and 2 from the walls."""
+    block = Part("a", creation.box((40, 30, 20)), **{"count": 4, "rotations": "cube", **given})
+    box = BoxType((100, 100, 60))
+    task = prepared_task([block], [box], "volume", settings)
+    places = tuple(Placement(0, Motion.shift(place)) for place in PLACES)
+    packing = Packing(task.types, task.container(box), places, task.gap, "knapsack")
+    return PackedParts(task, (packing,))
+
+
+def resumed(folder: Path, earlier: PackedParts, change: Callable[[Record], object]) -> PackedParts:
+    """Write a record, change it, and resume."""
+    write_record(earlier, None, folder, [])
+    file = folder / "packing.json"
+    record = json.loads(file.read_text())
+    change(record)
+    file.write_text(json.dumps(record))
+    return read_earlier(folder, earlier.task) or PackedParts(earlier.task)
+
+
+def posed(number: int, *matrix: Any) -> Callable[[Record], object]:
+    """Return a change of the pose of an item: a linear map and a place, or only a place."""
+
+    def change(record: Record) -> None:
+        pose = np.array(record["items"][number]["pose"])
+        if len(matrix) == 2:
+            pose[:3, :3] = matrix[0]
+        pose[:3, 3] = matrix[-1]
+        record["items"][number]["pose"] = pose.tolist()
+
+    return change
+
+
+def scaled(record: Record) -> None:
+    """Make all parts smaller, about their middles: they are farther apart than before."""
+    for item in record["items"]:
+        pose = np.array(item["pose"])
+        pose[:3, :3] *= 0.4
+        item["pose"] = pose.tolist()
+
+
+def yaw(degrees: float) -> np.ndarray:
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def item(**changed: Any) -> Callable[[Record], object]:
+    return lambda record: record["items"][0].update(changed)
+
+
+def twice(record: Record) -> None:
+    record["items"] *= 2
+
+
+RULES: dict[str, tuple[Callable[[Record], object], int, str]] = {
+    "unchanged": (lambda record: None, 3, ""),
+    "all smaller": (scaled, 0, "a: its size is 0.4 times the part's (3 times)"),
+    "one larger": (posed(0, 1.00001 * np.eye(3), PLACES[0]), 2, "its size is 1.00001 times"),
+    "mirrored": (posed(0, np.diag([1.0, 1, -1]), PLACES[0]), 2, "its pose mirrors the mesh"),
+    "sheared": (posed(0, np.eye(3) + 0.01 * np.eye(3, k=1), PLACES[0]), 2, "its pose shears"),
+    "a last row": (item(pose=[[0] * 4] * 4), 2, "its pose has the last row"),
+    "turned": (posed(2, yaw(30), (50, 70, 40)), 2, "its rotation is none of cube"),
+    "in the clearance of a wall": (
+        posed(0, (21.9, 17, 12)),
+        2,
+        "the distance of 2 to the walls",
+    ),
+    "in a wall": (posed(0, (0, 17, 12)), 2, "it reaches 22 beyond"),
+    "far away": (posed(0, (1e29, 17, 12)), 2, "it reaches 1e+29 beyond"),
+    "too close": (posed(1, (62.99, 17, 12)), 2, "it is 0.99 from another a: less than the clear"),
+    "too close by less than the tolerance": (posed(1, (62.998, 17, 12)), 2, "it is 0.998 from"),
+    "overlapping": (posed(1, (60, 17, 12)), 2, "it crosses another a"),
+    "inside another": (posed(1, PLACES[0]), 2, "another a"),
+    "unknown": (item(name="b"), 2, "b: the task has no such part"),
+    "of no name": (item(name=""), 2, "the task has no such part"),
+    "in no box": (item(box=1), 2, "the task has no box 1 for it"),
+    "in a box of no name": (lambda r: r.update({"box names": ["B"]}), 0, "the task has no box 0"),
+    "in one box more": (
+        lambda r: (r["box names"].append("box"), r["items"][0].update(box=1)),
+        2,
+        "the task has no box 1 for it",
+    ),
+    "a box without items": (lambda r: r.update({"box names": ["box"] * 2}), 3, ""),
+    "too many": (lambda r: r.update(items=r["items"] * 5_000), 3, "there are only 4"),
+    "twice": (twice, 3, ""),
+}
+
+
+@pytest.mark.parametrize("what", RULES)
+def test_parts_that_break_a_rule_are_not_resumed(what: str, tmp_path: Path, caplog: Any) -> None:
+    change, count, warning = RULES[what]
+    found = resumed(tmp_path, packed(), change)
+    assert found.count == count and check(found).problems == ()
+    assert all(one.scale == 1 for _, one in found.placements)
+    assert warning in caplog.text and len(caplog.records) == bool(caplog.text)
+    if warning:
+        assert "parts are not used: " in caplog.text
+
+
+@pytest.mark.parametrize("degrees", [0, 90, 180])
+def test_only_the_rotations_of_a_part_are_resumed(degrees: float, tmp_path: Path) -> None:
+    change = posed(2, yaw(degrees), (30, 60, 12))
+    for rotations, counts in {"fixed": {0}, "yaw-2": {0, 180}, "yaw-4": {0, 90, 180}}.items():
+        earlier = packed(rotations=rotations)
+        assert resumed(tmp_path, earlier, change).count == 2 + (degrees in counts)
+    assert resumed(tmp_path, packed(rotations="free"), posed(2, yaw(30), (50, 70, 40))).count == 3
+
+
+def test_units_and_up_axes_of_files_are_no_violation(tmp_path: Path) -> None:
+    for given in ({"unit": "in"}, {"up": "x"}, {"up": "y", "unit": "cm"}, {"unit_cm": 0.3}):
+        part = Part("a", creation.box((0.5, 1, 0.8)), rotations="fixed", **given)
+        task = prepared_task([part], [BoxType((100, 100, 100))], "volume", PackSettings())
+        place = Placement(0, Motion.shift((50, 50, 50)))
+        packing = Packing(task.types, task.container(task.boxes[0]), (place,), 0.0, "knapsack")
+        earlier = PackedParts(task, (packing,))
+        assert resumed(tmp_path, earlier, lambda record: None).count == 1
+
+
+def test_parts_in_a_keep_out_or_a_fixed_part_are_not_resumed(tmp_path: Path, caplog: Any) -> None:
+    there = Part("there", creation.box(bounds=[(60, 0, 0), (100, 20, 10)]))
+    for name in ("keep_out", "fixed"):
+        earlier = packed(replace(SETTINGS, **{name: [there]}))
+        assert resumed(tmp_path, earlier, lambda record: None).count == 2
+        assert "it crosses there" in caplog.text
+
+
+def test_parts_that_break_a_constraint_are_not_resumed(tmp_path: Path, caplog: Any) -> None:
+    for given in ({"no_stack": True}, {"max_load": 1.0, "mass": 2.0}):
+        settings = PackSettings(wall_clearance=2.0)
+        assert resumed(tmp_path, packed(settings, **given), posed(1, (22, 17, 32))).count == 2
+    hook = creation.box(bounds=[(30, 2, 44), (50, 28, 50)])
+    settings = replace(SETTINGS, insertable=True, fixed=[Part("shelf", hook)])
+    assert resumed(tmp_path, packed(settings), lambda record: None).count == 2
+    assert "can't be put in straight down" in caplog.text
+
+
+def test_many_items_are_checked_in_linear_time(tmp_path: Path) -> None:
+    """Items at one place are compared with those that are kept alone."""
+    block = Part("a", creation.box((1, 1, 1)), count=500)
+    task = prepared_task([block], [BoxType((10, 10, 10))], "volume", PackSettings())
+    places = tuple(Placement(0, Motion.shift((5, 5, 5))) for _ in range(500))
+    packing = Packing(task.types, task.container(task.boxes[0]), places, 0.0, "knapsack")
+    assert resumed(tmp_path, PackedParts(task, (packing,)), lambda record: None).count == 1
+
+
+def test_parts_keep_the_distance_to_the_floor_when_they_are_lowered() -> None:
+    found = in_order(packed(PackSettings(wall_clearance=2.0, stable=100.0)))
+    assert check(found).problems == ()
+
+
+@pytest.fixture(autouse=True)
+def _warnings(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+    with caplog.at_level("WARNING", "packit_sim"):
+        yield
