@@ -40,6 +40,7 @@ from packit_sim.libraries.sources import ShapeInfo
 from packit_sim.parts import export
 from packit_sim.parts.packings import instances, packing_files
 from packit_sim.parts.reading import manifest
+from packit_sim.parts.results import request
 from packit_sim.physics.quality import QualityScores
 from packit_sim.rules import End
 from tests.doc_pages import DOCS, read, tables
@@ -69,6 +70,9 @@ STORED: dict[str, tuple[type, dict[str, str]]] = {
     "Manifest": (Manifest, {}),
     "_Packing": (packing_files._Packing, {}),
     "_PackingItem": (packing_files._PackingItem, {}),
+    "Request": (request.Request, {}),
+    "RequestedPart": (request.RequestedPart, {}),
+    "RequestedBox": (request.RequestedBox, {}),
     "_Catalogue": (stored._Catalogue, {"format": "first"}),
     "ShapeInfo": (ShapeInfo, {}),
     "QuantizedMesh": (QuantizedMesh, {}),

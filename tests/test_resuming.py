@@ -162,7 +162,7 @@ def test_parts_that_break_a_constraint_are_not_resumed(tmp_path: Path, caplog: A
     for given in ({"no_stack": True}, {"max_load": 1.0, "mass": 2.0}):
         settings = PackSettings(wall_clearance=2.0)
         assert resumed(tmp_path, packed(settings, **given), posed(1, (22, 17, 32))).count == 2
-    hook = creation.box(bounds=[(30, 2, 44), (50, 28, 50)])
+    hook = creation.box(bounds=[(20, 2, 44), (40, 28, 50)])
     settings = replace(SETTINGS, insertable=True, fixed=[Part("shelf", hook)])
     assert resumed(tmp_path, packed(settings), lambda record: None).count == 2
     assert "can't be put in straight down" in caplog.text

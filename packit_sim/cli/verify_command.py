@@ -18,7 +18,7 @@ from packit_sim.cli.output import stoppable
 from packit_sim.core.errors import ArgumentError
 from packit_sim.game.datasets.dataset_checks import verify_dataset
 from packit_sim.game.datasets.pack_files import dataset_file, dataset_path
-from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.results.verification import verify_record
 
 
 def verify_command(
@@ -36,8 +36,9 @@ def verify_command(
     """Check packs with the oracle; exit code 1 if one is wrong.
 
     Packings are checked too: mesh files with poses, written by `packit pack`, `packit nest
-    --packing` or another tool. The fields of a packing are described at
-    https://packit-sim.readthedocs.io (Reference, File formats).
+    --packing` or another tool. The record of `packit pack` is also compared with what was asked
+    for, as far as it says so; a last line names what was not checked. The fields of a packing are
+    described at https://packit-sim.readthedocs.io (Reference, File formats).
 
     Example: packit verify everyday-v1 --split test
 
@@ -49,7 +50,7 @@ def verify_command(
                 raise ArgumentError(
                     f"{option} has no effect on {dataset}, which is a packing: leave it out"
                 )
-        report = verify_packing(dataset)
+        report = verify_record(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
     else:
         checked_dataset(dataset)

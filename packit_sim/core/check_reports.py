@@ -48,6 +48,9 @@ class Report:
     unjudged_returns : int
         The number of results whose task is neither recorded nor built in: their return can't be
         computed. Former versions did not record the items that an agent left outside.
+    unchecked : tuple of str
+        What was not checked of a packing, since the file does not say what was asked for, or since
+        it can't be checked.
     """
 
     problems: tuple[FileProblem, ...]
@@ -58,6 +61,7 @@ class Report:
     space: float
     settled: int = 0
     unjudged_returns: int = 0
+    unchecked: tuple[str, ...] = ()
 
     @property
     def is_valid(self) -> bool:
@@ -78,6 +82,8 @@ class Report:
                 f"not judged, of {self.unjudged_returns} results of former versions: their "
                 "returns, because the items of their tasks are not recorded"
             )
+        if self.unchecked:
+            sentences.append(f"not checked: {', '.join(self.unchecked)}")
         return "; ".join(sentences)
 
     @property

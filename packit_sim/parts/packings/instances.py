@@ -28,7 +28,7 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.lengths import Extent, PoseRows
-from packit_sim.parts.packings.mesh_paths import is_inside, root_of
+from packit_sim.parts.packings.mesh_paths import file_inside, is_inside, root_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import obj_text
 from packit_sim.parts.packings.placements import Placement
@@ -108,7 +108,8 @@ def read_instance(
     types = []
     for n, item_type in enumerate(instance.item_types):
         with located(f"{path}: field 'item-types[{n}].path'", MeshError):
-            types.append(ItemType.from_file(root / item_type.path, item_type.demand, rotations))
+            file = file_inside(root, item_type.path)
+            types.append(ItemType.from_file(file, item_type.demand, rotations))
     size = instance.container
     return tuple(types), BoxContainer((size.size_x, size.size_y, math.inf))
 
@@ -140,7 +141,7 @@ def read_solution(path: Path | str, rotations: str = "cube") -> Packing:
     with located(path, PackFormatError):
         solution = typed_json.decode(data, _Solution, PackFormatError, "a solution")
         root = _root(path, "instancePath", solution.instance_path)
-    types, container = read_instance(root / solution.instance_path, rotations)
+    types, container = read_instance(file_inside(root, solution.instance_path), rotations)
     by_name: defaultdict[str, list[int]] = defaultdict(list)
     for number, item_type in enumerate(types):
         by_name[item_type.name] += [number] * item_type.demand

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from os.path import realpath
 from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from packit_sim.core.errors import MeshError
 
 MAX_LEVELS = 8
 """How many folders above a file are searched."""
@@ -32,3 +35,17 @@ def root_of(file: Path, path: str) -> Path | None:
     """
     folders = file.absolute().parents[: MAX_LEVELS + 1]
     return next((folder for folder in folders if (folder / path).is_file()), None)
+
+
+def file_inside(folder: Path, path: str) -> Path:
+    """Return the file of a path that stays inside a folder, also where links lead.
+
+    Raises
+    ------
+    MeshError
+        If the path or a link on it leads out of the folder.
+    """
+    file = folder / path
+    if not is_inside(path) or not Path(realpath(file)).is_relative_to(realpath(folder)):
+        raise MeshError(f"{file} is not inside {folder}: no path or link may lead out of it")
+    return file

@@ -24,7 +24,7 @@ from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.lengths import MAX_LENGTH, Extent, PoseRows
-from packit_sim.parts.packings.mesh_paths import is_inside
+from packit_sim.parts.packings.mesh_paths import file_inside, is_inside
 from packit_sim.parts.packings.placements import Placement
 
 
@@ -75,7 +75,7 @@ def verify_packing(file: Path | str) -> Report:
     x, y, z = packing.box
     container = BoxContainer((x, y, math.inf if z is None else z))
     containers = dict(enumerate(map(BoxContainer, packing.boxes)))
-    load = cache(lambda mesh: ItemType.from_file(file.parent / mesh))
+    load = cache(lambda mesh: ItemType.from_file(file_inside(file.parent, mesh)))
     found: list[str] = []
     items: list[validity.CheckedItem] = []
     obstacles: list[validity.CheckedItem] = []

@@ -22,6 +22,7 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing_files import obj_text
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.check import Check
+from packit_sim.parts.results.request import request
 from packit_sim.parts.results.summary import summary
 
 RECORD = "packing.json"
@@ -97,7 +98,7 @@ def write_record(
         what = {"name": each.part.name, "is part": each in task.fixed}
         obstacles.append({**what, "mesh": mesh, "pose": each.part.matrix(each.unit).tolist()})
     boxes = [packing.container for packing in packed.packings]
-    record = {
+    record: dict[str, Any] = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
         "box": list(boxes[0].size),
         "boxes": [list(box.size) for box in boxes],
@@ -127,6 +128,7 @@ def write_record(
         "task": task.digest,
         "searches": packed.searches,
     }
+    record["request"] = request(task, record, folder)
     stale = _files(folder)
     _replace(folder, record)
     for name in sorted(stale):

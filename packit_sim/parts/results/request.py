@@ -1,0 +1,206 @@
+"""The request of a packing in its record: what was asked for, so that it can be compared."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct, to_builtins
+
+from packit_sim.core.errors import MeshError
+from packit_sim.core.files import read_whole
+from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.libraries.mesh_files import read
+from packit_sim.parts.filling.preparation import prepared_task
+from packit_sim.parts.filling.task import Goal, PackSettings, PackTask
+from packit_sim.parts.packings.lengths import Extent
+from packit_sim.parts.packings.mesh_paths import file_inside
+from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.files import ReadSettings
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.reading.prepared import PreparedPart
+
+
+class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
+    """A part that was asked for, or that has a place in the box.
+
+    Attributes
+    ----------
+    mesh : str, optional
+        Its file, by its path from the record's folder; None if none of it is packed.
+    sha256 : str, optional
+        The digest of that file.
+    scale : float
+        How many of the record's unit the file's unit has.
+    deviation : float
+        How far the mesh is from the surface of a CAD file, in the file's unit.
+    """
+
+    name: str
+    mesh: str | None
+    sha256: str | None
+    count: int
+    scale: Annotated[float, Meta(gt=0)]
+    up: str
+    rotations: str
+    value: float | None
+    priority: int
+    mass: float | None
+    density: float | None
+    no_stack: bool
+    max_load: float | None
+    deviation: float
+
+    def part(self, folder: Path, unit: Unit) -> Part:
+        """Read the part.
+
+        Raises
+        ------
+        MeshError
+            If its file can't be read, leads out of the folder, or has another digest.
+        """
+        file = file_inside(folder, self.mesh or "")
+        mesh = read(file).mesh  # of a regular file alone
+        if hashlib.sha256(read_whole(file)).hexdigest() != self.sha256:
+            raise MeshError(f"{file} is another file than the one that was packed, by its SHA-256")
+        return Part(
+            self.name,
+            mesh,
+            self.count,
+            self.value,
+            self.rotations,
+            self.priority,
+            self.mass,
+            self.density,
+            self.no_stack,
+            self.max_load,
+            unit_cm=self.scale * UNITS_CM[unit],
+            up=self.up,
+            file=file,
+            deviation=self.deviation,
+        )
+
+
+class RequestedBox(Struct):
+    """A size of boxes that was asked for."""
+
+    name: str
+    size: tuple[Extent, Extent, Extent]
+    count: int | None
+
+
+class Request(Struct, rename=lambda name: name.replace("_", " ")):
+    """All that was asked for, in the unit of the record.
+
+    Attributes
+    ----------
+    constraints : tuple of str
+        Custom constraints, which can't be checked.
+    """
+
+    parts: tuple[RequestedPart, ...]
+    boxes: tuple[RequestedBox, ...]
+    keep_out: tuple[RequestedPart, ...]
+    fixed: tuple[RequestedPart, ...]
+    unit: Unit
+    objective: Goal
+    clearance: float
+    wall_clearance: float
+    accuracy: float | None
+    removable: bool
+    insertable: bool
+    stable: float | None
+    constraints: tuple[str, ...]
+
+    def task(self, folder: Path) -> PackTask:
+        """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
+
+        Raises
+        ------
+        MeshError
+            If a mesh can't be read, or is another one.
+        ArgumentError
+            If no such task is possible.
+        """
+        settings = PackSettings(
+            self.clearance,
+            self.wall_clearance,
+            self.accuracy,
+            unit=self.unit,
+            reading=ReadSettings(self.unit),
+            removable=self.removable,
+            insertable=self.insertable,
+            stable=self.stable,
+            keep_out=[each.part(folder, self.unit) for each in self.keep_out],
+            fixed=[each.part(folder, self.unit) for each in self.fixed],
+            workers=1,
+        )
+        boxes = [BoxType(box.size, box.name, box.count) for box in self.boxes]
+        parts = [each.part(folder, self.unit) for each in self.parts if each.mesh is not None]
+        return prepared_task(parts, boxes, "volume", settings)
+
+
+def request(task: PackTask, record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return what was asked for, as the record of a packing contains it.
+
+    Parameters
+    ----------
+    record : mapping of str to object
+        The record, whose items and obstacles name their meshes.
+    folder : Path
+        The folder with these meshes.
+
+    Returns
+    -------
+    dict of str to object
+        The request.
+
+    Raises
+    ------
+    OSError
+        If a mesh can't be read.
+    """
+    meshes = {each["name"]: each["mesh"] for each in record["items"]}
+    around = [each["mesh"] for each in record["obstacles"]]
+    first = len(task.keep_out)
+    settings = task.settings
+    found = Request(
+        tuple(_requested(each, meshes.get(each.part.name), folder) for each in task.parts),
+        tuple(RequestedBox(box.name, box.size, box.count) for box in task.boxes),
+        tuple(map(_requested, task.keep_out, around[:first], [folder] * first)),
+        tuple(map(_requested, task.fixed, around[first:], [folder] * len(task.fixed))),
+        task.unit,
+        task.objective,
+        settings.clearance,
+        settings.wall_clearance,
+        settings.accuracy,
+        settings.removable,
+        settings.insertable,
+        settings.stable,
+        tuple(repr(each) for each in settings.constraints),
+    )
+    built: dict[str, Any] = to_builtins(found)
+    return built
+
+
+def _requested(prepared: PreparedPart, mesh: str | None, folder: Path) -> RequestedPart:
+    part = prepared.part
+    digest = None if mesh is None else hashlib.sha256(read_whole(folder / mesh)).hexdigest()
+    return RequestedPart(
+        part.name,
+        mesh,
+        digest,
+        part.count,
+        prepared.scale,
+        part.up,
+        part.rotations,
+        part.value,
+        part.priority,
+        part.mass,
+        part.density,
+        part.no_stack,
+        part.max_load,
+        part.deviation,
+    )

@@ -1,0 +1,248 @@
+"""The check of the record of a packing: by its meshes, and by what it says was asked for."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import Struct, field
+
+from packit_sim.core import typed_json
+from packit_sim.core.check_reports import FileProblem, Report
+from packit_sim.core.errors import PackFormatError, PackItError, located
+from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.filling.task import PackTask
+from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.packings.lengths import PoseRows
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.results.check import check
+from packit_sim.parts.results.request import Request
+from packit_sim.parts.results.resuming import RecordedItem, container_named, placed_items
+from packit_sim.parts.results.summary import summary
+
+REQUEST = "what was asked for: parts, counts, sizes, boxes, walls, rotations, constraints, summary"
+"""What a file without a request does not say."""
+
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+_DIGITS = {"volume": 6, "height": 5, "mass": 5}
+"""Digits of the numbers of the summary; the others have 4."""
+
+_SAME = 1e-6
+"""Relative rounding of volumes and masses."""
+
+
+class _Item(RecordedItem):
+    mesh: str
+
+
+class _Obstacle(Struct):
+    name: str
+    mesh: str
+    pose: PoseRows
+    is_part: bool = field(name="is part")
+
+
+class _LeftOut(Struct):
+    name: str
+    count: int
+
+
+class _Part(Struct):
+    name: str
+    count: int
+    volume: float
+    mass: float | None
+
+
+class _Record(Struct, rename=lambda name: name.replace("_", " ")):
+    """The fields that are compared with the request; others are ignored."""
+
+    request: Request
+    items: tuple[_Item, ...]
+    obstacles: tuple[_Obstacle, ...]
+    box: tuple[float, float, float]
+    boxes: tuple[tuple[float, float, float], ...]
+    box_names: tuple[str, ...]
+    unit: str
+    objective: str
+    clearance: float
+    wall_clearance: float
+    left_out: tuple[_LeftOut, ...]
+    parts: tuple[_Part, ...]
+    summary: dict[str, str]
+
+
+class _Asked(Struct):
+    request: Any = None
+
+
+def verify_record(file: Path | str) -> Report:
+    """Check a packing by its meshes, and by what was asked for if its file says so.
+
+    Parameters
+    ----------
+    file : Path or str
+        The JSON file, as `verify_packing` reads it. A record of `packit pack` has a `request`.
+
+    Returns
+    -------
+    Report
+        The problems, and what could not be checked.
+
+    Raises
+    ------
+    PackFormatError
+        If the file is not of this form; the message names the file and the field.
+
+    Notes
+    -----
+    The task is prepared again from the request and the meshes. Each part must have its size, a
+    rotation of its set, and its distance to the walls; no part and no box is there more often than
+    asked for, and each part is packed or left out. If all this is right, the original meshes are
+    compared (see `check`), and so are the constraints and the summary.
+    """
+    file = Path(file)
+    report = verify_packing(file)
+    data = read_bytes(file)
+    with located(file, PackFormatError):
+        if typed_json.decode(data, _Asked, PackFormatError).request is None:
+            return replace(report, unchecked=(REQUEST,))
+        record = typed_json.decode(data, _Record, PackFormatError, "a packing")
+    found = _compared(record, file.parent, report.is_valid)
+    problems = [FileProblem(file, None, sentence) for sentence in found]
+    request = record.request
+    unchecked = [f"the constraint {text}" for text in request.constraints]
+    if request.stable is not None:
+        unchecked.append(f"that parts move by at most {request.stable:g} {request.unit}")
+    return replace(report, problems=(*report.problems, *problems), unchecked=tuple(unchecked))
+
+
+def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
+    """Return what is not as it was asked for in a packing that may be valid."""
+    found = [*_settings(record), *_counts(record)]
+    try:
+        task = record.request.task(folder)
+    except PackItError as error:
+        return [*found, f"what was asked for can't be checked: {error}"]
+    placed, faults = placed_items(task, record.items, record.box_names)
+    found += [*_obstacles(record, task), *(f"{name!r}: {fault}" for name, fault in faults)]
+    if found or not is_valid:
+        return found
+    packings = [
+        Packing(task.types, container_named(task, name), tuple(own), task.gap, "knapsack")
+        for name, own in zip(record.box_names, placed, strict=True)
+    ]
+    packed = PackedParts(task, tuple(packings))
+    found += check(packed).problems
+    constraints = replace(task.constraints, stable=None)
+    if not constraints.is_empty:
+        for contents in packed.contents:
+            found += [one.sentence for one in broken_constraints(contents, constraints)]
+    return found or [*_masses(record, task), *_summary(record, packed)]
+
+
+def _settings(record: _Record) -> Iterator[str]:
+    """Compare settings, boxes, names of meshes and obstacles."""
+    request = record.request
+    for name in ("unit", "objective", "clearance", "wall_clearance"):
+        told, asked = getattr(record, name), getattr(request, name)
+        if told != asked:
+            yield f"field {name.replace('_', ' ')!r} is {told!r}, but {asked!r} was asked for"
+    sizes = {box.name: box.size for box in request.boxes}
+    if record.boxes != tuple(sizes.get(name) for name in record.box_names):
+        yield "the boxes are not those that were asked for"
+    if record.boxes[:1] != (record.box,):
+        yield "field 'box' is not the first of 'boxes'"
+    meshes = {each.name: each.mesh for each in request.parts}
+    for name, mesh in dict.fromkeys((item.name, item.mesh) for item in record.items):
+        if name in meshes and meshes[name] != mesh:
+            yield f"the mesh of {name!r} is {mesh!r}, but {meshes[name]!r} was asked for"
+
+
+def _obstacles(record: _Record, task: PackTask) -> Iterator[str]:
+    """Compare the volumes that stay free and the fixed parts, which have one place."""
+    request = record.request
+    asked = zip((*request.keep_out, *request.fixed), task.obstacles, strict=True)
+    places = [
+        (one.name, one.mesh, each in task.fixed, each.part.matrix(task.unit)) for one, each in asked
+    ]
+    is_same = len(places) == len(record.obstacles) and all(
+        (one.name, one.mesh, one.is_part) == asked[:3] and np.allclose(one.pose, asked[3], _SAME, 0)
+        for one, asked in zip(record.obstacles, places, strict=True)
+    )
+    if not is_same:
+        yield "the obstacles are not those that were asked for"
+
+
+def _counts(record: _Record) -> Iterator[str]:
+    """Compare how many parts are packed and left out with how many were asked for."""
+    asked = [(each.name, each.count) for each in record.request.parts]
+    if [(each.name, each.count) for each in record.parts] != asked:
+        yield "field 'parts' has other parts, or other counts, than were asked for"
+    packed = Counter(item.name for item in record.items)
+    left = Counter[str]()
+    for each in record.left_out:
+        left[each.name] += each.count
+    for name, count in asked:
+        if packed[name] + left[name] != count or left[name] < 0:
+            yield (
+                f"{packed[name]} of {name!r} are packed and {left[name]} left out, "
+                f"but {count} were asked for"
+            )
+    if strange := [name for name in left if name not in dict(asked)]:
+        yield f"{strange[0]!r} is left out, but was not asked for"
+
+
+def _masses(record: _Record, task: PackTask) -> Iterator[str]:
+    """Compare the volume and the mass of one of each part that is packed."""
+    told = {each.name: each for each in record.parts}
+    for each in task.parts:
+        own = told[each.part.name]
+        for name, value, true in (
+            ("volume", own.volume, each.volume),
+            ("mass", own.mass, each.mass),
+        ):
+            if value != true and not (value and true and abs(value / true - 1) <= _SAME):
+                yield f"the {name} of {each.part.name!r} is said to be {value}, but is {true}"
+
+
+def _summary(record: _Record, packed: PackedParts) -> Iterator[str]:
+    """Compare the texts of the summary, whose numbers may differ by one in the last digit."""
+    told, true = dict(record.summary), summary(packed, check(packed))
+    total = sum(each.count for each in record.request.parts)
+    true["packed"] = f"{packed.count} of {total} parts"
+    if told.pop("check", "") == "not done" and "smallest distance" not in told:
+        true.pop("smallest distance", None)
+    del true["check"]
+    longest = max(max(box.size) for box in packed.task.boxes)
+    for name in dict.fromkeys((*true, *told)):
+        if not _is_same(name, told.get(name), true.get(name), longest):
+            yield (
+                f"the summary's {name!r} is {told.get(name, 'missing')}, "
+                f"but should be {true.get(name, 'missing')}"
+            )
+
+
+def _is_same(name: str, told: str | None, true: str | None, longest: float) -> bool:
+    if told is None or true is None:
+        return False
+    if told == true:
+        return True
+    if name == "packed" or _NUMBER.sub("0", told) != _NUMBER.sub("0", true):
+        return False
+    for one, other in zip(_NUMBER.findall(told), _NUMBER.findall(true), strict=True):
+        size = abs(float(other))
+        last = 10.0 ** (math.floor(math.log10(size)) + 1 - _DIGITS.get(name, 4)) if size else 0.0
+        last = max(last, 1e-3 if name == "density" else _SAME * longest)
+        if not abs(float(one) - float(other)) <= 1.01 * last:
+            return False
+    return True
