@@ -79,7 +79,8 @@ def placed(parts: list[Part], *places: tuple[float, float, float]) -> PackedPart
 def faults(packed: PackedParts, folder: Path) -> list[bool]:
     """Return whether the nester's check, the check of files, and that of the record complain."""
     found = check(packed)
-    write_record(packed, found, folder, ())
+    folder.mkdir(exist_ok=True)
+    write_record(packed, found, folder, {})
     report = verify_packing(folder / "packing.json")
     assert report.volume == pytest.approx(packed.volume)
     return [bool(each) for each in (packed.packings[0].problems(), found.problems, report.problems)]

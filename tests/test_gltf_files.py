@@ -18,6 +18,7 @@ from packit_sim.libraries.mesh_files import read, read_parts
 from packit_sim.parts.filling.task import PackSettings
 from packit_sim.parts.pack import pack
 from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.results import exports
 from packit_sim.parts.results.check import check
@@ -25,6 +26,10 @@ from packit_sim.parts.results.reread_scenes import read_scene
 
 BLOCK = creation.box((0.03, 0.02, 0.01))
 Header = dict[str, Any]
+
+
+def copied(file: Path) -> FileCopy:
+    return FileCopies().add({file.name: file.read_bytes()})
 
 
 def glb(scene: trimesh.Scene) -> tuple[Header, bytearray]:
@@ -139,7 +144,7 @@ def test_all_attributes_of_instances_are_read(tmp_path: Path) -> None:
         found = read_parts(file)
         assert sorted(part.count for part in found) == [1, 2]
         for each in found:  # the check finds the same, by itself
-            again = read_scene(each, file)  # type: ignore[arg-type]
+            again = read_scene(each, copied(file), ".glb")  # type: ignore[arg-type]
             assert again.bounds == pytest.approx(each.raw.mesh.bounds, abs=1e-7)
 
 
@@ -168,7 +173,7 @@ def test_a_node_of_several_materials_is_one_part_and_its_copies_are_counted(
     header["scenes"][0]["nodes"] = [0, 1, 2, 3]
     (part,) = read_parts(write(tmp_path / "four.glb", header, binary))
     assert (part.count, part.raw.parts) == (4, 3)
-    assert read_scene(part, tmp_path / "four.glb").bounds == pytest.approx(  # type: ignore[arg-type]
+    assert read_scene(part, copied(tmp_path / "four.glb"), ".glb").bounds == pytest.approx(  # type: ignore[arg-type]
         part.raw.mesh.bounds
     )
 

@@ -82,7 +82,7 @@ def _packed() -> PackedParts:
 def _records() -> list[bytes]:
     packed = _packed()
     folder = world.folder() / "record-seed"
-    write_record(packed, check(packed), folder, [])
+    write_record(packed, check(packed), folder, {})
     data = (folder / RECORD).read_bytes()
     return [data.replace(packed.task.digest.encode(), world.COMPUTED)]
 
@@ -91,7 +91,7 @@ def _read_record(data: bytes) -> None:
     task = _packed().task
     forged = data.replace(world.COMPUTED, task.digest.encode())
     read_earlier(world.written(f"record/{RECORD}", forged).parent, task)
-    write_record(_packed(), check(_packed()), world.folder() / "record", [])
+    write_record(_packed(), check(_packed()), world.folder() / "record", {})
 
 
 def _orders() -> list[bytes]:

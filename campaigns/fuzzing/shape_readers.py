@@ -26,6 +26,7 @@ from packit_sim.libraries import step_files as step_reader
 from packit_sim.libraries.gltf_files import INSTANCING
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.shapenet import TAXONOMY
+from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.results import reread_3mf
 from tests import bad_meshes, slicer_projects, step_files
 
@@ -203,8 +204,9 @@ def _one_gltf(mesh: Any) -> bytes:
 def _read_plate(data: bytes) -> None:
     """Read each part of a 3MF file; the check's reader must find the same."""
     file = world.written("mesh/mesh.3mf", data)
+    copy = FileCopies().add({file.name: data})
     for part in mesh_files.read_parts(file):
-        triangles = reread_3mf.read_3mf(file, part.node).triangles
+        triangles = reread_3mf.read_3mf(copy, part.node).triangles
         assert np.allclose(triangles, part.raw.mesh.triangles, rtol=1e-6, equal_nan=True)
     _read_mesh(".3mf")(data)
 

@@ -51,15 +51,14 @@ def _archive(inside: _Kinds) -> _Kinds:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
         yield Repetition(
-            "members", lambda n: _zipped([*members.items(), *((f"m{k}.xml", b"") for k in range(n))])
+            "members",
+            lambda n: _zipped([*members.items(), *((f"m{k}.xml", b"") for k in range(n))]),
         )
         name = next(iter(members))
         yield Repetition(
             "equal members", lambda n: _zipped([*members.items(), *[(name, members[name])] * n])
         )
-        yield Repetition(
-            "letters of a name", lambda n: _zipped([*members.items(), ("a" * n, b"")])
-        )
+        yield Repetition("letters of a name", lambda n: _zipped([*members.items(), ("a" * n, b"")]))
         yield Repetition(
             "folders of a name", lambda n: _zipped([*members.items(), ("a/" * n, b"")])
         )

@@ -14,7 +14,22 @@ from campaigns.growth.repetition import Repetition, repeated
 _MARK = "@repeated@"
 """Stands in a text for what is repeated there."""
 
-_BITS = (b" ", b"\n", b"\t", b"\r\n", b"#\n", b"# \n", b"# x\n", b"\\\n", b"'", b'"', b"(", b"[", b"{", b"<")
+_BITS = (
+    b" ",
+    b"\n",
+    b"\t",
+    b"\r\n",
+    b"#\n",
+    b"# \n",
+    b"# x\n",
+    b"\\\n",
+    b"'",
+    b'"',
+    b"(",
+    b"[",
+    b"{",
+    b"<",
+)
 """What is repeated in any text: blanks, ends of lines, comments, quotes and brackets."""
 
 _WORD = re.compile(rb"[^\s<>\"'=/,;\[\](){}:]+")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,9 +27,6 @@ from packit_sim.parts.reading.boxes import box_unit
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.units import lengths
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.exports import attempted
-from packit_sim.parts.results.film import film as write_film
-from packit_sim.parts.results.instructions import write_instructions
 from packit_sim.parts.results.record import FILM, INSTRUCTIONS
 from packit_sim.parts.results.summary import table
 
@@ -110,6 +106,10 @@ def pack_command(
     film: Annotated[
         bool, typer.Option("--film", help="Also write a film of each box as it is packed (GIF).")
     ] = False,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Also replace files in the folder that others wrote."),
+    ] = False,
     require_all: Annotated[
         bool,
         typer.Option(
@@ -175,19 +175,27 @@ def pack_command(
             progress.update(bar, description=what, completed=done, total=total or None, note=note)
 
         seconds = read_seconds(time)
-        packed = pack(parts, box, objective, seconds, seed, out, show, settings, show_step)
-        more = {
-            out / f"{packed.stem(n)}{FILM}": partial(write_film, packed, box=n)
-            for n in range(len(packed.packings) if film else 0)
-        }
-        if instructions:
-            more[out / INSTRUCTIONS] = partial(write_instructions, packed)
-        written = [path for path, write in more.items() if attempted(path, partial(write, path))]
+        packed = pack(
+            parts,
+            box,
+            objective,
+            seconds,
+            seed,
+            out,
+            show,
+            settings,
+            show_step,
+            force=force,
+            instructions=instructions,
+            film=film,
+        )
         found = check(packed)
     console.print(table(packed, found), markup=False, highlight=False, soft_wrap=True)
     print_written(out, f": {packed.count} parts")
-    for path in written:
-        print_written(path)
+    films = (f"{packed.stem(n)}{FILM}" for n in range(len(packed.packings)))
+    for name in (*films, INSTRUCTIONS):
+        if (out / name).exists():
+            print_written(out / name)
     for problem in found.problems:
         console.print(problem, markup=False, style="red", soft_wrap=True)
     missing = _missing(packed) if require_all else ""

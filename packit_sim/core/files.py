@@ -6,7 +6,9 @@ import ctypes
 import errno
 import fcntl
 import glob
+import hashlib
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -20,6 +22,9 @@ _HERE, _EXCHANGE = -100, 2
 """Linux's AT_FDCWD and RENAME_EXCHANGE."""
 
 _SUFFIX = ".tmp"
+
+_LOCK = re.compile(rb"[0-9]{0,20}")
+"""The content of a lock file."""
 
 _LOCK_SECONDS = 0.1
 """Timeout for a lock file: time for a second attempt if its holder has just removed it."""
@@ -48,6 +53,20 @@ def read_whole(path: Path) -> bytes:
         if not (stat.S_ISREG(kind) or stat.S_ISFIFO(kind)):
             raise OSError(errno.EINVAL, "not a regular file", str(path))
         return file.read()
+
+
+def digest_of(path: Path) -> str:
+    """Return SHA-256 of a file's content, in hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to the same file; False if one leads nowhere."""
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
 
 
 @contextmanager
@@ -159,10 +178,13 @@ def claimed(lock: Path, target: Path) -> Iterator[None]:
     Raises
     ------
     BusyError
-        If another process, or another part of this one, holds the lock.
+        If another process, or another part of this one, holds the lock, or a file with other
+        content has its name.
     """
     from filelock import FileLock, Timeout  # slow to import, and only writers need it
 
+    if os.path.lexists(lock) and not (lock.is_file() and _LOCK.fullmatch(lock.read_bytes())):
+        raise BusyError(f"{lock} is in the way: it is no lock file of `packit`, move it")
     file_lock = FileLock(lock, timeout=_LOCK_SECONDS)
     try:
         file_lock.acquire()

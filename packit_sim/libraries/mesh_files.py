@@ -31,8 +31,15 @@ SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".step", ".
 
 _T = TypeVar("_T")
 
+Keep = Callable[[str, bytes], object]
+"""Called with the name and the content of a file, and then of each other one that it refers to."""
 
-def read(file: Path, accuracy: float | None = None) -> RawMesh:
+
+def _no_copy(name: str, content: bytes) -> None:
+    """Keep no copy of what is read."""
+
+
+def read(file: Path, accuracy: float | None = None, keep: Keep = _no_copy) -> RawMesh:
     """Read a mesh file.
 
     Parameters
@@ -41,6 +48,8 @@ def read(file: Path, accuracy: float | None = None) -> RawMesh:
         The file, with one of the `SUFFIXES`.
     accuracy : float, optional
         Largest deviation of the tessellation of STEP, in mm; by default `step_files.ACCURACY`.
+    keep : callable, optional
+        Called with what is read, for copies: each file is read only once.
 
     Returns
     -------
@@ -55,10 +64,10 @@ def read(file: Path, accuracy: float | None = None) -> RawMesh:
     MissingPackageError
         If it is STEP, and cascadio is not installed.
     """
-    return _taken(file, accuracy, lambda scene: scene.joined())
+    return _taken(file, accuracy, keep, lambda scene: scene.joined())
 
 
-def read_parts(file: Path, accuracy: float | None = None) -> list[RawPart]:
+def read_parts(file: Path, accuracy: float | None = None, keep: Keep = _no_copy) -> list[RawPart]:
     """Read each part of a mesh file's scene.
 
     Parameters
@@ -67,6 +76,8 @@ def read_parts(file: Path, accuracy: float | None = None) -> list[RawPart]:
         The file, with one of the `SUFFIXES`.
     accuracy : float, optional
         Largest deviation of the tessellation of STEP, in mm; by default `step_files.ACCURACY`.
+    keep : callable, optional
+        As for `read`.
 
     Returns
     -------
@@ -81,10 +92,12 @@ def read_parts(file: Path, accuracy: float | None = None) -> list[RawPart]:
     MissingPackageError
         If it is STEP, and cascadio is not installed.
     """
-    return _taken(file, accuracy, lambda scene: scene.separate())
+    return _taken(file, accuracy, keep, lambda scene: scene.separate())
 
 
-def _taken(file: Path, accuracy: float | None, taken: Callable[[MeshScene | Plate], _T]) -> _T:
+def _taken(
+    file: Path, accuracy: float | None, keep: Keep, taken: Callable[[MeshScene | Plate], _T]
+) -> _T:
     """Open a file's scene and apply a function to it; every error is a MeshError."""
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
@@ -98,9 +111,10 @@ def _taken(file: Path, accuracy: float | None, taken: Callable[[MeshScene | Plat
                 f"{status.st_size:,} bytes are too many: at most {mesh_limits.MAX_BYTES:,}"
             )
         content = file.read_bytes()
+        keep(file.name, content)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and trimesh; the result is checked
-            return taken(_read(content, suffix, file.parent, accuracy))
+            return taken(_read(content, suffix, file.parent, accuracy, keep))
     except MissingPackageError:
         raise
     except MeshError as error:
@@ -111,7 +125,9 @@ def _taken(file: Path, accuracy: float | None, taken: Callable[[MeshScene | Plat
         raise MeshError(f"{file}: can't be read as {suffix[1:].upper()}: {problem:.200}") from error
 
 
-def _read(content: bytes, suffix: str, folder: Path, accuracy: float | None) -> MeshScene | Plate:
+def _read(
+    content: bytes, suffix: str, folder: Path, accuracy: float | None, keep: Keep
+) -> MeshScene | Plate:
     if not content.strip():
         raise MeshError("the file is empty")
     if suffix in step_files.SUFFIXES:
@@ -124,7 +140,7 @@ def _read(content: bytes, suffix: str, folder: Path, accuracy: float | None) -> 
     if suffix == ".3mf":
         return read_plate(content)
     up, unit_cm = "z", None
-    resolver = _FolderResolver(str(folder))
+    resolver = _FolderResolver(folder, keep)
     notes: list[str] = []
     if suffix in (".glb", ".gltf"):
         up, unit_cm = "y", UNITS_CM["m"]
@@ -166,13 +182,20 @@ def _checked(found: MeshScene, expected: int) -> MeshScene:
 class _FolderResolver(FilePathResolver):
     """Reads the files that a glTF refers to, if they are in its folder; trimesh 4 reads any."""
 
+    def __init__(self, folder: Path, keep: Keep) -> None:
+        super().__init__(str(folder))
+        self._keep = keep
+        self._known: dict[str, bytes] = {}
+
     def get(self, name: str) -> bytes:
         folder = Path(self.parent).resolve()
         for path in (folder / name.strip(), folder / Path(name).name):
             if not path.resolve().is_relative_to(folder):
                 raise MeshError(f"it refers to {name!r}, which is not in its folder")
-        content: bytes = super().get(name)
-        return content
+        if name not in self._known:
+            self._known[name] = super().get(name)
+            self._keep(name, self._known[name])
+        return self._known[name]
 
 
 def _dae_asset(content: bytes) -> tuple[str, float]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
 from packit_sim.parts.filling.packed import PackedParts
@@ -16,7 +17,8 @@ from packit_sim.parts.filling.search import PackingSearch
 from packit_sim.parts.filling.task import Goal, PackSettings
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.exports import write_result
+from packit_sim.parts.results.own_files import replaceable
 from packit_sim.parts.results.record import own_folder
 from packit_sim.parts.results.resuming import read_earlier
 
@@ -37,6 +39,10 @@ def pack(
     callback: Callable[[PackedParts, float], object] | None = None,
     settings: PackSettings | None = None,
     progress: Progress = unseen,
+    *,
+    force: bool = False,
+    instructions: bool = False,
+    film: bool = False,
 ) -> PackedParts:
     """Pack parts into boxes at their real sizes.
 
@@ -61,6 +67,13 @@ def pack(
         Clearances, how files are read, and how the search runs.
     progress : callable, optional
         Called with each step before and after the search, and how much of it is done.
+    force : bool
+        Whether files in the folder that `pack` did not write, or that were changed since, are
+        replaced as well.
+    instructions : bool
+        Whether packing instructions are exported, too.
+    film : bool
+        The same for a film of each box.
 
     Returns
     -------
@@ -70,7 +83,8 @@ def pack(
     Raises
     ------
     ArgumentError
-        If an argument is not possible, or no part can be read or fits.
+        If an argument is not possible, no part can be read or fits, or the folder has files of
+        others that would be replaced.
     BusyError
         If another process packs into the same folder.
     NestingError
@@ -112,7 +126,15 @@ def pack(
 
     if out is None:
         return search()
-    with own_folder(Path(out)):
-        packed = search(read_earlier(Path(out), task))
-        export(packed, out, progress)
+    out = Path(out)
+    with own_folder(out):
+        files = replaceable(out, task, force, instructions, film)  # refuses before the search
+        try:
+            earlier = read_earlier(out, task)
+        except ArgumentError:  # a record of others
+            if not force:
+                raise
+            earlier = None
+        packed = search(earlier)
+        write_result(packed, out, files, progress, instructions, film)
     return packed

@@ -107,6 +107,7 @@ def prepared_task(
         _in_place("keep-out", settings.keep_out, settings, unit),
         _in_place("fixed", settings.fixed, settings, unit),
         tuple(unread),
+        inputs=reading.inputs,
     )
     task = _without_tiny(task)
     _require_fit(task)

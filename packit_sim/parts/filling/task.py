@@ -162,6 +162,8 @@ class PackTask:
         The files that could not be read.
     notes : tuple of str
         How files were understood, and what is doubtful.
+    inputs : tuple of Path
+        The files that were read, or should have been.
     """
 
     parts: tuple[PreparedPart, ...]
@@ -172,6 +174,7 @@ class PackTask:
     fixed: tuple[PreparedPart, ...] = ()
     unread: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
+    inputs: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         check_objective(self.objective, self.boxes)

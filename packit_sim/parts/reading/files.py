@@ -9,7 +9,7 @@ import glob
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from packit_sim.core.errors import ArgumentError, LibraryError, MeshError
@@ -20,6 +20,7 @@ from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
 from packit_sim.libraries.raw_meshes import RawPart
 from packit_sim.libraries.step_files import SUFFIXES as STEP
 from packit_sim.parts.packings.lengths import LENGTHS
+from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set
 from packit_sim.parts.reading.units import check_unit
@@ -58,11 +59,14 @@ class Reading:
         The files that could not be read.
     notes : tuple of str
         What the user should know about how files were understood.
+    inputs : tuple of Path
+        All files that were named: mesh files and manifests.
     """
 
     parts: tuple[Part, ...]
     unread: tuple[UnreadFile, ...] = ()
     notes: tuple[str, ...] = ()
+    inputs: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,16 @@ def find_parts(
     parts: list[Part] = []
     unread: list[UnreadFile] = []
     notes: list[str] = []
-    read_once = cache(_raw_parts)  # a manifest may name a file many times
+    inputs: dict[Path, None] = {}
+    read_once = cache(partial(_raw_parts, FileCopies()))  # a manifest may name a file many times
     for source in sources:
         if isinstance(source, Part):
             parts.append(source)
             continue
+        if Path(source).suffix.lower() in MANIFESTS:
+            inputs[Path(source)] = None
         for row in _rows(source, unread, notes):
+            inputs[row.file] = None
             try:
                 parts += _parts(row, settings, notes, read_once)
             except (MeshError, MissingPackageError, OSError) as error:
@@ -156,7 +164,7 @@ def find_parts(
         files = "1 file" if len(assumed) == 1 else f"{len(assumed)} files"
         notes.insert(0, f"{files} without a unit of length read as {settings.unit}")
     own_notes = dict.fromkeys(notes)
-    return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(own_notes))
+    return Reading(tuple(with_own_names(parts)), tuple(unread), tuple(own_notes), tuple(inputs))
 
 
 def _defines_unit(file: Path) -> bool:
@@ -204,24 +212,30 @@ def _folder_files(path: Path) -> list[Path]:
     return [Path(folder.candidate(id).source) for id in folder.categories]
 
 
-def _raw_parts(file: Path, split: bool, accuracy: float | None) -> tuple[RawPart, ...]:
+def _raw_parts(
+    copies: FileCopies, file: Path, split: bool, accuracy: float | None
+) -> tuple[FileCopy, list[RawPart]]:
+    """Read a file once: a copy of it, and its parts."""
     if not file.exists():
         raise MeshError("there is no such file")
+    contents: dict[str, bytes] = {}
     if split:
-        return tuple(read_parts(file, accuracy))
-    return (RawPart("", read(file, accuracy)),)
+        parts = read_parts(file, accuracy, contents.setdefault)
+    else:
+        parts = [RawPart("", read(file, accuracy, contents.setdefault))]
+    return copies.add(contents), parts
 
 
 def _parts(
     row: ManifestRow,
     settings: ReadSettings,
     notes: list[str],
-    read_once: Callable[[Path, bool, float | None], tuple[RawPart, ...]],
+    read_once: Callable[[Path, bool, float | None], tuple[FileCopy, list[RawPart]]],
 ) -> list[Part]:
     """Read the parts of a file."""
     suffix = row.file.suffix.lower()
     split = suffix in _PLATES if settings.split is None else settings.split
-    raw_parts = read_once(row.file, split, settings.accuracy)
+    copy, raw_parts = read_once(row.file, split, settings.accuracy)
     if not split and raw_parts[0].raw.parts > 1:
         note = (
             f"{row.file.name}: its {raw_parts[0].raw.parts} meshes are packed as one part "
@@ -246,6 +260,7 @@ def _parts(
                 unit_cm=unit_cm,
                 up=settings.up or each.raw.up,
                 file=row.file,
+                copy=copy,
                 node=each.node,
                 deviation=each.raw.deviation,
                 **options,

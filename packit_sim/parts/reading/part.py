@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import UP_AXES
 from packit_sim.parts.packings import rotation_sets
+from packit_sim.parts.reading.file_copies import FileCopy
 from packit_sim.parts.reading.units import check_unit, factor
 
 UPRIGHT = "upright"
@@ -91,6 +92,8 @@ class Part:
         The axis of the mesh that points up, "x", "y" or "z".
     file : Path, optional
         The file that has this mesh.
+    copy : FileCopy, optional
+        Its content as it was read, for the check and for results. The file may be gone since.
     node : str, optional
         The node of the file's scene, if the mesh is only a part of it.
     deviation : float
@@ -129,6 +132,7 @@ class Part:
     unit_cm: float | None = None
     up: str = "z"
     file: Path | None = None
+    copy: FileCopy | None = field(default=None, repr=False)
     node: str | None = None
     deviation: float = 0.0
 

@@ -1,6 +1,6 @@
 """The check of packed parts by their original files, independent of the search.
 
-trimesh reads the files again, and `reread_3mf.py` those in 3MF. The collision meshes of the
+trimesh reads the files' content again, and `reread_3mf.py` that in 3MF. The collision meshes of the
 search play no role, and neither does the nester's own check.
 """
 
@@ -148,16 +148,17 @@ def _has_manifold() -> bool:
 
 
 def _read(part: Part) -> trimesh.Trimesh:
-    """Read the mesh of a part's file again; take the given mesh if there is no file."""
-    if part.file is None:
+    """Read the mesh of a part's file again; take the given mesh if there is none."""
+    if part.file is None or part.copy is None:
         return trimesh.Trimesh(part.mesh.vertices, part.mesh.faces)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy and trimesh, about normals
-        if part.file.suffix.lower() == ".3mf":
-            return read_3mf(part.file, part.node)
-        if part.file.suffix.lower() in SCENES:
-            return read_scene(part, part.file)
-        content, kind = part.file.read_bytes(), part.file.suffix.lower()[1:]
+        suffix = part.file.suffix.lower()
+        if suffix == ".3mf":
+            return read_3mf(part.copy, part.node)
+        if suffix in SCENES:
+            return read_scene(part, part.copy, suffix)
+        content, kind = part.copy.content, suffix[1:]
         if kind == "obj":  # trimesh would cut polygons wrongly
             content = simple_faces(content)
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, skip_materials=True)

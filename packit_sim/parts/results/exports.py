@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +15,7 @@ import trimesh
 from trimesh.visual import TextureVisuals
 
 from packit_sim.core.errors import ArgumentError, RenderError, reason
+from packit_sim.core.files import digest_of
 from packit_sim.core.length_units import Unit
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.progress import Progress, unseen
@@ -19,9 +24,18 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.reading.units import factor
 from packit_sim.parts.results.check import check
+from packit_sim.parts.results.film import film as write_film
+from packit_sim.parts.results.instructions import write_instructions
+from packit_sim.parts.results.own_files import replaceable, unchanged
 from packit_sim.parts.results.page import write_page
 from packit_sim.parts.results.pictures import draw, part_colors
-from packit_sim.parts.results.record import update_record, write_record
+from packit_sim.parts.results.record import (
+    FILM,
+    INSTRUCTIONS,
+    RECORD,
+    update_record,
+    write_record,
+)
 from packit_sim.render.export import Y_UP, material
 from packit_sim.render.export_3mf import PlacedMesh, encode_3mf
 from packit_sim.render.image_files import output_file
@@ -32,10 +46,22 @@ SUFFIXES = ".3mf", ".glb", ".stl", ".png"
 MOST_TRIANGLES = 20_000_000
 """Largest number of triangles of an STL file, which has each copy of a part: 1 GB."""
 
+PAGE = "packing.html"
+
+_STAGING = ".packing."
+
 _log = plain_logger(__name__)
 
 
-def export(packed: PackedParts, folder: Path | str, progress: Progress = unseen) -> list[Path]:
+def export(
+    packed: PackedParts,
+    folder: Path | str,
+    progress: Progress = unseen,
+    *,
+    force: bool = False,
+    instructions: bool = False,
+    film: bool = False,
+) -> list[Path]:
     """Write packed parts: the record and its meshes, and then all other files.
 
     The record comes first, so that nothing that happens later loses the packing. Then follow the
@@ -49,6 +75,50 @@ def export(packed: PackedParts, folder: Path | str, progress: Progress = unseen)
         The folder; files of an earlier packing are removed when the record is replaced.
     progress : callable, optional
         Called with each step, and how much of it is done.
+    force : bool
+        Whether files that `pack` did not write, or that were changed since, are replaced as well.
+    instructions : bool
+        Whether packing instructions are written, too.
+    film : bool
+        The same for a film of each box.
+
+    Returns
+    -------
+    list of Path
+        The files that were written, the record last.
+
+    Raises
+    ------
+    ArgumentError
+        If nothing is packed, or files of others are in the way.
+    OSError
+        If the disk takes no further file.
+    """
+    folder = Path(folder)
+    earlier = replaceable(folder, packed.task, force, instructions, film)
+    return write_result(packed, folder, earlier, progress, instructions, film)
+
+
+def write_result(
+    packed: PackedParts,
+    folder: Path,
+    earlier: Mapping[str, str],
+    progress: Progress = unseen,
+    instructions: bool = False,
+    film: bool = False,
+) -> list[Path]:
+    """Write packed parts as `export` does, where it is known already which files are replaced.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    earlier : mapping of str to str
+        What `replaceable` has found. What has changed or appeared since is not replaced.
+    progress : callable, optional
+        As for `export`.
+    instructions, film : bool
+        The same.
 
     Returns
     -------
@@ -59,39 +129,44 @@ def export(packed: PackedParts, folder: Path | str, progress: Progress = unseen)
     ------
     ArgumentError
         If nothing is packed.
-    RenderError
-        If the disk takes no picture or model.
     OSError
-        If the page or the record can't be written.
+        If the disk takes no further file.
     """
     if not packed.packings:
         why = "".join(f": {each.name}: {each.reason}" for each in packed.left_out[:1])
         raise ArgumentError(f"nothing is packed, so there is nothing to write{why}")
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    page = folder / "packing.html"
-    boxes = {
-        folder / f"{packed.stem(n)}{suffix}": contents
+    progress("writing the record", 0, 1)
+    meshes = write_record(packed, None, folder, unchanged(folder, earlier))
+    found = check(packed, progress)
+    update_record(packed, found, folder, meshes)
+    steps: dict[str, Callable[[Path], object]] = {
+        f"{packed.stem(n)}{suffix}": partial(_write, packed, contents)
         for n, contents in enumerate(packed.contents)
         for suffix in SUFFIXES
     }
-    progress("writing the record", 0, 1)
-    *meshes, record = write_record(packed, None, folder, [*boxes, page])
-    found = check(packed, progress)
-    update_record(packed, found, folder, [*boxes, page])
-    steps: dict[Path, Callable[[], object]] = {
-        path: partial(_write, packed, contents, path) for path, contents in boxes.items()
-    }
-    steps[page] = partial(write_page, packed, found, page)
-    files = []
-    for n, (path, write) in enumerate(steps.items()):
-        progress(f"writing {path.name}", n, len(steps))
-        if attempted(path, write):
-            files.append(path)
-        progress(f"writing {path.name}", n + 1, len(steps))
-    if len(files) < len(steps):
-        update_record(packed, found, folder, files)
-    return [*files, *meshes, record]
+    steps[PAGE] = partial(write_page, packed, found)
+    if film:
+        steps |= {
+            f"{packed.stem(n)}{FILM}": partial(write_film, packed, box=n)
+            for n in range(len(packed.packings))
+        }
+    if instructions:
+        steps[INSTRUCTIONS] = partial(write_instructions, packed)
+    with staging(folder) as new:
+        written = []
+        for n, (name, write) in enumerate(steps.items()):
+            progress(f"writing {name}", n, len(steps))
+            if attempted(folder / name, partial(write, new / name)):
+                written.append(name)
+            progress(f"writing {name}", n + 1, len(steps))
+        for name in [name for name in written if os.path.lexists(folder / name)]:
+            _log.warning("%s is not written: there is a file of others by now", folder / name)
+            written.remove(name)
+        update_record(packed, found, folder, meshes | {n: digest_of(new / n) for n in written})
+        for name in written:
+            (new / name).rename(folder / name)
+    return [folder / name for name in (*written, *meshes, RECORD)]
 
 
 def attempted(path: Path, write: Callable[[], object]) -> bool:
@@ -104,16 +179,15 @@ def attempted(path: Path, write: Callable[[], object]) -> bool:
 
     Raises
     ------
-    RenderError
-        If the disk does not take the file: it would take no other one.
     OSError
-        The same.
+        If the disk does not take the file: it would take no other one. The error has its path.
     """
     try:
         write()
     except Exception as error:
-        if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
-            raise
+        disk = error if isinstance(error, OSError) else error.__cause__
+        if isinstance(disk, OSError):
+            raise OSError(disk.errno, disk.strerror or str(disk), str(path)) from error
         _log.warning("%s is not written: %s", path, reason(error))
         return False
     return True
@@ -127,6 +201,29 @@ def names(packed: PackedParts, contents: Packing) -> list[str]:
     numbers += [f"{n:0{digits}d}" for n in range(1, len(placements) - fixed + 1)]
     own = [packed.part(one).part.name for one in placements]
     return [f"{number} {name}" for number, name in zip(numbers, own, strict=True)]
+
+
+@contextmanager
+def staging(folder: Path) -> Iterator[Path]:
+    """Create a folder in which files are written, until all of them are moved to another one.
+
+    Those that killed processes left are removed first.
+
+    Parameters
+    ----------
+    folder : Path
+        The other folder, in which the new one is.
+
+    Yields
+    ------
+    Path
+        The new folder; it is removed with what is still in it.
+    """
+    for left in folder.glob(f"{_STAGING}{'[a-z0-9_]' * 8}.tmp"):
+        if left.is_dir() and not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(".tmp", _STAGING, folder, ignore_cleanup_errors=True) as new:
+        yield Path(new)
 
 
 def _write(packed: PackedParts, contents: Packing, path: Path) -> None:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import re
-import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import Struct
 
-from packit_sim.core import typed_json
-from packit_sim.core.errors import ArgumentError, PackFormatError
+from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import claimed, replace_text, replacing
 from packit_sim.core.plain_text import plain
 from packit_sim.core.version import __version__
@@ -36,20 +33,19 @@ INSTRUCTIONS = "instructions.html"
 FILM = ".gif"
 """Suffix of the film of a box."""
 
-_PACKING_FILE = re.compile(r"packing(-\d+)?\.(3mf|glb|stl|png|html)")
+_DIGITS = 12
+"""Digits of a digest in the names of meshes."""
 
 _WHOLE = (".3mf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl")
 """Suffixes of mesh files that need no others."""
 
 
-class _RecordedFiles(Struct):
-    files: tuple[str, ...]
-
-
 def write_record(
-    packed: PackedParts, found: Check | None, folder: Path, written: Sequence[Path]
-) -> list[Path]:
+    packed: PackedParts, found: Check | None, folder: Path, earlier: Mapping[str, str]
+) -> dict[str, str]:
     """Write a packing and its meshes so that `packit verify` can check them.
+
+    An earlier packing in the folder holds until the record is replaced, the last step.
 
     Parameters
     ----------
@@ -57,47 +53,47 @@ def write_record(
         The packing.
     found : Check, optional
         The result of its check; without it the summary says that it is not done.
-    written : sequence of Path
-        The packing's other files, also those to come; those of an earlier packing are removed.
+    earlier : mapping of str to str
+        SHA-256 of the folder's files that may be replaced. Those that are no meshes of this packing
+        are recorded as earlier files, and then removed.
 
     Returns
     -------
-    list of Path
-        The files: the meshes, and the record, which is written last.
+    dict of str to str
+        SHA-256 of the meshes, by their names in the folder.
 
     Raises
     ------
     OSError
         If a file can't be written.
     """
+    (folder / MESHES).mkdir(parents=True, exist_ok=True)
+    task = packed.task
     meshes: dict[int, str] = {}
-    files: list[Path] = []
+    files: dict[str, str] = {}
     items = []
     for number, packing in enumerate(packed.packings):
         for one in packing.placements:
+            part = packed.part(one).part
             if one.type not in meshes:
-                file = _write_mesh(packed.part(one).part, folder / MESHES, set(meshes.values()))
-                meshes[one.type] = f"{MESHES}/{file.name}"
-                files.append(file)
+                meshes[one.type] = mesh_name(part)
+                files[meshes[one.type]] = _write_mesh(part, folder, earlier)
             items.append(
                 {
-                    "name": packed.part(one).part.name,
+                    "name": part.name,
                     "mesh": meshes[one.type],
                     "box": number,
                     "pose": packed.pose(one).tolist(),
                 }
             )
-    task = packed.task
     obstacles: list[dict[str, Any]] = []
-    taken = set(meshes.values())
     for each in task.obstacles:
-        file = _write_mesh(each.part, folder / MESHES, taken)
-        files.append(file)
-        mesh = f"{MESHES}/{file.name}"
-        taken.add(mesh)
+        mesh = mesh_name(each.part)
+        files[mesh] = _write_mesh(each.part, folder, earlier)
         what = {"name": each.part.name, "is part": each in task.fixed}
         obstacles.append({**what, "mesh": mesh, "pose": each.part.matrix(each.unit).tolist()})
     boxes = [packing.container for packing in packed.packings]
+    stale = {name: digest for name, digest in earlier.items() if name not in files}
     record: dict[str, Any] = {
         "created by": f"PackIt-Sim {__version__}, packit pack",
         "box": list(boxes[0].size),
@@ -124,20 +120,29 @@ def write_record(
             }
             for each in task.parts
         ],
-        "files": [path.name for path in written],
+        "files": files,
+        "earlier files": stale,
         "task": task.digest,
         "searches": packed.searches,
     }
     record["request"] = request(task, record, folder)
-    stale = _files(folder)
     _replace(folder, record)
     for name in sorted(stale):
         (folder / name).unlink(missing_ok=True)
-    return [*files, folder / RECORD]
+    return files
 
 
-def update_record(packed: PackedParts, found: Check, folder: Path, written: Sequence[Path]) -> None:
-    """Add the result of the check to the record of a packing, and name its other files.
+def update_record(
+    packed: PackedParts, found: Check, folder: Path, files: Mapping[str, str]
+) -> None:
+    """Add the result of the check to the record of a packing, and name all of its files.
+
+    Parameters
+    ----------
+    found : Check
+        The result.
+    files : mapping of str to str
+        SHA-256 of the files, by their names in the folder; there are no earlier ones any more.
 
     Raises
     ------
@@ -145,8 +150,7 @@ def update_record(packed: PackedParts, found: Check, folder: Path, written: Sequ
         If the file can't be written.
     """
     record = json.loads((folder / RECORD).read_bytes())
-    record["summary"] = summary(packed, found)
-    record["files"] = [path.name for path in written]
+    record |= {"summary": summary(packed, found), "files": files, "earlier files": {}}
     _replace(folder, record)
 
 
@@ -154,36 +158,38 @@ def _replace(folder: Path, record: dict[str, Any]) -> None:
     replace_text(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 
-def _files(folder: Path) -> set[str]:
-    """Return the names of the files that an earlier record lists, and of what comes after it."""
-    try:
-        record = typed_json.decode((folder / RECORD).read_bytes(), _RecordedFiles, PackFormatError)
-    except (OSError, PackFormatError):
-        return set()
-    listed = {name for name in record.files if _PACKING_FILE.fullmatch(name)}
-    films = {f"{Path(name).stem}{FILM}" for name in listed}
-    return {*listed, *films, INSTRUCTIONS}
+def mesh_name(part: Part) -> str:
+    """Return the name of a part's mesh in the folder, which depends on its content."""
+    if _is_copied(part) and part.copy and part.file:
+        return f"{MESHES}/{part.file_name}-{part.copy.digest[:_DIGITS]}{part.file.suffix.lower()}"
+    sha = hashlib.sha256(np.ascontiguousarray(part.mesh.vertices, "<f8").tobytes())
+    sha.update(np.ascontiguousarray(part.mesh.faces, "<i8").tobytes())
+    return f"{MESHES}/{part.file_name}-{sha.hexdigest()[:_DIGITS]}.obj"
 
 
-def _write_mesh(part: Part, folder: Path, taken: set[str]) -> Path:
-    """Write a part's mesh: a copy of its file, or OBJ if the file has more or needs others."""
-    folder.mkdir(parents=True, exist_ok=True)
-    is_copy = part.file is not None and part.node is None and part.file.suffix.lower() in _WHOLE
-    suffix = part.file.suffix.lower() if is_copy and part.file else ".obj"
-    name, number = f"{part.file_name}{suffix}", 1
-    while f"{MESHES}/{name}" in taken:
-        number += 1
-        name = f"{part.file_name}-{number}{suffix}"
-    path = folder / name
-    if is_copy and part.file is not None:
-        if path.exists() and path.samefile(part.file):
-            return path
-        with part.file.open("rb") as source, replacing(path) as target:
-            shutil.copyfileobj(source, target)
-    else:
-        vertices = np.asarray(part.mesh.vertices, dtype=float)
-        replace_text(path, obj_text(vertices, np.asarray(part.mesh.faces)))
-    return path
+def mesh_content(part: Part) -> bytes:
+    """Return the file of a part's mesh: its own, or OBJ if that has more or needs others."""
+    if _is_copied(part) and part.copy:
+        return part.copy.content
+    vertices = np.asarray(part.mesh.vertices, dtype=float)
+    return obj_text(vertices, np.asarray(part.mesh.faces)).encode()
+
+
+def _is_copied(part: Part) -> bool:
+    return bool(
+        part.file and part.copy and part.node is None and part.file.suffix.lower() in _WHOLE
+    )
+
+
+def _write_mesh(part: Part, folder: Path, earlier: Mapping[str, str]) -> str:
+    """Write the mesh of a part, unless it is there; return its digest."""
+    name = mesh_name(part)
+    content = mesh_content(part)
+    digest = hashlib.sha256(content).hexdigest()
+    if earlier.get(name) != digest:
+        with replacing(folder / name) as file:
+            file.write(content)
+    return digest
 
 
 @contextmanager

@@ -7,9 +7,9 @@ the libraries and slicers that read the format.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from urllib.parse import unquote
 from zipfile import ZipFile
 
@@ -18,6 +18,7 @@ import trimesh
 from lxml import etree
 
 from packit_sim.geometry.arrays import Floats, Ints
+from packit_sim.parts.reading.file_copies import FileCopy
 
 _PATH = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
 _TYPES = ("support", "solidsupport", "surface", "other")
@@ -26,9 +27,9 @@ _NOT_SOLID |= {"modifier_part", "support_blocker", "support_enforcer"}
 _CURA = {f"cura:{what}_mesh" for what in ("anti_overhang", "cutting", "infill", "support")}
 
 
-def read_3mf(file: Path, item: str | None) -> trimesh.Trimesh:
+def read_3mf(file: FileCopy, item: str | None) -> trimesh.Trimesh:
     """Read the mesh of one item of a 3MF file's build, by its number from 1, or of all to print."""
-    package = _package(file, file.stat().st_mtime_ns)
+    package = _package(file)
     if item is None:
         items = [own for own in package.items if own.get("printable") not in ("0", "false")]
     else:
@@ -45,8 +46,8 @@ def read_3mf(file: Path, item: str | None) -> trimesh.Trimesh:
 class _Package:
     """The items and objects of a 3MF file."""
 
-    def __init__(self, file: Path) -> None:
-        with ZipFile(file) as archive:
+    def __init__(self, content: bytes) -> None:
+        with ZipFile(io.BytesIO(content)) as archive:
             read = {_key(name): archive.read(name) for name in archive.namelist()}
         relations = etree.fromstring(read["_rels/.rels"]).iter("{*}Relationship")
         kinds = {one.get("Type").rpartition("/")[2]: one.get("Target") for one in relations}
@@ -84,9 +85,9 @@ class _Package:
 
 
 @lru_cache(maxsize=1)
-def _package(file: Path, changed: int) -> _Package:
+def _package(file: FileCopy) -> _Package:
     """Read a package, and keep it for its other parts."""
-    return _Package(file)
+    return _Package(file.content)
 
 
 class _Object:

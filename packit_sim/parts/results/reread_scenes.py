@@ -10,17 +10,17 @@ import base64
 import io
 import json
 import struct
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 import trimesh
 from trimesh import transformations
-from trimesh.resolvers import FilePathResolver
+from trimesh.resolvers import Resolver
 
 from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries.step_files import tessellated
+from packit_sim.parts.reading.file_copies import FileCopy
 from packit_sim.parts.reading.part import Part
 
 SUFFIXES = (".glb", ".gltf", ".step", ".stp")
@@ -34,23 +34,25 @@ _TOLERANCE = 1.25e-4
 """Tolerance of the tessellation, relative to edges and faces."""
 
 
-def read_scene(part: Part, file: Path) -> trimesh.Trimesh:
+def read_scene(part: Part, file: FileCopy, suffix: str) -> trimesh.Trimesh:
     """Read the mesh of a part of a scene again.
 
     Parameters
     ----------
-    file : Path
-        Its file, which ends in one of `SUFFIXES`.
+    file : FileCopy
+        The content of its file.
+    suffix : str
+        The suffix of the file, one of `SUFFIXES`.
 
     Returns
     -------
     trimesh.Trimesh
         Its mesh, in the coordinates of `part.mesh`.
     """
-    content, suffix = file.read_bytes(), file.suffix.lower()
+    content = file.content
     if suffix in (".step", ".stp"):
         return _read_step(part, content)
-    resolver = FilePathResolver(str(file.parent))
+    resolver = _Copies(file)
     scene = trimesh.load_scene(
         io.BytesIO(content), file_type=suffix[1:], resolver=resolver, skip_materials=True
     )
@@ -68,6 +70,25 @@ def read_scene(part: Part, file: Path) -> trimesh.Trimesh:
     ]
     joined: Any = trimesh.util.concatenate(meshes)
     return trimesh.Trimesh(joined.vertices, joined.faces, process=False)
+
+
+class _Copies(Resolver):
+    """Finds the files that a glTF refers to."""
+
+    def __init__(self, file: FileCopy) -> None:
+        self._others = file.others
+
+    def get(self, key: str) -> bytes:
+        return self._others[key].content
+
+    def keys(self) -> Iterable[str]:
+        return self._others
+
+    def namespaced(self, namespace: str) -> Resolver:
+        raise NotImplementedError
+
+    def write(self, name: str, data: Any) -> None:
+        raise NotImplementedError
 
 
 def _chunks(content: bytes) -> tuple[Any, bytes]:

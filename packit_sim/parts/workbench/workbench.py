@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,9 +28,7 @@ from packit_sim.parts.reading.files import ReadSettings, find_parts
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.reading.units import check_unit, lengths
-from packit_sim.parts.results.exports import attempted, export
-from packit_sim.parts.results.instructions import write_instructions
-from packit_sim.parts.results.record import INSTRUCTIONS
+from packit_sim.parts.results.exports import export
 from packit_sim.parts.workbench.page_state import LockedPart, PageState, ShownPacking
 from packit_sim.parts.workbench.uploads import MAX_BYTES, MAX_FILES, Upload, Uploads
 from packit_sim.web.http_server import (
@@ -275,12 +272,7 @@ class Workbench:
                     raise ArgumentError(f"nothing is packed: {packed.left_out[0].reason}")
                 shown = ShownPacking(packed, locked)
                 self._page.note("checking the result and writing its files", shown)
-                files = export(packed, out)
-                if job.instructions:
-                    self._page.note("writing the instructions")
-                    path = out / INSTRUCTIONS
-                    if attempted(path, partial(write_instructions, packed, path)):
-                        files.append(path)
+                files = export(packed, out, instructions=job.instructions)
         except Exception as error:
             if not isinstance(error, PackItError):
                 _log.exception("the search failed")
