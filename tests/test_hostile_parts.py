@@ -103,9 +103,9 @@ def test_a_file_that_is_named_often_is_read_once(
     file.write_text(json.dumps([{"file": cube.name}] * 50))
     read: list[Path] = []
 
-    def count(file: Path, accuracy: float | None) -> RawMesh:
+    def count(file: Path, accuracy: float | None, keep: mesh_files.Keep) -> RawMesh:
         read.append(file)
-        return mesh_files.read(file, accuracy)
+        return mesh_files.read(file, accuracy, keep)
 
     monkeypatch.setattr(files, "read", count)
     parts = find_parts([file]).parts

@@ -279,3 +279,65 @@ def test_the_command_refuses_and_forces(tmp_path) -> None:
     assert (tmp_path / "packing.stl").read_text() == "mine"
     packit(*command, "--force")
     assert (tmp_path / "packing.stl").read_bytes() != b"mine"
+
+
+# Files that a user names
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("render starter -o", "picture.png"),
+        ("film starter -o", "film.gif"),
+        ("export starter -o", "box.glb"),
+        ("export starter -o", "box.json"),
+        ("datasets stats starter --json", "counts.json"),
+        ("score starter --out", "scores.json"),
+        ("evaluate starter --out", "results.jsonl"),
+        ("nest cut-cube-8 --out", "solution.json"),
+        ("nest cut-cube-8 --packing", "packing.json"),
+        ("nest cut-cube-8 --instance-out", "instance.json"),
+    ],
+)
+def test_a_file_of_another_kind_is_not_replaced(tmp_path, command, name) -> None:
+    file = tmp_path / name
+    kinds = ("mine", '[{"file": "a.stl"}]') if "nest" in command else ("mine",)
+    for content in kinds:
+        file.write_text(content)
+        with pytest.raises(ArgumentError, match=rf"{name} is there, and not a file that this"):
+            packit(*command.split(), file)
+        assert contents(tmp_path) == {name: content.encode()}
+
+
+NEST = ("--iterations", 1, "--workers", 1)
+
+
+def test_nest_replaces_its_own_files_and_no_input(tmp_path) -> None:
+    outputs = {name: tmp_path / f"{name}.json" for name in ("out", "packing", "instance-out")}
+    options = [each for name, file in outputs.items() for each in (f"--{name}", file)]
+    for _ in range(2):
+        packit("nest", "cut-cube-8", *NEST, *options)
+    instance = outputs["instance-out"]
+    before = contents(tmp_path)
+    (mesh, *_) = sorted((tmp_path / "instance-out").iterdir())
+    for option, output in (("--instance-out", instance), ("--packing", instance), ("--out", mesh)):
+        with pytest.raises(ArgumentError, match="is an input|is there, and not a file"):
+            packit("nest", instance, *NEST, option, output)
+    mesh.write_text("mine")
+    with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
+        packit("nest", "cut-cube-8", *NEST, *options)
+    mesh.write_bytes(before[mesh.relative_to(tmp_path).as_posix()])
+    assert contents(tmp_path) == before
+    with pytest.raises(ArgumentError, match="two outputs have the same name"):
+        packit("nest", "cut-cube-8", *NEST, "--out", instance, "--instance-out", instance)
+
+
+def test_meshes_next_to_an_exported_packing_are_not_replaced(tmp_path) -> None:
+    file = tmp_path / "box.json"
+    for _ in range(2):
+        packit("export", "starter", "-o", file)
+    mesh = next((tmp_path / "box-meshes").iterdir())
+    mesh.write_text("mine")
+    with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
+        packit("export", "starter", "-o", file)
+    assert mesh.read_text() == "mine"

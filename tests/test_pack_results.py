@@ -34,9 +34,6 @@ QUICK = PackSettings(workers=1, iterations=20)
 STEPS = ("packing.3mf", "packing.glb", "packing.stl", "packing.png", "packing.html")
 
 
-MESH = ["meshes/cube-7f94c3bf9b47.obj"]
-
-
 def cube(name: str = "cube", count: int = 1) -> Part:
     return Part(name, creation.box((10, 10, 10)), count=count)
 
@@ -83,7 +80,8 @@ def test_the_record_is_there_before_the_check_and_says_so(packed, tmp_path, monk
     export(packed, tmp_path)
     ((first, files),) = found
     assert first["summary"]["check"] == "not done"
-    assert sorted(files) == ["meshes", "packing.json"] and list(first["files"]) == MESH
+    assert sorted(files) == ["meshes", "packing.json"]
+    assert all(name.startswith("meshes/cube-") for name in first["files"])
     assert record(tmp_path)["summary"]["check"].startswith("no problems")
 
 

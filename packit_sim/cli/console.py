@@ -21,6 +21,7 @@ from rich.progress import (
 from rich.segment import Segment
 
 from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.files import require_replaceable
 from packit_sim.core.parallel import BackendName, SearchBackend
 from packit_sim.core.plain_text import plain
 from packit_sim.game.datasets.pack_files import dataset_library
@@ -122,19 +123,24 @@ def open_library(library: str | None, dataset: str, split: str | None = None) ->
     return ShapeLibrary.open(library) if library else dataset_library(dataset, split)
 
 
-def prepare_folder(path: Path) -> None:
+def prepare_folder(path: Path, *inputs: Path | str | None, field: str | None = None) -> None:
     """Create the folder of an output file, so that errors come before the work.
 
     Parameters
     ----------
     path : Path
         The file to write later.
+    *inputs : Path, str or None
+        What the command reads, see `require_replaceable`.
+    field : str, optional
+        The same.
 
     Raises
     ------
     PackItError
-        If the folder is not writable.
+        If the folder is not writable, or the file is not one to replace.
     """
+    require_replaceable(path, [Path(each) for each in inputs if each is not None], field)
     path.parent.mkdir(parents=True, exist_ok=True)
     if not os.access(path.parent, os.W_OK):
         raise PackItError(f"{path} can't be written: no permission for {path.parent}")

@@ -78,9 +78,9 @@ def stats(
     """
     if out is not None:
         plots.require()
-        prepare_folder(out)
+        prepare_folder(out, dataset)
     if json_ is not None:
-        prepare_folder(json_)
+        prepare_folder(json_, dataset)
     counted = statistics.take(dataset, open_library(library, dataset, split), split)
     console.print(_statistics_table(counted))
     console.print("intervals: of means, by bootstrap over packs; volumes: shares of the box")
@@ -109,7 +109,8 @@ def datasheet_command(
     picture = out.with_suffix(".png")
     if picture == out:
         raise PackItError(f"{out} is the file of the picture: choose a name that ends in .md")
-    prepare_folder(out)
+    prepare_folder(out, dataset)
+    prepare_folder(picture, dataset)
     opened = open_library(library, dataset)
     parts = datasheet.read(dataset, opened)
     text = datasheet.page(
@@ -182,9 +183,9 @@ def original(
 
     Example: packit datasets original packs/ --library shapenet:ShapeNetCore.v2 --out tasks.jsonl
     """
-    prepare_folder(out)
+    prepare_folder(out, *files)
     if report is not None:
-        prepare_folder(report)
+        prepare_folder(report, *files)
     opened = ShapeLibrary.open(library)
     with progress_bars() as progress:
         bar = progress.add_task("reading", total=None, note="")

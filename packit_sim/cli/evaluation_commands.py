@@ -118,7 +118,7 @@ def evaluate_command(
     numbered = _usable_tasks(dataset, opened, split, tasks)
     wanted, numbers = list(numbered.values()), list(numbered)
     if out is not None:
-        prepare_folder(out)
+        prepare_folder(out, dataset)
     hint = RESUMABLE if out else "no results file was given"
     with stoppable(hint), Workers(workers, backend, address) as processes:
         if (physics or scores) and backend == "loky":  # a cluster's machines have other caches

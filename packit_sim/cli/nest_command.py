@@ -21,6 +21,7 @@ from packit_sim.cli.console import (
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
 from packit_sim.core.errors import ArgumentError
+from packit_sim.core.files import require_replaceable
 from packit_sim.parts.nesting.nest import NestSettings, nest
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
@@ -28,12 +29,14 @@ from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.instances import (
     instances_in,
     read_instance,
+    require_free_instance,
     write_instance,
     write_solution,
 )
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.mesh_paths import MAX_LEVELS
 from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.packing_files import require_free_meshes
 
 
 def nest_command(
@@ -91,15 +94,25 @@ def nest_command(
     """
     rotation_sets.check(rotations)
     seconds = read_seconds(time)
-    for file in (out, instance_out, packing):
+    outputs = ((out, "instancePath"), (instance_out, "item-types"), (packing, "items"))
+    for file, field in outputs:
         if file is not None:
             if file.is_dir():
                 raise ArgumentError(f"{file} is a folder: choose a file to write")
-            prepare_folder(file)
+            prepare_folder(file, instance, field=field)
     for option, json_file in (("--packing", packing), ("--instance-out", instance_out)):
         if json_file is not None and json_file.suffix != ".json":
             raise ArgumentError(f"{option} {json_file} is not possible: choose a .json file")
     types, container = _read(instance, rotations)
+    files = [file.absolute() for file, _ in outputs if file is not None]
+    if len(set(files)) < len(files):
+        raise ArgumentError("two outputs have the same name: choose a name for each")
+    for file in files:
+        require_replaceable(file, [each.file for each in types if each.file is not None])
+    if instance_out is not None:
+        require_free_instance(types, instance_out)
+    if packing is not None:
+        require_free_meshes(types, packing)
     settings = NestSettings(workers, backend, address, iterations)
     start = clock.perf_counter()
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:

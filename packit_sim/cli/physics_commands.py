@@ -117,7 +117,7 @@ def _boxes(
 ) -> list[tuple[Pack, BoxState[PlacedItem]]]:
     """Read packs, with the states of their boxes."""
     if out is not None:
-        prepare_folder(out)
+        prepare_folder(out, dataset)
     read = read_packs(dataset_file(dataset, split))[:limit]
     opened = open_library(library, dataset, split)
     return [(pack, pack.contents(opened)) for pack in read]

@@ -117,7 +117,7 @@ def render_command(
     shown, layout, coloring = _shown(dataset, split, pack, as_task, opened, category, id, color)
     style: BoxStyle = box_style or ("none" if dataset is None else "edges")
     look = _look(camera, background, style, explode, cut, coloring)
-    prepare_folder(out)
+    prepare_folder(out, dataset)
     with stoppable(NOTHING_WRITTEN), Scene(shown) as scene:
         if around:
             frames = list(films.turning(shown, VIEWS, look))
@@ -180,7 +180,7 @@ def film_command(
         if seconds is not None:
             pace = films.Pace.lasting(seconds, len(shown.placed), fps)
         frames = list(films.packing(shown, look, pace))
-    prepare_folder(out)
+    prepare_folder(out, dataset)
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("filming", total=len(frames), note="")
 
@@ -215,7 +215,7 @@ def export_command(
     export.require(out)
     opened = _opened(library, dataset, split)
     shown, _, coloring = _shown(dataset, split, pack, False, opened, None, None, color)
-    prepare_folder(out)
+    prepare_folder(out, dataset, field="items" if out.suffix.lower() == ".json" else None)
     with stoppable(NOTHING_WRITTEN):
         export.export(shown, out, coloring=coloring, unit_mm=unit_mm)
     print_written(out, f": {len(shown.placed)} items")

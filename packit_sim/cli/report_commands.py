@@ -55,7 +55,7 @@ def report_command(
         raise ReportError(f"{out} is not an HTML file: choose a name that ends in .html")
     plots.require()
     found = Runs.read(runs)
-    prepare_folder(out)
+    prepare_folder(out, *runs)
     shown = None
     if found.played:
         chosen(found, agent)

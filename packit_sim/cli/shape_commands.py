@@ -263,7 +263,7 @@ def import_command(
     opened = ShapeLibrary.open(source, seed=seed)
     report = report or out.with_name(f"{out.name}.report.json")
     prepare_folder(out)
-    prepare_folder(report)
+    prepare_folder(report, source, field="shapes")
     try:
         splits = None if everything else opened.source.splits
     except LibraryError:

@@ -7,21 +7,34 @@ import errno
 import fcntl
 import glob
 import hashlib
+import json
 import os
 import re
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from packit_sim.core.errors import BusyError
+from packit_sim.core.errors import ArgumentError, BusyError
 
 _HERE, _EXCHANGE = -100, 2
 """Linux's AT_FDCWD and RENAME_EXCHANGE."""
 
 _SUFFIX = ".tmp"
+
+_BEGINNINGS = {
+    ".3mf": (b"PK",),
+    ".gif": (b"GIF8",),
+    ".glb": (b"glTF",),
+    ".html": (b"<!",),
+    ".json": (b"{", b"["),
+    ".jsonl": (b"{",),
+    ".npz": (b"PK",),
+    ".png": (b"\x89PNG",),
+}
+"""How files begin, by their suffixes."""
 
 _LOCK = re.compile(rb"[0-9]{0,20}")
 """The content of a lock file."""
@@ -67,6 +80,54 @@ def same_file(one: Path, other: Path) -> bool:
         return one.samefile(other)
     except OSError:
         return False
+
+
+def require_replaceable(path: Path, inputs: Iterable[Path] = (), field: str | None = None) -> None:
+    """Refuse to write a file that a user has named, if it would take another one away.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write. One that is there has the format of its suffix, or is empty.
+    inputs : iterable of Path
+        Files that are read: it is none of them.
+    field : str, optional
+        A field that a JSON file must have to be replaced.
+
+    Raises
+    ------
+    ArgumentError
+        If it is an input, or of another kind.
+    """
+    if any(same_file(path, each) for each in inputs):
+        raise ArgumentError(f"{path} is an input, and would be replaced: choose another name")
+    if not path.is_file():
+        return
+    content = path.read_bytes() if field else b""
+    with path.open("rb") as file:
+        start = file.read(64).lstrip()
+    expected = _BEGINNINGS.get(path.suffix.lower(), ())
+    known = not expected or start.startswith(expected)
+    if start and not (known and (field is None or json.dumps(field).encode() in content)):
+        raise ArgumentError(
+            f"{path} is there, and not a file that this command writes: choose another name, or "
+            "remove it"
+        )
+
+
+def require_same(path: Path, content: bytes) -> None:
+    """Refuse to replace a file by another content, where a user has not named it.
+
+    Raises
+    ------
+    ArgumentError
+        If it is there with another content.
+    """
+    if os.path.lexists(path) and not (path.is_file() and path.read_bytes() == content):
+        raise ArgumentError(
+            f"{path} is there with another content, and would be replaced: choose another name, or "
+            "remove it"
+        )
 
 
 @contextmanager

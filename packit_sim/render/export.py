@@ -15,6 +15,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from packit_sim.core.errors import ArgumentError, RenderError
+from packit_sim.core.files import require_same
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.items import Contents, ItemInBox
 from packit_sim.geometry.lattice import CELL
@@ -58,7 +59,7 @@ def export(
     RenderError
         If the suffix is unknown, the box is empty or the file cannot be written.
     ArgumentError
-        If the unit is not above 0.
+        If the unit is not above 0, or a mesh would replace a file with another content.
 
     Notes
     -----
@@ -145,8 +146,10 @@ def _write_packing(box: Contents[ItemInBox], path: Path) -> None:
         shape = placed.item.shape
         file = folder / f"{shape.digest[:16]}.ply"
         if shape.digest not in files:
+            content = export_ply(shape.mesh, vertex_normal=False)
+            require_same(file, content)
             with output_file(file) as out:
-                out.write(export_ply(shape.mesh, vertex_normal=False))
+                out.write(content)
         files[shape.digest] = f"{folder.name}/{file.name}"
     items = [
         {

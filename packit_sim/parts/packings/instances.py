@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections import defaultdict
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import ArgumentError, MeshError, PackFormatError, located
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import replace_text, require_same
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import split
 from packit_sim.libraries.data_files import read_bytes
@@ -37,6 +38,7 @@ __all__ = [
     "instances_in",
     "read_instance",
     "read_solution",
+    "require_free_instance",
     "write_instance",
     "write_solution",
 ]
@@ -179,17 +181,15 @@ def write_instance(types: Sequence[ItemType], container: BoxContainer, path: Pat
     Raises
     ------
     ArgumentError
-        If the file's name does not end in .json, or two types have the same name, apart from its
-        suffix.
+        If the file's name does not end in .json, two types have the same name, apart from its
+        suffix, or a mesh would replace a file with another content.
     OSError
         If a file can't be written.
     """
     path = Path(path)
     if path.suffix != ".json":
         raise ArgumentError(f"{path} is not possible for an instance: choose a .json file")
-    names = [re.sub(r"[^\w.-]", "-", Path(each.name).stem) + ".obj" for each in types]
-    if len(set(names)) < len(names):
-        raise ArgumentError(f"the names of item types are not different: {', '.join(names)}")
+    names = require_free_instance(types, path)
     folder = path.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     for name, item_type in zip(names, types, strict=True):
@@ -204,6 +204,24 @@ def write_instance(types: Sequence[ItemType], container: BoxContainer, path: Pat
         ],
     }
     replace_text(path, json.dumps(instance, indent=1, ensure_ascii=False) + "\n")
+
+
+def require_free_instance(types: Sequence[ItemType], path: Path) -> list[str]:
+    """Return the names of an instance's meshes.
+
+    Raises
+    ------
+    ArgumentError
+        If two are the same, or one is that of a file with another content.
+    """
+    names = [re.sub(r"[^\w.-]", "-", Path(each.name).stem) + ".obj" for each in types]
+    if len(set(names)) < len(names):
+        raise ArgumentError(f"the names of item types are not different: {', '.join(names)}")
+    for name, each in zip(names, types, strict=True):
+        file = path.with_suffix("") / name
+        if os.path.lexists(file):
+            require_same(file, obj_text(each.vertices, each.faces).encode())
+    return names
 
 
 def write_solution(packing: Packing, path: Path | str, instance: str = "") -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from msgspec import Meta, Struct
 from packit_sim.core import typed_json
 from packit_sim.core.check_reports import FileProblem, Report, named
 from packit_sim.core.errors import MeshError, PackFormatError, located
-from packit_sim.core.files import replace_text
+from packit_sim.core.files import replace_text, require_same
 from packit_sim.core.sums import plain_sum
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.motions import IDENTITY, matrix_fault
@@ -138,10 +139,13 @@ def write_packing(
 
     Raises
     ------
+    ArgumentError
+        If a mesh would replace a file with another content.
     OSError
         If a file can't be written.
     """
     path = Path(path)
+    require_free_meshes(types, path)
     used = {placement.type for placement in placements}
     meshes = {number: _mesh_path(types[number], path) for number in sorted(used)}
     items = [
@@ -179,11 +183,30 @@ def _mesh_path(item_type: ItemType, path: Path) -> str:
             relative = file.relative_to(folder).as_posix()
             if is_inside(relative):
                 return relative
-    meshes = path.with_name(f"{path.stem}-meshes")
+    file = _own_mesh(item_type, path)
+    meshes = file.parent
     meshes.mkdir(exist_ok=True)
-    file = meshes / f"{item_type.digest[:16]}.obj"
     replace_text(file, obj_text(item_type.vertices, item_type.faces))
     return f"{meshes.name}/{file.name}"
+
+
+def _own_mesh(item_type: ItemType, path: Path) -> Path:
+    """Return the file of a mesh that is written next to a packing."""
+    return path.with_name(f"{path.stem}-meshes") / f"{item_type.digest[:16]}.obj"
+
+
+def require_free_meshes(types: Sequence[ItemType], path: Path) -> None:
+    """Refuse a packing's file if one of its meshes would replace a file with another content.
+
+    Raises
+    ------
+    ArgumentError
+        If there is such a file.
+    """
+    for each in types:
+        file = _own_mesh(each, path)
+        if os.path.lexists(file):
+            require_same(file, obj_text(each.vertices, each.faces).encode())
 
 
 def obj_text(vertices: Floats, faces: Ints) -> str:
