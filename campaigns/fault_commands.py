@@ -22,12 +22,15 @@ from packit_agents.learning.weights import read_weights
 from packit_agents.placements import champion_training
 from packit_agents.placements.network import PlacementNetwork
 from packit_sim.cli.app import main
-from packit_sim.game.datasets.pack_files import dataset_file, read_packs
+from packit_sim.core.files import digest_of
+from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
 from packit_sim.game.evaluation import results_store
+from packit_sim.game.evaluation.evaluation import evaluate
 from packit_sim.game.evaluation.results import read_results
 from packit_sim.game.generation import jobs
 from packit_sim.libraries import importer
 from packit_sim.libraries.library import ShapeLibrary
+from packit_sim.parts.packings.instances import read_instance, read_solution
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.render.renderers import RENDERER_VARIABLE
 
@@ -44,6 +47,9 @@ FOREIGN = {
     "run.old/checkpoint.pt": "mine",
     "packs.manifest.json": "mine",
     "packed.old/packing.json": "{}",
+    "packed/notes.txt": "mine",
+    "packed/packing-7.png": "mine",
+    "packed/meshes/box-0.stl": "mine",
 }
 """Files of the user next to the output, some with names like those of the product."""
 
@@ -70,6 +76,8 @@ class Command:
         with the last answer, and may end with another that is as good.
     cluster : bool
         Whether the fault of a lost machine of a cluster is tried.
+    change : str
+        What is other than in the command before it, where a command is tried with several changes.
     """
 
     name: str
@@ -79,6 +87,12 @@ class Command:
     workers: bool = True
     repeats: bool = True
     cluster: bool = False
+    change: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name of the command and the change."""
+        return f"{self.name} {self.change}".strip()
 
     def run(self, workers: int = 1, arguments: Iterable[str] | None = None) -> None:
         """Run the command in this process, in the working directory, up to its `sys.exit`."""
@@ -96,6 +110,12 @@ def prepare_inputs(workspace: Path) -> None:
     lines = dataset_file("starter").read_text().splitlines(keepends=True)
     few = "".join(sorted(lines, key=len)[:2])  # few items
     (workspace / "tasks.jsonl").write_text(few)
+    packs = read_packs(workspace / "tasks.jsonl")
+    tasks = [pack.task(ShapeLibrary.open(DEFAULT_LIBRARY)) for pack in packs]
+    evaluate(["random/aligned/blbf"], tasks, 0, file=workspace / "results.jsonl")
+    (workspace / "changed").mkdir()
+    for n in range(2):
+        creation.box((1, 1, 1.5 + n)).export(workspace / "changed" / f"box-{n}.stl")
     (workspace / "splits").mkdir()
     for split in ("train", "validation"):
         (workspace / "splits" / f"{split}.jsonl").write_text(few)
@@ -186,7 +206,30 @@ def _check_packing(folder: Path, whole: Path) -> None:
     file = folder / "packed" / "packing.json"
     report = verify_packing(file)
     assert report.is_valid, report.problems[0]
-    assert len(json.loads(file.read_text())["items"]) in (2, 3), "parts are lost"
+    record = json.loads(file.read_text())
+    assert len(record["items"]) in (2, 3), "parts are lost"
+    for name, digest in record["files"].items():
+        own = file.parent / name
+        assert not own.exists() or digest_of(own) == digest, f"{name} is of another packing"
+
+
+def _check_nest(folder: Path, whole: Path) -> None:
+    """A packing, a solution and an instance that can be read, of the search before or this one."""
+    file = folder / "nested" / "packing.json"
+    report = verify_packing(file)
+    assert report.is_valid, report.problems[0]
+    read_solution(folder / "nested" / "solution.json")
+    read_instance(folder / "nested" / "instance.json")
+
+
+def _check_page(folder: Path, whole: Path) -> None:
+    page = folder / "page.html"
+    assert page.read_text().rstrip().endswith("</html>")
+
+
+def _check_export(folder: Path, whole: Path) -> None:
+    """A packing that holds, of one pack or the other."""
+    assert verify_packing(folder / "exported" / "box.json").is_valid
 
 
 def _check_pictures(folder: Path) -> None:
@@ -214,8 +257,16 @@ _PACK = (
     *("--iterations", "20", "--workers", "1"),
 )
 
+_NEST = (
+    *("cut-cube-8", "--iterations", "2", "--workers", "1"),
+    *("--instance-out", f"{OUT}/nested/instance.json", "--out", f"{OUT}/nested/solution.json"),
+    *("--packing", f"{OUT}/nested/packing.json"),
+)
+_REPORT = ("results.jsonl", "--out", f"{OUT}/page.html")
+_EXPORT = ("tasks.jsonl", "--out", f"{OUT}/exported/box.json")
+
 COMMANDS = {
-    each.name: each
+    each.title: each
     for each in (
         Command("generate", (*_EVOLVE, "2"), (*_EVOLVE, "1"), _check_packs, cluster=True),
         Command(
@@ -261,6 +312,34 @@ COMMANDS = {
             workers=False,
             repeats=False,
         ),
+        Command(
+            "pack",
+            ("changed", *_PACK),
+            ("fewer", *_PACK),
+            _check_packing,
+            workers=False,
+            repeats=False,
+            change="changed parts",
+        ),
+        Command(
+            "pack",
+            ("meshes", *_PACK, "--box", "5x4x4mm", "--instructions"),
+            ("meshes", *_PACK),
+            _check_packing,
+            workers=False,
+            repeats=False,
+            change="changed box",
+        ),
+        Command(
+            "nest",
+            (*_NEST, "--seed", "1"),
+            (*_NEST, "--seed", "2"),
+            _check_nest,
+            workers=False,
+        ),
+        Command("report", _REPORT, (*_REPORT, "--title", "x"), _check_page, workers=False),
+        Command("export", (*_EXPORT, "--pack", "1"), _EXPORT, _check_export, workers=False),
     )
 }
-"""The commands by name. `generate`, `evaluate`, `shapes import` and `pack` have output to lose."""
+"""The commands by name and change. Only `train`, `train-champion` and `reproduce` have no output to
+lose."""
