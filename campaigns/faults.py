@@ -83,11 +83,11 @@ def run(
                 count, problems = tried(bench, FAULTS[name], seed, minutes * 60)
                 if not count:
                     continue
-                trials = results["trials"].setdefault(name, {}).setdefault(command.name, {})
+                trials = results["trials"].setdefault(name, {}).setdefault(command.title, {})
                 seconds = round(time.monotonic() - started, 1)
                 trials[str(seed)] = {"tried": count, "problems": problems, "seconds": seconds}
                 write_json(out / "faults.json", results)
-                console.print(f"{command.name}, {name}: {count} tried, {len(problems)} lost")
+                console.print(f"{command.title}, {name}: {count} tried, {len(problems)} lost")
                 for problem in problems:
                     console.print(f"  {problem}", style="red", markup=False, highlight=False)
             os.chdir(home)

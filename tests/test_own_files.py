@@ -328,8 +328,8 @@ def test_nest_replaces_its_own_files_and_no_input(tmp_path) -> None:
         packit("nest", "cut-cube-8", *NEST, *options)
     mesh.write_bytes(before[mesh.relative_to(tmp_path).as_posix()])
     assert contents(tmp_path) == before
+    new = tmp_path / "new.json"
     with pytest.raises(ArgumentError, match="two outputs have the same name"):
-        new = tmp_path / "new.json"
         packit("nest", "cut-cube-8", *NEST, "--out", new, "--instance-out", new)
 
 
