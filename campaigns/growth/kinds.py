@@ -41,7 +41,7 @@ def _valid_seeds(reader: Reader) -> list[bytes]:
 _BEGINNING = 5
 """Bytes by which ASCII and binary files of one format differ."""
 
-_MOST_FILES = 3
+_MOST_FILES = 2
 
 
 def _archive(inside: _Kinds) -> _Kinds:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-LONGEST = 32_768
+LONGEST = 16_384
 """Bytes of the largest file."""
 
 MOST = 8192

@@ -34,9 +34,9 @@ _BITS = (
 
 _WORD = re.compile(rb"[^\s<>\"'=/,;\[\](){}:]+")
 
-_MOST_LINES = 24
+_MOST_LINES = 8
 
-_MOST_WORDS = 24
+_MOST_WORDS = 8
 
 
 def text(data: bytes) -> Iterator[Repetition]:

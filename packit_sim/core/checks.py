@@ -25,8 +25,11 @@ class Range:
     ends: str = "[]"
 
     def __contains__(self, value: float) -> bool:
-        above = self.low < value if self.ends[0] == "(" else self.low <= value
-        return above and (value < self.high if self.ends[1] == ")" else value <= self.high)
+        try:
+            above = self.low < value if self.ends[0] == "(" else self.low <= value
+            return above and (value < self.high if self.ends[1] == ")" else value <= self.high)
+        except TypeError:  # of what is no number
+            return False
 
     def __str__(self) -> str:
         if self.ends == "[]" and self.high < math.inf:
@@ -41,6 +44,9 @@ class Range:
         return ", ".join(parts)
 
 
+_MOST_SHOWN = 80
+"""Most characters or digits of a value in a message."""
+
 POSITIVE = Range(0, ends="()")
 """All finite numbers above 0."""
 
@@ -49,11 +55,18 @@ Valid: TypeAlias = Range | tuple[bool, str]
 """The valid range of a number, or whether a value is valid and a description of valid values."""
 
 
+def shown(value: object) -> str:
+    """Return a value as messages show it; Python prints no integer of more than 4,300 digits."""
+    if isinstance(value, int) and abs(value) >= 10**_MOST_SHOWN:
+        return f"of {int(math.log10(abs(value))) + 1:,} digits"
+    return f"{value!r:.{_MOST_SHOWN}}"
+
+
 def check_range(name: str, value: Any, valid: Valid, unit: str = "") -> None:
     """Raise ArgumentError, which lists the valid values, if a value is not valid."""
     holds, description = (value in valid, valid) if isinstance(valid, Range) else valid
     if not holds:
-        raise ArgumentError(f"{name} {value!r} is not possible: {description} {unit}".rstrip())
+        raise ArgumentError(f"{name} {shown(value)} is not possible: {description} {unit}".rstrip())
 
 
 def as_integer(name: str, value: Any) -> int:
@@ -82,7 +95,7 @@ def as_integer(name: str, value: Any) -> int:
         return operator.index(value)
     except TypeError:
         raise ArgumentError(
-            f"{name} {value!r:.80} is not possible: it must be an integer"
+            f"{name} {shown(value)} is not possible: it must be an integer"
         ) from None
 
 

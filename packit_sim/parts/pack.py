@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.progress import Progress, unseen
 from packit_sim.parts.filling.candidates import in_order
@@ -15,6 +15,7 @@ from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.search import PackingSearch
 from packit_sim.parts.filling.task import Goal, PackSettings
+from packit_sim.parts.packings.bounds import SECONDS, SEEDS
 from packit_sim.parts.reading.boxes import Boxes
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.exports import write_result
@@ -103,8 +104,8 @@ def pack(
     (LeftOut(name='block', count=2, reason='no space was found'),)
     """
     start = clock.perf_counter()
-    check_range("time", time, POSITIVE)
-    check_range("seed", as_integer("seed", seed), Range(0))
+    check_range("time", time, SECONDS)
+    check_range("seed", as_integer("seed", seed), SEEDS)
     task = prepared_task(parts, box, objective, settings or PackSettings(), progress)
     end = start + time
     now = clock.perf_counter()

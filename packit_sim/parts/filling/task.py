@@ -12,12 +12,13 @@ from typing import Literal, get_args
 import numpy as np
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.parallel import SearchBackend, check_search_workers
 from packit_sim.parts.handling.constraints import Constraints, CustomConstraint
 from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.bounds import COUNTS, DISTANCES, ITERATIONS, LENGTHS
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -83,7 +84,7 @@ class PackSettings:
     Raises
     ------
     ArgumentError
-        If a clearance is negative, or the accuracy is not above 0.
+        If a number is out of bounds.
     WorkersError
         If the search can't have such workers.
 
@@ -96,7 +97,7 @@ class PackSettings:
     >>> PackSettings(clearance=-1.0)
     Traceback (most recent call last):
         ...
-    packit_sim.core.errors.ArgumentError: clearance -1.0 is not possible: at least 0, finite
+    packit_sim.core.errors.ArgumentError: clearance -1.0 is not possible: 0 to 1e+30
     """
 
     clearance: float = 0.0
@@ -118,12 +119,15 @@ class PackSettings:
     stop: threading.Event | None = None
 
     def __post_init__(self) -> None:
-        check_range("clearance", self.clearance, Range(0, ends="[)"))
-        check_range("wall clearance", self.wall_clearance, Range(0, ends="[)"))
-        if self.accuracy is not None:
-            check_range("accuracy", self.accuracy, POSITIVE)
-        if self.boxes is not None:
-            check_range("boxes", as_integer("boxes", self.boxes), Range(1))
+        check_range("clearance", self.clearance, DISTANCES)
+        check_range("wall clearance", self.wall_clearance, DISTANCES)
+        for name in ("accuracy", "stable"):
+            if getattr(self, name) is not None:
+                check_range(name, getattr(self, name), LENGTHS)
+        for name, valid in (("boxes", COUNTS), ("iterations", ITERATIONS)):
+            value = getattr(self, name)
+            if value is not None:
+                check_range(name, as_integer(name, value), valid)
         if self.unit is not None:
             check_unit(self.unit)
         check_search_workers(self.workers, self.backend, self.address)

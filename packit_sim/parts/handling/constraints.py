@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Protocol
 
-from packit_sim.core.checks import POSITIVE, Range, check_range
+from packit_sim.core.checks import Range, check_range
 from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.packings.bounds import LENGTHS, LOADS
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.physics.settings import PhysicsSettings
 
@@ -80,10 +81,10 @@ class Constraints:
 
     def __post_init__(self) -> None:
         if self.stable is not None:
-            check_range("stable", self.stable, POSITIVE)
-        check_range("metres", self.metres, POSITIVE)
+            check_range("stable", self.stable, LENGTHS)
+        check_range("metres", self.metres, LENGTHS)
         for load in self.max_loads.values():
-            check_range("max_load", load, Range(0, ends="[)"))
+            check_range("max_load", load, LOADS)
         for mass in self.masses or ():
             check_range("mass", mass, Range(0, ends="[)"))
         if self.masses is None and (self.max_loads or self.stable is not None):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError, PackItError
 from packit_sim.core.parallel import SearchBackend, search_workers
 from packit_sim.core.plain_text import plain_logger
@@ -36,6 +36,7 @@ from packit_sim.parts.nesting.tasks import (
     Solution,
 )
 from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.bounds import ITERATIONS, SECONDS, SEEDS
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.packing import Packing
@@ -175,10 +176,10 @@ def nest(
     began = now()
     types = _item_types(items)
     containers = _containers(container)
-    check_range("time", time, POSITIVE)
-    check_range("seed", as_integer("seed", seed), Range(0))
+    check_range("time", time, SECONDS)
+    check_range("seed", as_integer("seed", seed), SEEDS)
     if settings.iterations is not None:
-        check_range("iterations", as_integer("iterations", settings.iterations), Range(1))
+        check_range("iterations", as_integer("iterations", settings.iterations), ITERATIONS)
     empty = Packing(types, containers[0], (), clearance, objective)
     _check(empty, containers)
     units = [each.longest for each in containers]

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from packit_sim.core.errors import ArgumentError
 from packit_sim.geometry.arrays import Floats
+from packit_sim.parts.packings.bounds import LENGTHS
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.lengths import LENGTHS
 from packit_sim.parts.packings.rotation_sets import FIXED
 
 _WALLS = (("left", "right"), ("back", "front"), ("bottom", "top"))
@@ -66,7 +66,9 @@ class BoxContainer:
         try:
             x, y, z = (float(side) for side in self.size)
         except (TypeError, ValueError):
-            raise ArgumentError(f"size {self.size!r} is not possible: three numbers") from None
+            raise ArgumentError(f"size {self.size!r:.80} is not possible: three numbers") from None
+        except OverflowError:  # of an integer of hundreds of digits
+            raise ArgumentError(f"a side is not possible: {LENGTHS}") from None
         for axis, side in zip("xyz", (x, y, z), strict=True):
             if not (side in LENGTHS or (axis == "z" and side == math.inf)):
                 open_top = ", or infinite for a strip" if axis == "z" else ""

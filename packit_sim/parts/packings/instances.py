@@ -26,9 +26,9 @@ from packit_sim.core.files import replace_text, require_same
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import split
 from packit_sim.libraries.data_files import read_bytes
+from packit_sim.parts.packings.bounds import Extent, PoseRows
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.lengths import Extent, PoseRows
 from packit_sim.parts.packings.mesh_paths import file_inside, is_inside, root_of
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import obj_text

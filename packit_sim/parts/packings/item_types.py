@@ -19,7 +19,7 @@ from packit_sim.geometry.repair import clean_mesh, repair_mesh
 from packit_sim.geometry.shapes import Item, Shape
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.packings import rotation_sets
-from packit_sim.parts.packings.lengths import LENGTHS, MAX_LENGTH
+from packit_sim.parts.packings.bounds import LENGTHS, MAX_LENGTH
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,9 @@ from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.motions import IDENTITY, matrix_fault
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.packings import validity
+from packit_sim.parts.packings.bounds import MAX_LENGTH, Extent, PoseRows
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.lengths import MAX_LENGTH, Extent, PoseRows
 from packit_sim.parts.packings.mesh_paths import file_inside, is_inside
 from packit_sim.parts.packings.placements import Placement
 

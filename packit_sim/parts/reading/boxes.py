@@ -6,9 +6,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from packit_sim.core.checks import Range, as_integer, check_range
+from packit_sim.core.checks import as_integer, check_range, shown
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.length_units import Unit
+from packit_sim.parts.packings.bounds import COUNTS
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.reading.units import lengths, unit_of
 
@@ -53,7 +54,7 @@ class BoxType:
         object.__setattr__(self, "size", container.size)
         if self.count is not None:
             what = f"the number of boxes {self.name!r}"
-            check_range(what, as_integer(what, self.count), Range(1, 10_000))
+            check_range(what, as_integer(what, self.count), COUNTS)
 
     @property
     def container(self) -> BoxContainer:
@@ -90,11 +91,11 @@ class BoxType:
         match = _NAMED.fullmatch(text.strip())
         if match is None:
             raise ArgumentError(
-                f"box {text!r} is not possible: such as 300x200x150mm or A:30x20x15cm"
+                f"box {shown(text)} is not possible: such as 300x200x150mm or A:30x20x15cm"
             )
         x, y, z = lengths(match["size"], 3, unit, plain)
         own = int(match["count"]) if match["count"] else count
-        with located(f"box {text!r}", ArgumentError):
+        with located(f"box {shown(text)}", ArgumentError):
             return cls((x, y, z), (match["name"] or "box").strip(), own)
 
 

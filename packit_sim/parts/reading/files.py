@@ -19,7 +19,7 @@ from packit_sim.libraries.folder import MeshFolder
 from packit_sim.libraries.mesh_files import SUFFIXES, read, read_parts
 from packit_sim.libraries.raw_meshes import RawPart
 from packit_sim.libraries.step_files import SUFFIXES as STEP
-from packit_sim.parts.packings.lengths import LENGTHS
+from packit_sim.parts.packings.bounds import LENGTHS
 from packit_sim.parts.reading.file_copies import FileCopies, FileCopy
 from packit_sim.parts.reading.manifest import MANIFESTS, ManifestRow, read_manifest
 from packit_sim.parts.reading.part import Part, rotation_set

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import ArgumentError, located
-from packit_sim.core.typed_json import refuse_long_integers
+from packit_sim.core.typed_json import MAX_DIGITS, refuse_long_integers
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.reading.tables import (
     Table,
@@ -279,6 +279,10 @@ def _value(name: str, value: Any, is_comma: bool) -> object:
         return as_number(value, is_comma)
     if kind is int and not isinstance(value, int):
         if isinstance(value, str) and re.fullmatch(r"[+-]?[0-9]+", value):
+            if len(value) > MAX_DIGITS:
+                raise ArgumentError(
+                    f"of {len(value):,} digits is not possible: at most {MAX_DIGITS}"
+                )
             return int(value)
         number = as_number(value, is_comma)
         if int(number) != number:

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
-from packit_sim.core.checks import POSITIVE, Range, as_integer, check_range
+from packit_sim.core.checks import as_integer, check_range
 from packit_sim.core.errors import ArgumentError, located
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.plain_text import plain_line
@@ -19,22 +19,30 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.geometry.shapes import UP_AXES
 from packit_sim.parts.packings import rotation_sets
+from packit_sim.parts.packings.bounds import (
+    COUNTS,
+    DENSITIES,
+    DISTANCES,
+    LENGTHS,
+    LOADS,
+    MASSES,
+    PRIORITIES,
+    VALUES,
+)
 from packit_sim.parts.reading.file_copies import FileCopy
 from packit_sim.parts.reading.units import check_unit, factor
 
 UPRIGHT = "upright"
 """Another name of `yaw-4`: quarter turns about the vertical axis."""
 
-MAX_COUNT = 10_000
-"""Most of one part."""
-
-VALUES = Range(0, 1e12)
-
-MASSES = Range(1e-9, 1e12)
-"""Grams: sums of such masses, and means by them, are precise."""
-
-DENSITIES = Range(1e-9, 1e6)
-"""Grams per cubic centimetre."""
+_BOUNDS = {
+    "value": VALUES,
+    "mass": MASSES,
+    "density": DENSITIES,
+    "unit_cm": LENGTHS,
+    "max_load": LOADS,
+}
+"""The valid values of fields that may be None."""
 
 _MAX_NAME = 100
 """Most bytes of a name that becomes part of a file's name, which has at most 255."""
@@ -68,9 +76,9 @@ class Part:
     mesh : trimesh.Trimesh
         The mesh, in the coordinates of its file.
     count : int
-        How many of it to pack, 1 to `MAX_COUNT`.
+        How many of it to pack, 1 to 10,000.
     value : float, optional
-        Its value, one of `VALUES`, for the objective "value"; without one it counts as 1 there.
+        Its value, 0 to 1e12, for the objective "value"; without one it counts as 1 there.
     rotations : str
         How it may turn, from its orientation in the file: fixed, yaw-N, axis-N, cube, free, or
         upright.
@@ -140,16 +148,13 @@ class Part:
         object.__setattr__(self, "name", plain_line(self.name))
         where = f"part {self.name!r}:"
         count = as_integer(f"{where} count", self.count)
-        check_range(f"{where} count", count, Range(1, MAX_COUNT))
-        as_integer(f"{where} priority", self.priority)
-        if self.value is not None:
-            check_range(f"{where} value", self.value, VALUES)
-        for name, valid in (("mass", MASSES), ("density", DENSITIES), ("unit_cm", POSITIVE)):
+        check_range(f"{where} count", count, COUNTS)
+        priority = as_integer(f"{where} priority", self.priority)
+        check_range(f"{where} priority", priority, PRIORITIES)
+        for name, valid in _BOUNDS.items():
             if getattr(self, name) is not None:
                 check_range(f"{where} {name}", getattr(self, name), valid)
-        if self.max_load is not None:
-            check_range(f"{where} max_load", self.max_load, Range(0, ends="[)"))
-        check_range(f"{where} deviation", self.deviation, Range(0, ends="[)"))
+        check_range(f"{where} deviation", self.deviation, DISTANCES)
         if self.up not in UP_AXES:
             raise ArgumentError(f"{where} up axis {self.up!r}: choose from {', '.join(UP_AXES)}")
         check_unit(self.unit)

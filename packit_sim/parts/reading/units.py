@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from typing import get_args
 
+from packit_sim.core.checks import shown
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.length_units import UNITS_CM, Unit
+from packit_sim.parts.packings.bounds import DISTANCES
 
 UNITS: tuple[Unit, ...] = get_args(Unit)
 """The names of the units of length."""
@@ -67,16 +69,19 @@ def lengths(text: str, count: int, unit: Unit, plain: Unit | None = None) -> tup
     Raises
     ------
     ArgumentError
-        If the text is something else, or its unit is not known.
+        If the text is something else, its unit is not known, or a length is out of bounds.
     """
     match = _LENGTHS.fullmatch(text.strip())
     numbers = re.split(r"\s*[xX*]\s*", match[1]) if match else []
     if match is None or len(numbers) != count:
         example = "300x200x150mm" if count > 1 else "1mm"
         what = f"{count} lengths" if count > 1 else "a length"
-        raise ArgumentError(f"{text!r} is not {what} with a unit, such as {example}")
+        raise ArgumentError(f"{shown(text)} is not {what} with a unit, such as {example}")
     own = check_unit(match[2]) if match[2] else plain or unit
-    return tuple(float(number) * factor(own, unit) for number in numbers)
+    found = tuple(float(number) * factor(own, unit) for number in numbers)
+    if not all(each in DISTANCES for each in found):
+        raise ArgumentError(f"{shown(text)} is not possible: lengths are {DISTANCES} {unit}")
+    return found
 
 
 def unit_of(text: str) -> Unit | None:

@@ -23,8 +23,8 @@ from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.packings import rotation_sets
+from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.containers import BoxContainer
-from packit_sim.parts.packings.lengths import PoseRows
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.packings.validity import CheckedItem, pair_problems

@@ -20,7 +20,7 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
-from packit_sim.parts.packings.lengths import PoseRows
+from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.results.check import check
