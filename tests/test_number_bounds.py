@@ -21,7 +21,7 @@ LONG = 10**5000  # more digits than Python prints
 SIDE = "1" * 400
 
 
-@pytest.mark.parametrize("text", ["1e308mm", "1e31mm", "1e400", SIDE, f"{SIDE}mm", "1e30m", "-1"])
+@pytest.mark.parametrize("text", ["1e308mm", "1e31mm", "1e400", SIDE, f"{SIDE}mm", "1e30m"])
 @pytest.mark.parametrize("sides", ["{}", "10x10x{}"])
 def test_a_text_of_an_impossible_length(sides: str, text: str) -> None:
     sides = sides.format(text)

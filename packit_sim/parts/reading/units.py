@@ -79,7 +79,7 @@ def lengths(text: str, count: int, unit: Unit, plain: Unit | None = None) -> tup
         raise ArgumentError(f"{shown(text)} is not {what} with a unit, such as {example}")
     own = check_unit(match[2]) if match[2] else plain or unit
     found = tuple(float(number) * factor(own, unit) for number in numbers)
-    if not all(each in DISTANCES for each in found):
+    if not all(abs(each) in DISTANCES for each in found):
         raise ArgumentError(f"{shown(text)} is not possible: lengths are {DISTANCES} {unit}")
     return found
 
