@@ -198,6 +198,16 @@ class Scene:
             if self._contacts is not None:
                 self._contacts.close()
 
+    def __getstate__(self) -> tuple[BoxState[ItemInBox], bool]:
+        """Return what a copy gets: the box, for a world of its own, and whether it is closed."""
+        return BoxState(self._cells, tuple(self._bodies)), self._closed
+
+    def __setstate__(self, state: tuple[BoxState[ItemInBox], bool]) -> None:
+        box, is_closed = state
+        self.__init__(box)  # type: ignore[misc] # a new world
+        if is_closed:
+            self.close()
+
     def __enter__(self) -> Scene:
         return self
 

@@ -6,6 +6,7 @@ or the C-order index of a location. `action_mask` in the observation marks the v
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -365,6 +366,14 @@ class PackItEnv(gym.Env[Observation, np.int64]):
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy gets: all but the scene and the page, which it opens for itself."""
+        return vars(self) | {"_scene": None, "_viewer": None}
+
+    def __copy__(self) -> PackItEnv:
+        """Copy it with its episode: two environments can't play one."""
+        return copy.deepcopy(self)
 
     def _show(self) -> None:
         """Bring the page up to date if the render mode is "human"."""

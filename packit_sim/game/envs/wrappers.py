@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.wrappers import FilterObservation
 
 from packit_sim.core.errors import ArgumentError
 
@@ -55,7 +54,7 @@ def features_only(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
         raise ArgumentError(f"the observations must be dicts, not of space {space}")
-    return FilterObservation(env, [key for key in space if key != "action_mask"])
+    return FeaturesOnly(env)
 
 
 def flattened(env: gym.Env[Any, Any]) -> gym.Env[Vector, Any]:
@@ -86,6 +85,22 @@ def flattened(env: gym.Env[Any, Any]) -> gym.Env[Vector, Any]:
             f"most {MAX_FLAT:,} are possible: make the environment with observation='features'"
         )
     return FlattenFloat32(fields)
+
+
+class FeaturesOnly(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
+    """Gymnasium's FilterObservation without "action_mask", which can also be pickled."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        RecordConstructorArgs.__init__(self)
+        gym.ObservationWrapper.__init__(self, env)
+        assert isinstance(env.observation_space, spaces.Dict)
+        fields = env.observation_space.items()
+        self.observation_space = spaces.Dict(
+            {name: space for name, space in fields if name != "action_mask"}
+        )
+
+    def observation(self, observation: Any) -> Any:
+        return {name: observation[name] for name in self.observation_space}
 
 
 class FlattenFloat32(gym.ObservationWrapper[Vector, Any, Any], RecordConstructorArgs):
