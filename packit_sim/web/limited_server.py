@@ -42,7 +42,7 @@ class LimitedServer(ThreadingHTTPServer):
         """Serve a connection, unless there are too many."""
         with self._changed:
             if is_full := len(self._open) >= MAX_CONNECTIONS:
-                _log.warning("refused a connection: there are %d already", MAX_CONNECTIONS)
+                _log.debug("refused a connection: there are %d already", MAX_CONNECTIONS)
             else:
                 self._open.add(request)
         if is_full:
