@@ -57,10 +57,10 @@ def killed(by: signal.Signals, ended: Ended) -> str | None:
     return None if ended.code == -by else f"not killed by {by.name}"
 
 
-def stopped(ended: Ended) -> str | None:
-    """Expect the end by Ctrl-C: a line, and no traceback."""
-    if ended.code != 130 or "stopped" not in ended.output:
-        return "not stopped with a line and exit code 130"
+def stopped(ended: Ended, code: int = 130) -> str | None:
+    """Expect the end by Ctrl-C, or another signal: a line, and no traceback."""
+    if ended.code != code or "stopped" not in ended.output:
+        return f"not stopped with a line and exit code {code}"
     return f"more than a line: {ended.errors[-300:]!r}" if ended.errors.strip() else None
 
 
@@ -247,7 +247,7 @@ def _little_memory(bench: Bench, rng: np.random.Generator) -> Trials:
 FAULTS = {
     "kill -9": at_each_change("kill", partial(killed, signal.SIGKILL)),
     "kill -9 within a write": within_a_write(is_kill=True),
-    "SIGTERM": at_each_change("terminate", partial(killed, signal.SIGTERM)),
+    "SIGTERM": at_each_change("terminate", partial(stopped, code=143)),
     "Ctrl-C": at_each_change("interrupt", stopped),
     "disk full": at_each_change("full", refused),
     "disk full within a write": within_a_write(is_kill=False),

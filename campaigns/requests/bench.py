@@ -153,7 +153,9 @@ class Bench:
 
     def _results(self, state: dict[str, Any]) -> list[str]:
         """Check the last result: what can be downloaded is what is on the disk, and verifies."""
-        folders = list(self._own.glob("packing-*"))
+        end = time.monotonic() + SECONDS
+        while len(folders := list(self._own.glob("packing-*"))) > 1 and time.monotonic() < end:
+            time.sleep(0.1)  # the result before is being removed
         names = state.get("result", {}).get("downloads", [])
         if len(folders) != bool(names):
             return [f"{len(folders)} folders of results, {len(names)} files to download"]
@@ -193,8 +195,8 @@ class Bench:
             sizes = []
             for folder in os.listdir(self._own / "parts"):
                 with contextlib.suppress(FileNotFoundError):
-                    for entry in os.scandir(self._own / "parts" / folder):
-                        sizes.append(entry.stat(follow_symlinks=False).st_size)
+                    entries = os.scandir(self._own / "parts" / folder)
+                    sizes += [each.stat(follow_symlinks=False).st_size for each in entries]
             if len(sizes) > LIMITS["MAX_FILES"] or sum(sizes) > LIMITS["MAX_BYTES_TOGETHER"]:
                 self._found.add(f"{len(sizes)} files of {sum(sizes):,} bytes")
             outside = {name.partition("-")[0] for name in os.listdir(self._own)}

@@ -64,7 +64,7 @@ class RequestBody:
         Bytes that are not read.
     """
 
-    def __init__(self, source: BinaryIO, length: int) -> None:
+    def __init__(self, source: io.BufferedIOBase, length: int) -> None:
         self._source = source
         self.left = length
 

@@ -94,13 +94,13 @@ class FeaturesOnly(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs)
         RecordConstructorArgs.__init__(self)
         gym.ObservationWrapper.__init__(self, env)
         assert isinstance(env.observation_space, spaces.Dict)
-        fields = env.observation_space.items()
-        self.observation_space = spaces.Dict(
-            {name: space for name, space in fields if name != "action_mask"}
-        )
+        fields = dict(env.observation_space)
+        del fields["action_mask"]
+        self.observation_space = spaces.Dict(fields)
+        self._names = tuple(fields)
 
     def observation(self, observation: Any) -> Any:
-        return {name: observation[name] for name in self.observation_space}
+        return {name: observation[name] for name in self._names}
 
 
 class FlattenFloat32(gym.ObservationWrapper[Vector, Any, Any], RecordConstructorArgs):

@@ -121,5 +121,5 @@ class PageState:
     def opened(self, name: str) -> BinaryIO | None:
         """Open a file of the last result, which stays readable when the next one replaces it."""
         with self._changing:
-            file = self._result and self._result.files.get(name)
+            file = None if self._result is None else self._result.files.get(name)
             return None if file is None else file.open("rb")
