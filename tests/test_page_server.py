@@ -1,5 +1,6 @@
 """The server of a local page: its connections and bodies, and its answers when they are wrong."""
 
+import contextlib
 import socket
 import threading
 import time
@@ -8,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from packit_sim.core.errors import ArgumentError
-from packit_sim.web import limited_server
+from packit_sim.web import http_server, limited_server
 from packit_sim.web.http_server import HttpRoute, HttpServer, WebAnswer, WebRequest
 
 NEXT = b"GET /ok HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
@@ -100,11 +101,29 @@ def test_connections_are_limited_and_their_places_used_again(server, monkeypatch
         each.close()
     deadline = time.monotonic() + 10
     while time.monotonic() < deadline:
-        with connected(server) as again:
+        with connected(server) as again, contextlib.suppress(ConnectionError):
             again.sendall(NEXT)
             if b"fine" in everything(again):
                 return
     pytest.fail("no place was free again")
+
+
+def test_a_silent_connection_is_closed(monkeypatch) -> None:
+    monkeypatch.setattr(http_server, "SILENT_SECONDS", 0.1)
+    server = HttpServer({("POST", "/echo"): HttpRoute(_echo, 1000)})
+    for sent in (b"", b"POST /echo HT", post("/echo", b"x" * 9)[:-3]):
+        with connected(server) as connection:
+            connection.sendall(sent)
+            assert everything(connection) == b""
+    server.close()
+
+
+def test_no_other_page_can_show_it_and_it_loads_nothing_else(server) -> None:
+    with connected(server) as connection:
+        connection.sendall(NEXT)
+        answer = everything(connection)
+    for policy in (b"default-src 'none'", b"script-src 'self'", b"frame-ancestors 'none'"):
+        assert policy in answer
 
 
 def test_closing_ends_requests_that_are_being_received() -> None:

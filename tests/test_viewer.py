@@ -28,6 +28,7 @@ viser = pytest.importorskip("viser")
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
+from packit_sim.web import connections  # noqa: E402
 from packit_sim.web.origins import is_own_page  # noqa: E402
 
 CAMERA = (
@@ -319,6 +320,15 @@ def test_only_the_servers_own_page_can_open_a_connection(viewer, origin, own) ->
 def test_an_origin_is_the_host_and_a_name_of_this_machine(origin, host, own) -> None:
     assert is_own_page([origin], [host], "box.example") == own
     assert not is_own_page([origin, origin], [host], "box.example")
+
+
+def test_clients_are_limited(viewer: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 2)
+    with browser(viewer), browser(viewer):
+        assert not opened_by(viewer, None)
+    deadline = time.monotonic() + 5
+    while not opened_by(viewer, None):
+        assert time.monotonic() < deadline
 
 
 MALFORMED = {

@@ -20,7 +20,7 @@ from packit_sim.core.plain_text import plain_logger
 from packit_sim.web.limited_server import LimitedServer
 from packit_sim.web.origins import EVERYWHERE, LOOPBACK, is_own_host, is_own_page, refused
 
-_SECONDS = 60.0
+SILENT_SECONDS = 60.0
 """Timeout of a silent connection."""
 
 _CHUNK = 2**20
@@ -164,6 +164,7 @@ class HttpServer:
         class Handler(_Handler):
             own_host = host
             own_routes = routes
+            timeout = SILENT_SECONDS
 
         try:
             self._server = LimitedServer((host, port or 0), Handler)
@@ -186,7 +187,6 @@ class _Handler(BaseHTTPRequestHandler):
     own_host: str
     own_routes: Mapping[tuple[str, str], HttpRoute]
     protocol_version = "HTTP/1.1"
-    timeout = _SECONDS
 
     def do_GET(self) -> None:  # the name that http.server calls
         """Answer a request."""

@@ -95,7 +95,7 @@ class FeaturesOnly(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs)
         gym.ObservationWrapper.__init__(self, env)
         assert isinstance(env.observation_space, spaces.Dict)
         fields = dict(env.observation_space)
-        del fields["action_mask"]
+        fields.pop("action_mask", None)
         self.observation_space = spaces.Dict(fields)
         self._names = tuple(fields)
 
