@@ -1,0 +1,427 @@
+"""Decides whether a record is right, by what it says was asked for and the meshes in its folder.
+
+It imports numpy and scipy, and nothing of PackIt-Sim or trimesh.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from campaigns.forgeries.bodies import Body, read_obj
+from campaigns.packings.random_parts import QUARTERS
+from campaigns.packings.shapes import Floats
+
+UNITS = ("micron", "mm", "cm", "in", "ft", "m")
+
+UPS: Mapping[str, Floats] = {
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+"""From the axes of a file to z up."""
+
+SETS: Mapping[str, Floats] = {
+    "fixed": np.eye(3)[None],
+    "yaw-4": QUARTERS[np.abs(QUARTERS[:, 2, 2] - 1) < 1e-9],
+    "cube": QUARTERS,
+}
+"""The sets of rotations of the cases; the only other one is `free`."""
+
+UNDECIDED = ("value", "priority", "no stack", "max load", "deviation")
+"""Fields of a requested part that the judge does not understand."""
+
+SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints")
+"""The same of the request."""
+
+DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
+
+UNUSUAL = re.compile(r"\d{40}|\\u[dD][89a-fA-F]|[\d.][eE][+-]?\d{3}|[\x00-\x08]")
+"""Numbers and characters of which readers may differ."""
+
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+
+DIGITS = {"volume": 6, "height": 5, "mass": 5}
+
+
+class Verdict(NamedTuple):
+    """Whether a record is right: "right", "wrong", "unstated" without a request, or "open"."""
+
+    state: str
+    reason: str = ""
+
+
+class Wrong(Exception):
+    """What makes a record wrong."""
+
+
+class Judge:
+    """A judge of one record.
+
+    Attributes
+    ----------
+    doubts : list of str
+        What is within the tolerances of the product, or what the judge does not understand.
+    """
+
+    def __init__(self, folder: Path, honest: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.honest = honest
+        self.has_request = True
+        self.doubts: list[str] = []
+
+    def verdict(self, data: bytes) -> Verdict:
+        """Judge the text of a record."""
+        try:
+            record = self._parsed(data)
+            self.has_request = record.get("request") is not None
+            self._record(record) if self.has_request else self._geometry(record)
+        except Wrong as wrong:
+            return Verdict("wrong", str(wrong))
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as e:
+            return Verdict("wrong", f"not of the form: {type(e).__name__} {e}"[:200])
+        if self.doubts:
+            return Verdict("open", self.doubts[0])
+        return Verdict("right" if self.has_request else "unstated")
+
+    def _parsed(self, data: bytes) -> dict[str, Any]:
+        def refuse(text: str) -> None:
+            raise Wrong(f"{text} is not JSON")
+
+        text = data.decode()
+        if UNUSUAL.search(DIGEST.sub("", text)):
+            self.doubts.append("unusual numbers or characters")
+        record = json.loads(text, parse_constant=refuse)
+        if not isinstance(record, dict):
+            raise Wrong("no object")
+        return record
+
+    def _record(self, record: Mapping[str, Any]) -> None:
+        request = record["request"]
+        _require(_number(request["clearance"]) >= 0, "clearance")
+        _require(_number(request["wall clearance"]) >= 0, "wall clearance")
+        for name in ("unit", "objective", "clearance", "wall clearance"):
+            _require(_same(record[name], request[name]), name)
+        _require(request["unit"] in UNITS, "unit")
+        asked = self.honest["request"]
+        for name in ("objective", *SETTINGS):
+            if not _same(request[name], asked[name]):
+                self.doubts.append(f"another {name}")
+        if [box["name"] for box in request["boxes"]] != [box["name"] for box in asked["boxes"]]:
+            self.doubts.append("other boxes")
+        parts = {_text(each["name"]): each for each in request["parts"]}
+        _require(len(parts) == len(request["parts"]), "parts of one name")
+        told = [(each["name"], _integer(each["count"])) for each in record["parts"]]
+        _require(told == [(n, _integer(p["count"])) for n, p in parts.items()], "the parts")
+        known = {each["name"]: each for each in asked["parts"]}
+        for name, part in parts.items():
+            _require(1 <= part["count"] <= 10_000, f"the count of {name}")
+            for key in UNDECIDED:
+                if not _same(part[key], known.get(name, {}).get(key)):
+                    self.doubts.append(f"another {key}")
+        self._boxes(record, request)
+        self._numbers(parts, record)
+        meshes = {n: self.mesh(p, request["unit"]) for n, p in parts.items() if p["mesh"]}
+        self._around(record, request)
+        items = []
+        for item in record["items"]:
+            _require(item["name"] in parts, f"nobody asked for {item['name']!r}")
+            _require(_text(item["mesh"]) == parts[item["name"]]["mesh"], "another mesh")
+            items.append((item["name"], _integer(item["box"]), _pose(item["pose"])))
+        self.places(request, items, record["box names"], meshes)
+        self._told(record, request, items, meshes)
+
+    def _boxes(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
+        sizes = {box["name"]: box for box in request["boxes"]}
+        used = Counter(record["box names"])
+        for name, count in used.items():
+            _require(name in sizes, f"no box {name!r} was asked for")
+            most = sizes[name]["count"]
+            _require(most is None or count <= _integer(most), f"too many boxes {name!r}")
+        for box in request["boxes"]:
+            _require(all(_number(side) > 0 for side in box["size"]), "a side")
+        own = [sizes[name]["size"] for name in record["box names"]]
+        _require(record["boxes"] == own and record["box"] == own[0], "the sizes of the boxes")
+
+    def _numbers(self, parts: Mapping[str, Any], record: Mapping[str, Any]) -> None:
+        packed, left = Counter(item["name"] for item in record["items"]), Counter[str]()
+        for each in record["left out"]:
+            left[_text(each["name"])] += _integer(each["count"])
+        for name, part in parts.items():
+            _require(packed[name] + left[name] == part["count"], f"the number of {name!r}")
+            _require(left[name] >= 0, f"the number of {name!r}")
+        _require(set(left) <= set(parts), "others are left out")
+
+    def mesh(self, part: Mapping[str, Any], unit: str) -> Body:
+        """Read the mesh of a part."""
+        path = self.folder / _text(part["mesh"])
+        self._in_folder(path)
+        data = path.read_bytes()
+        _require(hashlib.sha256(data).hexdigest() == part["sha256"], "another digest")
+        _require(_number(part["scale"]) > 0 and part["up"] in UPS, "the scale or the axis")
+        return read_obj(data.decode())
+
+    def _around(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
+        asked = [(part, False) for part in request["keep out"]]
+        asked += [(part, True) for part in request["fixed"]]
+        _require(len(asked) == len(record["obstacles"]), "the obstacles")
+        for (part, is_part), told in zip(asked, record["obstacles"], strict=True):
+            same = (told["name"], told["mesh"], told["is part"]) == (
+                *(part["name"], part["mesh"], is_part),
+            )
+            _require(same and isinstance(told["is part"], bool), "an obstacle")
+            place = np.zeros((4, 4))
+            place[:3, :3] = part["scale"] * UPS[part["up"]]
+            place[3, 3] = 1
+            _require(np.allclose(_pose(told["pose"]), place, 1e-6, 0), "the place of an obstacle")
+            if not _same(part["rotations"], "fixed") or not _same(part["count"], 1):
+                self.doubts.append("an obstacle that turns")
+
+    def places(
+        self,
+        request: Mapping[str, Any],
+        items: Sequence[tuple[str, int, Floats]],
+        box_names: Sequence[str],
+        meshes: Mapping[str, Body],
+    ) -> None:
+        """Judge items, each a name, the number of a box and a pose, by the meshes of their files.
+
+        Raises
+        ------
+        Wrong
+            If an item is not as it was asked for, or where nothing may be.
+        """
+        parts = {each["name"]: each for each in request["parts"]}
+        sizes = {box["name"]: np.array(box["size"], float) for box in request["boxes"]}
+        clearance, walls = request["clearance"], request["wall clearance"]
+        placed: list[tuple[int, Body]] = []
+        for name, box, pose in items:
+            _require(0 <= box < len(box_names) and name in meshes, f"the box of {name!r}")
+            self._turn(parts[name], pose)
+            body, size = meshes[name].moved(pose), sizes[box_names[box]]
+            self._inside(body, size, walls)
+            placed.append((box, body))
+        around = [
+            self.mesh(part, request["unit"]).moved(_upright(part))
+            for part in (*request["keep out"], *request["fixed"])
+        ]
+        self._apart(placed, [sizes[name] for name in box_names], clearance, around)
+
+    def _inside(self, body: Body, size: Floats, walls: float) -> None:
+        depth = float(np.maximum(walls - body.low, body.high - (size - walls)).max())
+        longest = float(size.max())
+        slack = _tolerance(longest, body) if walls == 0 else 1e-7 * longest
+        self._at_most(depth, slack, 3 * slack + 2e-6 * longest, "in the walls")
+
+    def _apart(
+        self,
+        placed: Sequence[tuple[int, Body]],
+        sizes: Sequence[Floats],
+        clearance: float,
+        around: Sequence[Body],
+    ) -> None:
+        """Judge bodies, each in a box, and obstacles in all boxes."""
+        for n, (box, body) in enumerate(placed):
+            longest = float(sizes[box].max())
+            for other in (*(one for own, one in placed[:n] if own == box), *around):
+                self._between(body, other, clearance, longest)
+
+    def counts(
+        self, request: Mapping[str, Any], names: Sequence[str], box_names: Sequence[str]
+    ) -> None:
+        """Judge how many of each part and of each box there are.
+
+        Raises
+        ------
+        Wrong
+            If there are more than were asked for.
+        """
+        for group, own in ((request["parts"], names), (request["boxes"], box_names)):
+            most = {each["name"]: each["count"] for each in group}
+            for name, number in Counter(own).items():
+                limit = most.get(name, 0)
+                _require(limit is None or number <= limit, f"{number} of {name!r}")
+
+    def _turn(self, part: Mapping[str, Any], pose: Floats) -> None:
+        """Judge the size and the rotation of an item."""
+        _require(pose[3].tolist() == [0, 0, 0, 1], "the last row")
+        turn = pose[:3, :3] / part["scale"] @ UPS[part["up"]].T
+        size = float(np.abs(turn.T @ turn - np.eye(3)).max())
+        self._at_most(size, 3e-7, 1e-5, "another size, or sheared")
+        _require(np.linalg.det(turn) > 0, "mirrored")
+        if part["rotations"] == "free":
+            return
+        _require(part["rotations"] in SETS, "no rotations")
+        far = float(np.abs(SETS[part["rotations"]] - turn).max(axis=(1, 2)).min())
+        self._at_most(far, 3e-7, 1e-5, "a rotation that nobody asked for")
+
+    def _between(self, one: Body, other: Body, clearance: float, longest: float) -> None:
+        gap = one.gap(other)
+        width = min(_tolerance(longest, one), _tolerance(longest, other))
+        self._at_most(-gap, 0.3 * width, 2 * width, "an overlap")
+        if clearance > 0 and gap < clearance:
+            most = 3e-6 * longest if self.has_request else 1.1 * width
+            missing = clearance - one.distance(other)
+            self._at_most(missing, 1e-7 * longest, most, "a clearance")
+
+    def _told(
+        self,
+        record: Mapping[str, Any],
+        request: Mapping[str, Any],
+        items: Sequence[tuple[str, int, Floats]],
+        meshes: Mapping[str, Body],
+    ) -> None:
+        """Judge volumes, masses and the summary."""
+        centimetres = {"micron": 1e-4, "mm": 0.1, "cm": 1, "in": 2.54, "ft": 30.48, "m": 100}
+        unit, summary = request["unit"], record["summary"]
+        _require(all(isinstance(each, str) for each in summary.values()), "the summary")
+        parts = {each["name"]: each for each in request["parts"]}
+        volumes = {n: meshes[n].volume * parts[n]["scale"] ** 3 for n in meshes}
+        masses: dict[str, float | None] = {}
+        for name, volume in volumes.items():
+            masses[name], density = parts[name]["mass"], parts[name]["density"]
+            if masses[name] is None and density is not None:
+                masses[name] = _number(density) * volume * centimetres[unit] ** 3
+        for each in record["parts"]:
+            if each["name"] not in volumes:
+                continue
+            own = (volumes[each["name"]], masses[each["name"]])
+            for said, right in zip((_number(each["volume"]), each["mass"]), own, strict=True):
+                _require((said is None) == (right is None), "a mass")
+                if said is not None and right is not None:
+                    wrong = abs(_number(said) / right - 1) if right else 1.0
+                    self._at_most(wrong, 5e-7, 3e-6, "a volume or a mass")
+        placed = [(name, box, meshes[name].moved(pose)) for name, box, pose in items]
+        total = sum(part["count"] for part in request["parts"])
+        _require(summary["packed"] == f"{len(items)} of {total} parts", "the number of parts")
+        boxes = [np.array(size, float) for size in record["boxes"]]
+        longest = max(float(side) for box in request["boxes"] for side in box["size"])
+        _require(all(any(box == n for _, box, _ in placed) for n in range(len(boxes))), "a box")
+        volume = sum(volumes[name] for name, _, _ in placed)
+        known = None not in [masses[name] for name, _, _ in placed]
+        true: dict[str, list[float]] = {
+            "boxes": [float(side) for size in boxes for side in size],
+            "volume": [volume],
+            "density": [volume / sum(float(size.prod()) for size in boxes)],
+            "height": [max(float(body.high[2]) for _, _, body in placed)],
+        }
+        pairs = [
+            body.distance(other)
+            for n, (_, box, body) in enumerate(placed)
+            for _, other_box, other in placed[:n]
+            if other_box == box
+        ]
+        undone = summary.get("check") == "not done" and "smallest distance" not in summary
+        if pairs and not undone:
+            true["smallest distance"] = [min(pairs)]
+        true["mass"] = [sum(masses[name] or 0.0 for name, _, _ in placed)] if known else []
+        for number in range(len(boxes)):
+            inside = [(name, body) for name, box, body in placed if box == number]
+            weights = [(masses[name] or 0.0) if known else volumes[name] for name, _ in inside]
+            line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
+            centres = np.array([body.centre for _, body in inside])
+            true[line] = np.average(centres, axis=0, weights=weights).tolist()
+        _require(set(summary) - {"check"} == {"packed", *true}, "the lines of the summary")
+        for name, values in true.items():
+            text = summary[name]
+            words = re.sub(NUMBER, "#", self.honest["summary"].get(name, ""))
+            words = re.sub(rf"\b{self.honest['unit']}\b", unit, words)
+            _require(re.sub(NUMBER, "#", text) == words, f"the words of {name!r}")
+            told = [float(each) for each in re.findall(NUMBER, text.replace(unit + "³", ""))]
+            if name == "boxes":
+                told = [
+                    float(side)
+                    for size in re.findall(rf"({NUMBER}) x ({NUMBER}) x ({NUMBER})", text)
+                    for side in size[:3]
+                ]
+            _require(len(told) == len(values), f"the numbers of {name!r}")
+            for one, other in zip(told, values, strict=True):
+                last = 10.0 ** (np.floor(np.log10(abs(other) or 1e-30)) + 1 - DIGITS.get(name, 4))
+                last = max(last, 1e-3 if name == "density" else 1e-6 * longest)
+                self._at_most(abs(one - other), 0.9 * last, 2.1 * last, f"the summary's {name!r}")
+
+    def _geometry(self, record: Mapping[str, Any]) -> None:
+        """Judge a record without a request: meshes at their places keep clear of each other."""
+        known = {"items", "obstacles", "boxes", "clearance", "unit"}
+        if not known <= set(record) or not isinstance(record["unit"], str):
+            self.doubts.append("fields of another program")
+        sizes = [np.array([_number(side) for side in size]) for size in record["boxes"]]
+        clearance = _number(record["clearance"])
+        _require(clearance >= 0 and all((size > 0).all() for size in sizes), "a length")
+        bodies: dict[bool, list[tuple[int, Body]]] = {False: [], True: []}
+        for is_item, group in ((True, record["items"]), (False, record["obstacles"])):
+            for each in group:
+                pose, box = _pose(each["pose"]), _integer(each["box"]) if is_item else 0
+                scale = np.cbrt(np.linalg.det(pose[:3, :3]))
+                _require(scale > 0 and pose[3].tolist() == [0, 0, 0, 1], "mirrored")
+                turn = pose[:3, :3] / scale
+                skew = float(np.abs(turn.T @ turn - np.eye(3)).max())
+                self._at_most(skew, 3e-7, 1e-5, "sheared")
+                path = self.folder / _text(each["mesh"])
+                self._in_folder(path)
+                bodies[is_item].append((box, read_obj(path.read_text()).moved(pose)))
+        for box, body in bodies[True]:
+            _require(0 <= box < len(sizes), "a box")
+            self._inside(body, sizes[box], 0.0)
+        self.doubts += [] if bodies[True] else ["no items"]
+        self._apart(bodies[True], sizes, clearance, [body for _, body in bodies[False]])
+
+    def _in_folder(self, path: Path) -> None:
+        root = os.path.realpath(self.folder)
+        _require(os.path.realpath(path).startswith(root + os.sep), "a mesh out of the folder")
+        _require(path.is_file(), "no mesh")
+
+    def _at_most(self, value: float, right: float, wrong: float, what: str) -> None:
+        _require(value <= wrong, f"{what}: {value:.3g}")
+        if value > right:
+            self.doubts.append(f"{what}: {value:.3g}")
+
+
+def _tolerance(longest: float, body: Body) -> float:
+    return min(1e-4 * longest, 1e-3 * float((body.high - body.low).max()))
+
+
+def _upright(part: Mapping[str, Any]) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, :3] = part["scale"] * UPS[part["up"]]
+    return matrix
+
+
+def _require(holds: bool, what: str) -> None:
+    if not holds:
+        raise Wrong(what)
+
+
+def _number(value: Any) -> float:
+    _require(isinstance(value, int | float) and not isinstance(value, bool), f"{value!r:.40}")
+    return float(value)
+
+
+def _integer(value: Any) -> int:
+    number = _number(value)
+    _require(number == int(number), f"{value!r:.40} is no integer")
+    return int(number)
+
+
+def _text(value: Any) -> str:
+    _require(isinstance(value, str), f"{value!r:.40} is no text")
+    return str(value)
+
+
+def _same(one: Any, other: Any) -> bool:
+    return isinstance(one, bool) == isinstance(other, bool) and bool(one == other)
+
+
+def _pose(rows: Any) -> Floats:
+    _require(len(rows) == 4 and all(len(row) == 4 for row in rows), "no matrix")
+    pose = np.array([[_number(each) for each in row] for row in rows])
+    _require(bool((np.abs(pose) < 1e30).all()), "no finite matrix")
+    return pose

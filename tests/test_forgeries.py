@@ -1,0 +1,154 @@
+"""The campaign of forged records: its judge finds what is wrong, and its page has its results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from campaigns.common import read_results, table_in_page
+from campaigns.forgeries import trials
+from campaigns.forgeries.bodies import read_obj
+from campaigns.forgeries.cases import Case, cases
+from campaigns.forgeries.judge import Judge
+from campaigns.forgeries.table import NAME, table
+from campaigns.forgeries.trials import KINDS, tried
+from packit_sim.core.check_reports import FileProblem, Report
+from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.results import request, resuming, verification
+
+
+@pytest.fixture(scope="module")
+def right(tmp_path_factory: pytest.TempPathFactory) -> list[Case]:
+    return cases(tmp_path_factory.mktemp("cases"))
+
+
+def test_the_judge_finds_right_records_right(right: list[Case]) -> None:
+    for case in right:
+        judge = Judge(case.folder, case.record)
+        assert judge.verdict(json.dumps(case.record).encode()) == ("right", "")
+
+
+WRONG: dict[str, Callable[[Any], object]] = {
+    "half the size": lambda r: r["items"][0]["pose"].__setitem__(0, [0.5, 0, 0, 22]),
+    "in a wall": lambda r: r["items"][0]["pose"][0].__setitem__(3, 21.99),
+    "too close": lambda r: r["items"][1]["pose"][0].__setitem__(3, 62.99),
+    "in a keep-out": lambda r: r["items"][0]["pose"][2].__setitem__(3, 40.0),
+    "a digest": lambda r: r["request"]["parts"][0].update(sha256="0" * 64),
+    "one more": lambda r: r["items"].append(r["items"][0]),
+    "one less": lambda r: r["items"].pop(),
+    "a larger box": lambda r: r.update(boxes=[[200, 100, 60]]),
+    "another box": lambda r: r["request"]["boxes"][0].update(size=[200, 100, 60]),
+    "no clearance": lambda r: r.update(clearance=0),
+    "a density": lambda r: r["summary"].update(density="0.999"),
+    "a centre": lambda r: r["summary"].update({"centre of gravity": "(50, 50, 50) mm, by mass"}),
+    "a mass": lambda r: r["parts"][0].update(mass=1.0),
+    "no name": lambda r: r["items"][0].update(name="x"),
+    "fixed": lambda r: r["request"]["parts"][0].update(rotations="fixed"),
+    "a field": lambda r: r.pop("left out"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_the_judge_finds_what_is_wrong(what: str, right: list[Case]) -> None:
+    record = json.loads(json.dumps(right[0].record))
+    WRONG[what](record)
+    judge = Judge(right[0].folder, right[0].record)
+    assert judge.verdict(json.dumps(record).encode()).state == "wrong"
+
+
+def test_bodies_are_measured(right: list[Case]) -> None:
+    cube = read_obj((right[1].folder / "meshes" / "block.obj").read_text())
+    assert cube.volume == pytest.approx(1000) and cube.centre == pytest.approx([0, 0, 0])
+    turn = np.eye(4)
+    turn[:2, :2] = np.sqrt(0.5) * np.array([[1, -1], [1, 1]])
+    turn[:3, 3] = (20, 0, 3)
+    other = cube.moved(turn)
+    assert cube.gap(other) == pytest.approx(15 - 5 * np.sqrt(2))
+    assert cube.distance(other) == pytest.approx(15 - 5 * np.sqrt(2))
+    turn[:3, 3] = (12, 0, 3)
+    assert cube.gap(cube.moved(turn)) == pytest.approx(7 - 5 * np.sqrt(2))
+
+
+def _valid(file: Path) -> Report:
+    return Report((), 1, 1, 1, 1.0, 1.0)
+
+
+def _refused(file: Path) -> Report:
+    return Report((FileProblem(file, None, "no"),), 1, 1, 1, 1.0, 1.0)
+
+
+def test_answers_that_are_always_the_same_are_found(
+    right: list[Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trials, "verify_record", _valid)
+    one = tried("items deleted", right, "0", tmp_path / "work")
+    assert one.judged == "wrong" and one.faults[0].startswith("verified, but ")
+    monkeypatch.setattr(trials, "verify_record", _refused)
+    one = tried("nothing that matters", right, "0", tmp_path / "work")
+    assert one.judged == "right" and one.faults[0].startswith("refused: ")
+
+
+def _any_pose(task: Any, number: int, pose: Any, container: Any) -> Placement:
+    return Placement.from_matrix(
+        number, pose @ np.linalg.inv(task.parts[number].part.matrix(task.unit))
+    )
+
+
+def _nothing(*_: object) -> list[str]:
+    return []
+
+
+PLANTED: dict[str, tuple[str, str, Any, tuple[str, Any]]] = {
+    "poses of any kind": ("a rotation", "resumed, but", resuming, ("_placement", _any_pose)),
+    "overlaps": (
+        "a part moved",
+        "resumed, but",
+        resuming,
+        ("pair_problems", lambda *_: iter(())),
+    ),
+    "counts": ("left out", "verified, but", verification, ("_counts", _nothing)),
+    "the summary": ("a line of the summary", "verified, but", verification, ("_summary", _nothing)),
+    "masses": ("volumes and masses", "verified, but", verification, ("_masses", _nothing)),
+    "boxes and settings": ("clearances", "verified, but", verification, ("_settings", _nothing)),
+    "obstacles": ("obstacles", "verified, but", verification, ("_obstacles", _nothing)),
+    "links": (
+        "links",
+        "verified, but",
+        request,
+        ("file_inside", lambda folder, path: folder / path),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", PLANTED)
+def test_a_planted_error_is_found(
+    what: str, right: list[Case], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, sentence, module, (name, other) = PLANTED[what]
+    monkeypatch.setattr(module, name, other)
+    if what == "links":
+        monkeypatch.setattr("packit_sim.parts.packings.packing_files.file_inside", other)
+    for seed in range(60):
+        one = tried(kind, right, str(seed), tmp_path / "work")
+        if any(each.startswith(sentence) for each in one.faults):
+            return
+    pytest.fail("nothing was found")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_forgery_is_judged_as_the_product_does(
+    kind: str, right: list[Case], tmp_path: Path
+) -> None:
+    assert tried(kind, right, "7", tmp_path / "work").faults == ()
+
+
+def test_the_page_has_the_results() -> None:
+    results = read_results(NAME)
+    assert set(results["kinds"]) == set(KINDS) and results["wrong"] == []
+    assert table_in_page(NAME) == table(results)
