@@ -62,7 +62,8 @@ def test_the_judge_finds_what_is_wrong(what: str, right: list[Case]) -> None:
 
 
 def test_bodies_are_measured(right: list[Case]) -> None:
-    cube = read_obj((right[1].folder / "meshes" / "block.obj").read_text())
+    mesh = right[1].record["items"][0]["mesh"]
+    cube = read_obj((right[1].folder / mesh).read_text())
     assert cube.volume == pytest.approx(1000) and cube.centre == pytest.approx([0, 0, 0])
     turn = np.eye(4)
     turn[:2, :2] = np.sqrt(0.5) * np.array([[1, -1], [1, 1]])

@@ -195,21 +195,23 @@ def test_links_do_not_lead_out_of_the_folder(kind: str, honest: Path, tmp_path: 
     secret = tmp_path / "secret"
     shutil.copytree(honest / "meshes", secret)
     meshes = folder / "meshes"
+    record = json.loads((folder / "packing.json").read_text())
+    mesh = folder / record["items"][0]["mesh"]
     if kind == "meshes":
         shutil.rmtree(meshes)
         meshes.symlink_to(secret)
     else:
-        (meshes / "a.obj").unlink()
+        mesh.unlink()
     if kind == "file":
-        (meshes / "a.obj").symlink_to(secret / "a.obj")
+        mesh.symlink_to(secret / mesh.name)
     elif kind == "nested":
         (meshes / "x").symlink_to("..")
         (folder / "y").symlink_to(secret)
-        (meshes / "a.obj").symlink_to("x/y/a.obj")
+        mesh.symlink_to(Path("x/y") / mesh.name)
     elif kind == "loop":
-        (meshes / "a.obj").symlink_to("a.obj")
+        mesh.symlink_to(mesh.name)
     elif kind == "device":
-        os.mkfifo(meshes / "a.obj")
+        os.mkfifo(mesh)
     problems = found(folder, lambda record: None)
     assert problems and not any("secret" in each for each in problems)
     if kind not in ("loop", "device"):

@@ -26,7 +26,7 @@ Change = Callable[[Record, Path, Random], None]
 PATHS = (
     *("../secret.obj", "/etc/passwd", "meshes/../../secret.obj", "meshes/a.obj/../../..", "meshes"),
     *("", ".", "~/a.obj", "file:///etc/passwd", "C:\\a.obj", "\\\\host\\a.obj", "/dev/zero"),
-    *("meshes//block.obj", "./meshes/block.obj", "meshes/none.obj", "a" * 5000 + ".obj"),
+    *("meshes/none.obj", "a" * 5000 + ".obj"),
 )
 
 
@@ -121,7 +121,8 @@ def renamed(record: Record, folder: Path, rng: Random) -> None:
 
 
 def mesh_path(record: Record, folder: Path, rng: Random) -> None:
-    path = rng.choice((*PATHS, *(each["mesh"] for each in record["items"])))
+    known = [each["mesh"] for each in record["items"]]
+    path = rng.choice((*PATHS, *known, "./" + known[0], known[0].replace("/", "//")))
     _item(record, rng)["mesh"] = path
     if rng.random() < 0.3:
         _part(record, rng)["mesh"] = path

@@ -40,6 +40,16 @@ def root_of(file: Path, path: str) -> Path | None:
 def file_inside(folder: Path, path: str) -> Path:
     """Return the file of a path that stays inside a folder, also where links lead.
 
+    Parameters
+    ----------
+    path : str
+        The path, with "/" between folders.
+
+    Returns
+    -------
+    Path
+        The file, which need not exist.
+
     Raises
     ------
     MeshError

@@ -56,6 +56,11 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     def part(self, folder: Path, unit: Unit) -> Part:
         """Read the part.
 
+        Returns
+        -------
+        Part
+            The part, of its file in the folder.
+
         Raises
         ------
         MeshError
@@ -116,6 +121,11 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
+
+        Returns
+        -------
+        PackTask
+            The task; its objective is "volume", since the parts that decide may be left out.
 
         Raises
         ------
