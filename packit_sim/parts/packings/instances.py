@@ -209,6 +209,11 @@ def write_instance(types: Sequence[ItemType], container: BoxContainer, path: Pat
 def require_free_instance(types: Sequence[ItemType], path: Path) -> list[str]:
     """Return the names of an instance's meshes.
 
+    Returns
+    -------
+    list of str
+        That of each type, in the folder next to the instance.
+
     Raises
     ------
     ArgumentError

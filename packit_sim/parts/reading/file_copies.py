@@ -29,6 +29,11 @@ class FileCopies:
     def add(self, contents: Mapping[str, bytes]) -> FileCopy:
         """Copy a file, the first, and those that it refers to, by their names.
 
+        Returns
+        -------
+        FileCopy
+            The copy of the first.
+
         Raises
         ------
         OSError

@@ -117,7 +117,9 @@ def write_result(
         What `replaceable` has found. What has changed or appeared since is not replaced.
     progress : callable, optional
         As for `export`.
-    instructions, film : bool
+    instructions : bool
+        The same.
+    film : bool
         The same.
 
     Returns

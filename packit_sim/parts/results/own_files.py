@@ -101,8 +101,10 @@ def replaceable(
         Its task.
     force : bool
         Whether files of others may be replaced, too.
-    instructions, film : bool
-        Whether such files are written as well.
+    instructions : bool
+        Whether packing instructions are written as well.
+    film : bool
+        Whether films are.
 
     Returns
     -------
