@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import copy
+import errno
 import json
 import os
 import pickle
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from trimesh import creation
 
 from packit_sim import PackSettings, Part, pack
 from packit_sim.core.errors import ArgumentError, BusyError
 from packit_sim.core.files import claimed, digest_of
+from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.parts import check, export
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import find_parts
 from packit_sim.parts.results import exports
+from packit_sim.render import video
+from packit_sim.render.image_files import RGBImage
 from tests.runs import packit
 
 QUICK = PackSettings(workers=1, iterations=5)
@@ -342,3 +348,16 @@ def test_meshes_next_to_an_exported_packing_are_not_replaced(tmp_path) -> None:
     with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
         packit("export", "starter", "-o", file)
     assert mesh.read_text() == "mine"
+
+
+def test_errors_of_the_disk_without_a_path_get_one(tmp_path) -> None:
+    def pictures() -> Iterator[RGBImage]:
+        raise OSError(errno.EFBIG, "File too large")
+        yield
+
+    with pytest.raises(OSError, match=r"f\.gif"):
+        video.write(tmp_path / "f.gif", pictures(), 5)
+    mesh = QuantizedMesh(np.zeros((3, 3), np.uint16), np.zeros((1, 3), np.uint16), np.ones(3))
+    (tmp_path / "full.npz").symlink_to("/dev/full")
+    with pytest.raises(OSError, match=r"full\.npz"):
+        mesh.save(tmp_path / "full.npz")

@@ -82,6 +82,17 @@ def same_file(one: Path, other: Path) -> bool:
         return False
 
 
+@contextmanager
+def naming(path: Path | str) -> Iterator[None]:
+    """Give errors of the disk that have no path, such as that of a file-size limit, a path."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
 def require_replaceable(path: Path, inputs: Iterable[Path] = (), field: str | None = None) -> None:
     """Refuse to write a file that a user has named, if it would take another one away.
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import trimesh
 
 from packit_sim.core.errors import MeshError
+from packit_sim.core.files import naming
 from packit_sim.geometry.shapes import Shape
 
 MAX_COMPRESSION = 32
@@ -113,7 +114,9 @@ class QuantizedMesh:
     def save(self, file: Path) -> None:
         """Write the shape as npz; missing folders are created."""
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, vertices=self.vertices, faces=self.faces, extents=self.extents)
+        arrays = {"vertices": self.vertices, "faces": self.faces, "extents": self.extents}
+        with naming(file):
+            np.savez_compressed(file, **arrays)
 
     def mesh(self) -> trimesh.Trimesh:
         """Return the canonical mesh: exactly centred, bit for bit the same on every machine."""

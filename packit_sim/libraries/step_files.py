@@ -19,6 +19,7 @@ import trimesh
 
 from packit_sim.core.errors import MeshError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import naming
 from packit_sim.geometry.arrays import Ints
 from packit_sim.geometry.deviation import Surface
 from packit_sim.geometry.deviation_kernels import farthest
@@ -103,7 +104,8 @@ def tessellated(content: bytes, tolerances: Sequence[tuple[float, float, bool]])
             raise ModuleNotFoundError(name="cascadio")
     with tempfile.TemporaryDirectory(prefix="packit-step-") as folder:
         path = Path(folder, "file.step")
-        path.write_bytes(content)
+        with naming(path):
+            path.write_bytes(content)
         options = [f"{linear!r}:{angular!r}:{relative}" for linear, angular, relative in tolerances]
         try:
             run = subprocess.run(

@@ -23,7 +23,7 @@ from msgspec import Struct, structs
 
 from packit_sim.core import typed_json
 from packit_sim.core.errors import LibraryError, MeshError, located
-from packit_sim.core.files import exchange, read_whole
+from packit_sim.core.files import exchange, naming, read_whole
 from packit_sim.geometry.quantized import QuantizedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.libraries import splits
@@ -187,9 +187,11 @@ def write(
         if not infos:
             raise LibraryError(f"{path}: a library needs at least one shape")
         divided = (split or divide)(infos)
-        (new / CATALOGUE).write_text(_catalogue(name, version, infos, divided), encoding="utf-8")
         text = json.dumps({"format": FORMAT, **divided}, ensure_ascii=False, indent=1)
-        (new / _SPLITS).write_text(text + "\n", encoding="utf-8")
+        with naming(path):
+            catalogue = _catalogue(name, version, infos, divided)
+            (new / CATALOGUE).write_text(catalogue, encoding="utf-8")
+            (new / _SPLITS).write_text(text + "\n", encoding="utf-8")
         if path.exists():
             try:
                 exchange(new, path)

@@ -17,6 +17,7 @@ import numpy as np
 
 from packit_sim.core.errors import PhysicsError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import naming
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.bullet_meshes import UNIT, obj
@@ -125,7 +126,8 @@ class World:
         properties = MassProperties.of(pieces)
         own = [((p.vertices - properties.center) @ properties.axes, p.faces) for p in pieces]
         path = self._folder / f"{len(self._items)}.obj"
-        path.write_text(obj(own, 1.0))
+        with naming(path):
+            path.write_text(obj(own, 1.0))
         with quiet():
             shape = self._pybullet.createCollisionShape(
                 self._pybullet.GEOM_MESH, fileName=str(path), physicsClientId=self._client

@@ -24,6 +24,7 @@ import trimesh
 
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import naming
 from packit_sim.core.silence import quiet
 from packit_sim.geometry.bullet_meshes import UNIT, collada, convex_pieces, obj
 from packit_sim.geometry.items import ItemInBox
@@ -102,7 +103,8 @@ class BulletClient:
 
     def _write(self, text: str, suffix: str) -> str:
         path = self.folder / f"{len(os.listdir(self.folder))}{suffix}"
-        path.write_text(text)
+        with naming(path):
+            path.write_text(text)
         return str(path)
 
 

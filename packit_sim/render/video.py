@@ -15,6 +15,7 @@ from PIL import Image
 
 from packit_sim.core.errors import RenderError
 from packit_sim.core.extras import needed_for
+from packit_sim.core.files import naming
 from packit_sim.render.image_files import RGBImage, output_file
 
 SUFFIXES = (".mp4", ".gif")
@@ -71,7 +72,8 @@ def write(path: str | os.PathLike[str], pictures: Iterable[RGBImage], fps: int) 
     require(path)
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / f"film{path.suffix.lower()}"
-        count = (_gif if film.suffix == ".gif" else _mp4)(film, pictures, fps)
+        with naming(path):
+            count = (_gif if film.suffix == ".gif" else _mp4)(film, pictures, fps)
         if not count:
             raise RenderError(f"a film without pictures is not possible: {path}")
         with film.open("rb") as source, output_file(path) as file:
