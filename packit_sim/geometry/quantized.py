@@ -114,9 +114,10 @@ class QuantizedMesh:
     def save(self, file: Path) -> None:
         """Write the shape as npz; missing folders are created."""
         file.parent.mkdir(parents=True, exist_ok=True)
-        arrays = {"vertices": self.vertices, "faces": self.faces, "extents": self.extents}
         with naming(file):
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(
+                file, vertices=self.vertices, faces=self.faces, extents=self.extents
+            )
 
     def mesh(self) -> trimesh.Trimesh:
         """Return the canonical mesh: exactly centred, bit for bit the same on every machine."""
