@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 LONGEST = 16_384
-"""Bytes of the largest file."""
+"""Bytes of the largest file, in addition to those of the file around the repetition."""
 
 MOST = 8192
 """Largest number of repetitions: more make no shorter file that is worth reading."""
@@ -30,8 +30,9 @@ class Repetition:
     @property
     def most(self) -> int:
         """The number of repetitions of the largest file, a multiple of 4."""
-        count = 8
-        while count < MOST and len(self.write(2 * count)) <= LONGEST:
+        count = 4
+        around = len(self.write(0))
+        while count < MOST and len(self.write(2 * count)) - around <= LONGEST:
             count *= 2
         return count
 

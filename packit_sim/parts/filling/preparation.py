@@ -37,6 +37,9 @@ from packit_sim.parts.reading.units import factor
 _LARGE = 200_000
 """Triangles of a mesh above which parts are prepared one at a time: it takes gigabytes."""
 
+MAX_TRIANGLES = 20_000_000
+"""Most triangles of all parts together, each counted once however many of it there are."""
+
 _FEW = 3
 """Notes on different parts that are alike and yet given one by one."""
 
@@ -81,6 +84,7 @@ def prepared_task(
     check_margin(settings.wall_clearance, boxes, unit)
     progress("reading", 0, 0)
     reading = find_parts(parts, settings.reading)
+    _check_triangles(reading.parts)
     prepared, unread = [], list(reading.unread)
     ready = count(1)
 
@@ -114,6 +118,16 @@ def prepared_task(
     note = unit_note(box)
     notes = [*reading.notes, *([note] if note else []), *_notes(task)]
     return replace(task, notes=tuple(_joined(notes)))
+
+
+def _check_triangles(parts: Sequence[Part]) -> None:
+    """Raise ArgumentError if the meshes of all parts would take too much memory."""
+    triangles = sum(len(each.mesh.faces) for each in parts)
+    if triangles > MAX_TRIANGLES:
+        raise ArgumentError(
+            f"{len(parts):,} parts have {triangles:,} triangles: at most {MAX_TRIANGLES:,} "
+            "together; pack fewer different parts, or reduce them first"
+        )
 
 
 def _in_place(

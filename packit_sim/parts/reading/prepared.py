@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 
 from packit_sim.core.caches import cached_property
+from packit_sim.core.errors import MeshError
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.core.plain_text import listed
 from packit_sim.geometry.arrays import Floats, Ints
@@ -25,6 +26,9 @@ from packit_sim.parts.reading.part import Part
 TRIANGLES = 4000
 """Meshes with more triangles are simplified, to as many; to more where the deviation is too large.
 Four times as many follow each time."""
+
+MAX_TRIANGLES = 2_000_000
+"""Most triangles of a part: repair and simplification take up to 1.6 kB of memory for each."""
 
 ACCURACY = 0.002
 """Largest deviation by default, relative to the part's diagonal."""
@@ -126,8 +130,13 @@ def prepare(part: Part, unit: Unit, accuracy: float | None = None) -> PreparedPa
     Raises
     ------
     MeshError
-        If the mesh is empty, not finite, flat, or of an impossible size.
+        If the mesh is empty, not finite, flat, or of an impossible size, or has too many triangles.
     """
+    if len(part.mesh.faces) > MAX_TRIANGLES:
+        raise MeshError(
+            f"{len(part.mesh.faces):,} triangles are too many to pack: at most {MAX_TRIANGLES:,}, "
+            "for which 3 GB of memory are needed; reduce the mesh first"
+        )
     scale = part.scale(unit)
     with np.errstate(invalid="ignore", over="ignore"):  # the shape below must be finite
         points = np.asarray(part.mesh.vertices, dtype=float) * scale
