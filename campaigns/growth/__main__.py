@@ -106,9 +106,10 @@ def growth(counter: Counter, read: Callable[[bytes], object], one: Repetition) -
     """
     most = one.most
     counts = [counter.count(partial(read, one.write(n))) for n in (most // 4, most // 2, most)]
-    if None in counts:
+    ended = [each for each in counts if each is not None]
+    if len(ended) < len(counts):
         return math.inf
-    small, middle, large = counts
+    small, middle, large = ended
     if large - middle < FEW:
         return 0.0
     return math.log2((large - middle) / max(middle - small, FEW / 2))

@@ -52,7 +52,8 @@ def text(data: bytes) -> Iterator[Repetition]:
             yield repeated(f"{_shown(bit)} {where}", data[:at], bit, data[at:])
             if where.startswith("after"):
                 yield repeated(f"{_shown(bit)} {where}, then x", data[:at], bit, b"x")
-    at, seen = 0, set()
+    at = 0
+    seen: set[bytes] = set()
     for line in data.splitlines(keepends=True):
         at += len(line)
         if line not in seen and len(seen) < _MOST_LINES:
@@ -163,28 +164,29 @@ def _in_tree(root: Any, element: Any, kind: str, key: str = "") -> Repetition:
     if key:
         value = own.get(key)
         own.set(key, value + _MARK)
-        unit = (value[-1:] if kind == "letters" else f" {value}") or "a"
+        letters = (value[-1:] if kind == "letters" else f" {value}") or "a"
         head, tail = _split(copy)
-        return repeated(f"{kind} of {name}@{key}", head, unit.encode(), tail)
+        return repeated(f"{kind} of {name}@{key}", head, letters.encode(), tail)
     if kind == "element":
-        tail_text, own.tail = own.tail, None
+        behind, own.tail = own.tail, None
         unit = etree.tostring(own)
-        own.tail = _MARK + (tail_text or "")
-    elif kind == "attributes":
+        own.tail = _MARK + (behind or "")
+        head, tail = _split(copy)
+        return repeated(f"element {name}", head, unit, tail)
+    if kind == "attributes":
         own.set("repeated", _MARK)
         head, tail = _split(copy)
         return Repetition(
             f"attributes of {name}",
             lambda n: head + b'" ' + b" ".join(b'a%d="1"' % k for k in range(n)) + b' z="' + tail,
         )
-    else:
-        own.text = _MARK + (own.text or "")
+    own.text = _MARK + (own.text or "")
     head, tail = _split(copy)
     if kind == "nested":
         tag = etree.QName(element).localname.encode()
         return repeated(f"{name} in itself", head, b"<" + tag + b">", tail, b"</" + tag + b">")
     units = {"text": b"1 ", "comments": b"<!-- -->", "processing instructions": b"<?a b?>"}
-    return repeated(f"{kind} in {name}", head, units.get(kind) or unit, tail)
+    return repeated(f"{kind} in {name}", head, units[kind], tail)
 
 
 def _split(root: Any) -> tuple[bytes, bytes]:
