@@ -98,11 +98,9 @@ def read_earlier(folder: Path, task: PackTask) -> PackedParts | None:
     packed = candidate(task, packings, record.searches)
     faults += [(task.parts[n].part.name, reason) for n, reason in packed.rejected]
     if faults:
-        counted = Counter(f"{name}: {reason}" for name, reason in faults)
-        sentences = (each + (f" ({k} times)" if k > 1 else "") for each, k in counted.items())
         _log.warning(
             "%s: %d of %d parts are not used: %s",
-            *(file, len(faults), len(record.items), listed(sentences)),
+            *(file, len(faults), len(record.items), listed(sentences(faults))),
         )
     return packed if packed.packings else None
 
@@ -153,6 +151,12 @@ def placed_items(
             fault = placement
         faults.append((item.name, fault))
     return placed, faults
+
+
+def sentences(faults: Sequence[tuple[str, str]]) -> list[str]:
+    """Return a sentence for each kind of fault: the name of the parts, the rule, and how many."""
+    counted = Counter(f"{name}: {fault}" for name, fault in faults)
+    return [each + (f" ({k} times)" if k > 1 else "") for each, k in counted.items()]
 
 
 def container_named(task: PackTask, name: str) -> BoxContainer:

@@ -20,12 +20,18 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.results.check import check
 from packit_sim.parts.results.request import Request
-from packit_sim.parts.results.resuming import RecordedItem, container_named, placed_items
+from packit_sim.parts.results.resuming import (
+    RecordedItem,
+    container_named,
+    placed_items,
+    sentences,
+)
 from packit_sim.parts.results.summary import summary
 
 REQUEST = "what was asked for: parts, counts, sizes, boxes, walls, rotations, constraints, summary"
@@ -134,7 +140,7 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
     except PackItError as error:
         return [*found, f"what was asked for can't be checked: {error}"]
     placed, faults = placed_items(task, record.items, record.box_names)
-    found += [*_obstacles(record, task), *(f"{name!r}: {fault}" for name, fault in faults)]
+    found += [*_obstacles(record, task), *sentences(faults)[: validity.MAX_PROBLEMS]]
     if found or not is_valid:
         return found
     packings = [
