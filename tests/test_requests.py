@@ -55,7 +55,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an honest packing, also with a smaller block among its meshes."""
     folder = tmp_path_factory.mktemp("honest")
     own = packed()
-    write_record(own, check(own), folder, [])
+    write_record(own, check(own), folder, {})
     creation.box((4, 3, 2)).export(folder / "meshes" / "small.stl")
     return folder
 
@@ -171,7 +171,7 @@ def test_a_right_record_has_no_problem_and_all_of_it_is_checked(honest: Path) ->
 
 def test_constraints_are_checked_or_named(tmp_path: Path) -> None:
     own = packed(stable=3.0, removable=True)
-    write_record(own, check(own), tmp_path, [])
+    write_record(own, check(own), tmp_path, {})
     report = verify_record(tmp_path / "packing.json")
     assert report.is_valid
     assert report.not_judged == "not checked: that parts move by at most 3 mm"

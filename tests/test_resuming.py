@@ -44,7 +44,7 @@ def packed(settings: PackSettings = SETTINGS, **given: Any) -> PackedParts:
 
 def resumed(folder: Path, earlier: PackedParts, change: Callable[[Record], object]) -> PackedParts:
     """Write a record, change it, and resume."""
-    write_record(earlier, None, folder, [])
+    write_record(earlier, None, folder, {})
     file = folder / "packing.json"
     record = json.loads(file.read_text())
     change(record)

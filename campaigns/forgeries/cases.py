@@ -64,7 +64,7 @@ def _case(
     found = check(packed)
     assert not found.problems, found.problems
     folder.mkdir(parents=True)
-    write_record(packed, found, folder, [])
+    write_record(packed, found, folder, {})
     return Case(packed, folder, json.loads((folder / "packing.json").read_text()))
 
 
