@@ -1,6 +1,6 @@
 """Send requests to a workbench from many connections at a time, and see whether a promise breaks.
 
-    .venv/bin/python -m campaigns.requests --requests 10000    (about half an hour of one core)
+    .venv/bin/python -m campaigns.requests --requests 10000    (about 20 minutes of one core)
     .venv/bin/python -m campaigns.requests --table
 
 The workbench is a process with small limits, so that they are met. Threads send requests of random
