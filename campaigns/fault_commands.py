@@ -323,7 +323,7 @@ COMMANDS = {
         ),
         Command(
             "pack",
-            ("meshes", *_PACK, "--box", "5x4x4mm", "--instructions"),
+            ("meshes", "--box", "5x4x4mm", *_PACK[2:], "--instructions"),
             ("meshes", *_PACK),
             _check_packing,
             workers=False,
