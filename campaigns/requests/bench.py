@@ -58,13 +58,15 @@ class Bench:
     def __init__(self) -> None:
         self._tmp = tempfile.TemporaryDirectory(prefix="requests-")
         self._folder = Path(self._tmp.name)
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER, "workbench", "--no-browser"],
-            env=os.environ | {"TMPDIR": self._tmp.name, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"},
-            stdout=subprocess.PIPE,
-            stderr=(self._folder / "errors").open("wb"),
-            text=True,
-        )
+        settings = {"TMPDIR": self._tmp.name, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"}
+        with (self._folder / "errors").open("wb") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", SERVER, "workbench", "--no-browser"],
+                env=os.environ | settings,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
         assert self.process.stdout is not None
         self.host = self.process.stdout.readline().split("http://")[1].split()[0]
         (self._own,) = self._folder.glob("packit-workbench-*")
@@ -81,7 +83,7 @@ class Bench:
     def __exit__(self, *raised: object) -> None:
         self._is_over.set()
         self.process.kill()
-        self.process.wait()
+        self.process.communicate()
         self._watcher.join()
         self._tmp.cleanup()
 
@@ -195,8 +197,8 @@ class Bench:
             sizes = []
             for folder in os.listdir(self._own / "parts"):
                 with contextlib.suppress(FileNotFoundError):
-                    entries = os.scandir(self._own / "parts" / folder)
-                    sizes += [each.stat(follow_symlinks=False).st_size for each in entries]
+                    own = self._own / "parts" / folder
+                    sizes += [(own / name).lstat().st_size for name in os.listdir(own)]
             if len(sizes) > LIMITS["MAX_FILES"] or sum(sizes) > LIMITS["MAX_BYTES_TOGETHER"]:
                 self._found.add(f"{len(sizes)} files of {sum(sizes):,} bytes")
             outside = {name.partition("-")[0] for name in os.listdir(self._own)}
