@@ -177,6 +177,15 @@ def test_many_items_are_checked_in_linear_time(tmp_path: Path) -> None:
     assert resumed(tmp_path, PackedParts(task, (packing,)), lambda record: None).count == 1
 
 
+def test_tiny_meshes_may_be_turned_freely() -> None:
+    wedge = creation.box((1e-8, 2e-8, 3e-8))
+    part = Part(
+        "a", wedge.apply_transform(Motion.from_wxyz((0.8, 0.6, 0, 0)).matrix), rotations="free"
+    )
+    task = prepared_task([part], [BoxType((1, 1, 1))], "volume", PackSettings())
+    assert task.parts[0].sides.min() < 1.1e-8
+
+
 def test_parts_keep_the_distance_to_the_floor_when_they_are_lowered() -> None:
     found = in_order(packed(PackSettings(wall_clearance=2.0, stable=100.0)))
     assert check(found).problems == ()

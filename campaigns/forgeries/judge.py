@@ -123,6 +123,7 @@ class Judge:
         _require(told == [(n, _integer(p["count"])) for n, p in parts.items()], "the parts")
         known = {each["name"]: each for each in asked["parts"]}
         for name, part in parts.items():
+            _require(set(asked["parts"][0]) <= set(part), f"a field of {name}")
             _require(1 <= part["count"] <= 10_000, f"the count of {name}")
             for key in UNDECIDED:
                 if not _same(part[key], known.get(name, {}).get(key)):

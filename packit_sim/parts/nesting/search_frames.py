@@ -82,8 +82,9 @@ def _to_smallest_box(item_type: ItemType) -> Floats:
     deviations = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     if deviations[-1] < FLATTEST * deviations[0]:
         return np.eye(3)
-    to_box, sides = trimesh.bounds.oriented_bounds(vertices)
-    if sides.prod() > SMALLER * item_type.extents.prod():
+    unit = 2.0 ** np.floor(np.log2(item_type.extents.max()))  # trimesh has absolute tolerances
+    to_box, sides = trimesh.bounds.oriented_bounds(vertices / unit)
+    if sides.prod() > SMALLER * (item_type.extents / unit).prod():
         return np.eye(3)
     left, _, right = np.linalg.svd(split(to_box)[0])
     return np.asarray(left @ right)
