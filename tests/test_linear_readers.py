@@ -5,6 +5,7 @@ Each is read in a child process with a limit of CPU time that only a defect can 
 
 import io
 import os
+import re
 import resource
 import signal
 import warnings
@@ -55,6 +56,12 @@ def ends(function: Callable[[], object]) -> bool:
         return False
     assert status == 0
     return True
+
+
+def test_no_pattern_of_lines_begins_with_blanks_that_are_ends_of_lines() -> None:
+    folder = Path(mesh_files.__file__).parents[1]
+    for file in folder.rglob("*.py"):
+        assert not re.search(r"\^\\s[*+]", file.read_text()), f"{file}: write [^\\S\\n] for \\s"
 
 
 DAE = b'<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"><asset>'

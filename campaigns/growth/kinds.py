@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 
@@ -84,8 +85,6 @@ def _quiet(inside: _Kinds, content: bytes) -> Iterator[Repetition]:
 
 
 def _zipped(members: list[tuple[str, bytes]]) -> bytes:
-    import warnings
-
     out = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(out, "w") as archive:
         warnings.simplefilter("ignore")  # of names that occur twice
