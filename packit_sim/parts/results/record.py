@@ -125,7 +125,7 @@ def write_record(
         "task": task.digest,
         "searches": packed.searches,
     }
-    record["request"] = request(task, record, folder)
+    record["request"] = request(task, record)
     _replace(folder, record)
     for name in sorted(stale):
         (folder / name).unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +9,6 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct, to_builtins
 
 from packit_sim.core.errors import MeshError
-from packit_sim.core.files import read_whole
 from packit_sim.core.length_units import UNITS_CM, Unit
 from packit_sim.libraries.mesh_files import read
 from packit_sim.parts.filling.preparation import prepared_task
@@ -18,6 +16,7 @@ from packit_sim.parts.filling.task import Goal, PackSettings, PackTask
 from packit_sim.parts.packings.bounds import Extent
 from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.reading.boxes import BoxType
+from packit_sim.parts.reading.file_copies import FileCopies
 from packit_sim.parts.reading.files import ReadSettings
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.reading.prepared import PreparedPart
@@ -53,8 +52,13 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
     max_load: float | None
     deviation: float
 
-    def part(self, folder: Path, unit: Unit) -> Part:
+    def part(self, folder: Path, unit: Unit, copies: FileCopies) -> Part:
         """Read the part.
+
+        Parameters
+        ----------
+        copies : FileCopies
+            Gets the content of its file, from which the check reads it again.
 
         Returns
         -------
@@ -67,8 +71,10 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             If its file can't be read, leads out of the folder, or has another digest.
         """
         file = file_inside(folder, self.mesh or "")
-        mesh = read(file).mesh  # of a regular file alone
-        if hashlib.sha256(read_whole(file)).hexdigest() != self.sha256:
+        kept: dict[str, bytes] = {}
+        mesh = read(file, keep=kept.__setitem__).mesh
+        copy = copies.add(kept)
+        if copy.digest != self.sha256:
             raise MeshError(f"{file} is another file than the one that was packed, by its SHA-256")
         return Part(
             self.name,
@@ -85,6 +91,7 @@ class RequestedPart(Struct, rename=lambda name: name.replace("_", " ")):
             up=self.up,
             file=file,
             deviation=self.deviation,
+            copy=copy,
         )
 
 
@@ -134,6 +141,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
         ArgumentError
             If no such task is possible.
         """
+        copies = FileCopies()
         settings = PackSettings(
             self.clearance,
             self.wall_clearance,
@@ -143,44 +151,38 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             removable=self.removable,
             insertable=self.insertable,
             stable=self.stable,
-            keep_out=[each.part(folder, self.unit) for each in self.keep_out],
-            fixed=[each.part(folder, self.unit) for each in self.fixed],
+            keep_out=[each.part(folder, self.unit, copies) for each in self.keep_out],
+            fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
             workers=1,
         )
         boxes = [BoxType(box.size, box.name, box.count) for box in self.boxes]
-        parts = [each.part(folder, self.unit) for each in self.parts if each.mesh is not None]
+        packed = [each for each in self.parts if each.mesh is not None]
+        parts = [each.part(folder, self.unit, copies) for each in packed]
         return prepared_task(parts, boxes, "volume", settings)
 
 
-def request(task: PackTask, record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def request(task: PackTask, record: Mapping[str, Any]) -> dict[str, Any]:
     """Return what was asked for, as the record of a packing contains it.
 
     Parameters
     ----------
     record : mapping of str to object
-        The record, whose items and obstacles name their meshes.
-    folder : Path
-        The folder with these meshes.
+        The record, whose items and obstacles name their meshes, and which has their digests.
 
     Returns
     -------
     dict of str to object
         The request.
-
-    Raises
-    ------
-    OSError
-        If a mesh can't be read.
     """
     meshes = {each["name"]: each["mesh"] for each in record["items"]}
     around = [each["mesh"] for each in record["obstacles"]]
-    first = len(task.keep_out)
+    first, files = len(task.keep_out), record["files"]
     settings = task.settings
     found = Request(
-        tuple(_requested(each, meshes.get(each.part.name), folder) for each in task.parts),
+        tuple(_requested(each, meshes.get(each.part.name), files) for each in task.parts),
         tuple(RequestedBox(box.name, box.size, box.count) for box in task.boxes),
-        tuple(map(_requested, task.keep_out, around[:first], [folder] * first)),
-        tuple(map(_requested, task.fixed, around[first:], [folder] * len(task.fixed))),
+        tuple(map(_requested, task.keep_out, around[:first], [files] * first)),
+        tuple(map(_requested, task.fixed, around[first:], [files] * len(task.fixed))),
         task.unit,
         task.objective,
         settings.clearance,
@@ -195,9 +197,9 @@ def request(task: PackTask, record: Mapping[str, Any], folder: Path) -> dict[str
     return built
 
 
-def _requested(prepared: PreparedPart, mesh: str | None, folder: Path) -> RequestedPart:
+def _requested(prepared: PreparedPart, mesh: str | None, files: Mapping[str, str]) -> RequestedPart:
     part = prepared.part
-    digest = None if mesh is None else hashlib.sha256(read_whole(folder / mesh)).hexdigest()
+    digest = None if mesh is None else files[mesh]
     return RequestedPart(
         part.name,
         mesh,
