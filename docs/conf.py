@@ -42,7 +42,8 @@ nitpick_ignore_regex = [
     (
         "py:.*",
         r"packit_sim\.(box\.BaseBox|core\.typed_json\.JsonRecord|engine\..*"
-        r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source)",
+        r"|geometry\.(items\.ItemT|parts\.Parts|voxels\.Voxels)|libraries\.sources\.Source"
+        r"|parts\.reading\.file_copies\.FileCopy)",
     ),
 ]
 """Names that have no page: those of other libraries, whose pages are not downloaded, and a few

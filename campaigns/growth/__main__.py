@@ -102,9 +102,17 @@ def growth(counter: Counter, read: Callable[[bytes], object], one: Repetition) -
     """Return the exponent with which work grows between the two largest files of a repetition.
 
     It is that of the instructions which each doubling adds: what a file of any size takes does not
-    count. Infinite if a file is not read to its end within the limit.
+    count. Infinite if a file is not read to its end within the limit. What seems to grow too fast
+    is counted again with files eight times as large: there a table that grows adds little, while
+    work that grows as a square has shown itself.
     """
-    most = one.most
+    first = _exponent(counter, read, one, one.most)
+    return first if first <= LARGEST else _exponent(counter, read, one, 8 * one.most)
+
+
+def _exponent(
+    counter: Counter, read: Callable[[bytes], object], one: Repetition, most: int
+) -> float:
     counts = [counter.count(partial(read, one.write(n))) for n in (most // 4, most // 2, most)]
     ended = [each for each in counts if each is not None]
     if len(ended) < len(counts):
