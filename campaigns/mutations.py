@@ -154,7 +154,8 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
         case ast.Constant(value=bool()):
             yield "constant", node, str(not node.value)
         case ast.Constant(value=int() | float() as value):
-            yield "constant", node, repr(value + 1)
+            more = value + 1
+            yield "constant", node, repr(more if more != value else value / 2)
         case ast.Call(args=[first, second, *others]):
             starred = isinstance(first, ast.Starred) or isinstance(second, ast.Starred)
             same = ast.dump(first) == ast.dump(second)

@@ -55,7 +55,13 @@ def test_a_file_is_the_one_that_its_manifest_describes(file: Path) -> None:
     assert len({one.settings for one in origins}) == 1
 
 
-@pytest.mark.parametrize("file", FILES, ids=NAMES)
+@pytest.mark.parametrize(
+    "file",
+    [
+        pytest.param(file, id=name, marks=[] if "starter" in name else [pytest.mark.slow])
+        for file, name in zip(FILES, NAMES, strict=True)
+    ],
+)
 def test_a_sample_is_valid(file: Path, tmp_path: Path) -> None:
     """In a file of the same name, so that the split of the shapes is looked at too."""
     packs = read_packs(file)

@@ -375,6 +375,7 @@ def least_overlap(one: Piece, other: Piece, directions: Floats) -> float:
     return float(ends.min())
 
 
+@pytest.mark.slow
 @examples(40)
 @given(SEEDS)
 def test_fitted_pieces_overlap_nowhere(seed) -> None:

@@ -197,7 +197,16 @@ CHECKED = {
 """What must hold after the code of a page, with its names and its output."""
 
 
-@pytest.mark.parametrize("page", pages_with("python"))
+QUICK = "README.md", "docs/guides/pack.md"
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[] if page in QUICK else [pytest.mark.slow])
+        for page in pages_with("python")
+    ],
+)
 def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch, capsys) -> None:
     """All blocks in turn, in one namespace and an empty folder."""
     monkeypatch.chdir(tmp_path)

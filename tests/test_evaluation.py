@@ -89,6 +89,7 @@ def test_what_is_in_the_file_is_not_played_again(agents, tasks, rollouts, tmp_pa
     assert read_results(file)[:9] == rollouts and len(read_results(file)) == 12
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_was_killed_resumes(agents, tasks, rollouts, tmp_path) -> None:
     """Killed after a checkpoint, and started again: the file of an undisturbed one."""
     file = tmp_path / "results.jsonl"

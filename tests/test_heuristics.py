@@ -562,6 +562,7 @@ def test_every_policy_chooses_what_is_valid_and_a_seed_says_all(
     assert played[0] == played[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("easy", [False, True])
 def test_only_random_policies_draw_random_numbers(easy) -> None:
     for names in product(*ALL):

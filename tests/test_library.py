@@ -249,6 +249,7 @@ def test_writing_replaces_an_older_library_only(written: Path, entries: list[Ent
     assert ShapeLibrary.open(written).version == "4"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="exchanges folders in one step")
 def test_a_library_that_is_replaced_is_there_at_any_moment(
     written: Path, entries: list[Entry]

@@ -69,6 +69,7 @@ def test_mutations_change_code_and_no_text() -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", [m for each in mutants.GROUPS.values() for m in each.modules])
 def test_every_mutant_is_another_program(module: str) -> None:
     text = (mutants.ROOT / module).read_text()
@@ -95,6 +96,7 @@ def test_a_hole_in_the_tests_is_found(tmp_path: Path) -> None:
     assert (tmp_path / "small/planted.py").read_text() == PLANTED
 
 
+@pytest.mark.slow
 def test_a_draw_is_repeated_by_its_seed_and_extended_by_its_count() -> None:
     modules = mutants.GROUPS["game"].modules
     first, second = mutants.draw(1, 20, modules), mutants.draw(2, 20, modules)

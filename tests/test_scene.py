@@ -378,6 +378,7 @@ def test_without_pybullet_pictures_are_drawn_and_contacts_name_the_extra(
     ]
 
 
+@pytest.mark.slow
 def test_nothing_on_the_terminal(tmp_path: Path) -> None:
     code = (
         "from packit_sim.box import Box; from packit_sim.scene import Scene\n"
@@ -391,6 +392,7 @@ def test_nothing_on_the_terminal(tmp_path: Path) -> None:
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "before\nafter\n", "")
 
 
+@pytest.mark.slow
 def test_thirty_scenes_leave_nothing_open(renderer: str) -> None:
     box = three_items()
 

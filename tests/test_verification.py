@@ -156,6 +156,7 @@ def test_generated_datasets_are_valid_with_all_kept_packs(library, tmp_path) -> 
     assert report.items >= 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_places_before_an_items_own_are_those_of_the_oracle(seed, library, tmp_path) -> None:
     rng = np.random.default_rng(seed)

@@ -65,6 +65,7 @@ def below(names: set[str], folder: str) -> set[str]:
     return {name.removeprefix(folder) for name in names if name.startswith(folder)}
 
 
+@pytest.mark.slow
 def test_the_wheel_claims_only_its_own_names_and_has_everything(wheel) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())

@@ -38,6 +38,7 @@ def assert_at_most_touching(box: Box) -> int:
     return compared
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_solids_of_a_dense_box_share_no_more_than_the_tolerance(seed) -> None:
     library = ShapeLibrary.open("everyday")
