@@ -136,17 +136,36 @@ def test_a_forked_child_ends_by_the_signal_itself() -> None:
         assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGTERM
 
 
-def test_ctrl_c_outside_of_a_command_is_one_line(monkeypatch, capsys) -> None:
+def within_c_code(cause: BaseException) -> SystemError:
+    """What numba raises if Python code that it calls raises anything."""
+    error = SystemError("returned a result with an exception set")
+    error.__cause__ = cause
+    return error
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), within_c_code(KeyboardInterrupt())])
+def test_ctrl_c_outside_of_a_command_is_one_line(error, monkeypatch, capsys) -> None:
     from packit_sim.cli import app
 
     def interrupted(**options: object) -> None:
-        raise KeyboardInterrupt
+        raise error
 
     monkeypatch.setattr(app, "end_at_once", lambda: None)
     monkeypatch.setattr(app, "app", interrupted)
     with pytest.raises(SystemExit) as end:
         app.main()
     assert end.value.code == 130 and capsys.readouterr() == ("stopped\n", "")
+
+
+def test_an_error_within_c_code_is_not_taken_for_ctrl_c(monkeypatch) -> None:
+    from packit_sim.cli import app
+
+    def broken(**options: object) -> None:
+        raise within_c_code(ValueError())
+
+    monkeypatch.setattr(app, "app", broken)
+    with pytest.raises(SystemError):
+        app.main()
 
 
 def test_a_temporary_folder_ends_with_its_process_or_with_the_next_one(tmp_path) -> None:

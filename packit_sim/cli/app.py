@@ -154,7 +154,9 @@ def main() -> None:
     try:
         with as_interrupts() as arrived:
             code = _run()
-    except (KeyboardInterrupt, typer.Abort):  # outside of a command
+    except (KeyboardInterrupt, typer.Abort, SystemError) as error:  # outside of a command
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise  # otherwise Ctrl-C came while C code, such as numba's, called Python
         end_at_once()
         console.print("stopped")
         code = 130
