@@ -12,7 +12,7 @@ STAMPS = night.read_stamps()
 
 def test_every_results_file_has_a_campaign_and_a_stamp() -> None:
     files = {file.stem for file in RESULTS.glob("*.json")} - {"stamps", "mutants_judged"}
-    assert files == set(night.CAMPAIGNS) == set(STAMPS)
+    assert files == set(STAMPS) <= set(night.CAMPAIGNS)
 
 
 @pytest.mark.parametrize("name", STAMPS)
