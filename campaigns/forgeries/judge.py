@@ -402,7 +402,8 @@ def _require(holds: bool, what: str) -> None:
 
 
 def _number(value: Any) -> float:
-    _require(isinstance(value, int | float) and not isinstance(value, bool), f"{value!r:.40}")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    _require(is_number and abs(value) < 1e300, f"{value!r:.40}")
     return float(value)
 
 
