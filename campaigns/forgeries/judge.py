@@ -179,6 +179,8 @@ class Judge:
                 *(part["name"], part["mesh"], is_part),
             )
             _require(same and isinstance(told["is part"], bool), "an obstacle")
+            fields = self.honest["request"]["parts"][0]
+            _require(set(fields) <= set(part), f"a field of {part['name']}")
             place = np.zeros((4, 4))
             place[:3, :3] = part["scale"] * UPS[part["up"]]
             place[3, 3] = 1
