@@ -157,6 +157,19 @@ def test_ctrl_c_outside_of_a_command_is_one_line(error, monkeypatch, capsys) -> 
     assert end.value.code == 130 and capsys.readouterr() == ("stopped\n", "")
 
 
+def test_ctrl_c_while_the_command_line_is_read_is_one_line(monkeypatch, capsys) -> None:
+    from packit_sim.cli import app
+
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(app.TyperGroup, "make_context", interrupted)
+    with pytest.raises(SystemExit) as end:
+        app.main()
+    out, err = capsys.readouterr()
+    assert (end.value.code, out, err) == (130, "stopped: nothing is begun\n", "")
+
+
 def test_an_error_within_c_code_is_not_taken_for_ctrl_c(monkeypatch) -> None:
     from packit_sim.cli import app
 

@@ -65,6 +65,10 @@ class Commands(TyperGroup):
         known = [name for names in COMMANDS.values() for name in names if name in self.commands]
         return known + sorted(self.commands.keys() - set(known))
 
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        with stoppable("nothing is begun"):  # typer itself would end without a word
+            return super().make_context(*arguments, **options)
+
     def invoke(self, ctx: Any) -> Any:
         with stoppable("the command is not finished"):
             return super().invoke(ctx)
