@@ -85,7 +85,7 @@ CAMPAIGNS = {
 
 @dataclass(frozen=True)
 class Stamp:
-    """Of which sources the results of a campaign are.
+    """The sources that the results of a campaign are of.
 
     Attributes
     ----------

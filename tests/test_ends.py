@@ -137,7 +137,7 @@ def test_a_forked_child_ends_by_the_signal_itself() -> None:
 
 
 def within_c_code(cause: BaseException) -> SystemError:
-    """What numba raises if Python code that it calls raises anything."""
+    """The error of numba if Python code that it calls raises anything."""
     error = SystemError("returned a result with an exception set")
     error.__cause__ = cause
     return error

@@ -53,7 +53,7 @@ DIGITS = {"volume": 6, "height": 5, "mass": 5}
 
 
 class Verdict(NamedTuple):
-    """Whether a record is right: "right", "wrong", "unstated" without a request, or "open"."""
+    """Judge a record: "right", "wrong", "unstated" without a request, or "open"."""
 
     state: str
     reason: str = ""
@@ -119,8 +119,8 @@ class Judge:
             self.doubts.append("other boxes")
         parts = {_text(each["name"]): each for each in request["parts"]}
         _require(len(parts) == len(request["parts"]), "parts of one name")
-        told = [(each["name"], _integer(each["count"])) for each in record["parts"]]
-        _require(told == [(n, _integer(p["count"])) for n, p in parts.items()], "the parts")
+        stated = [(each["name"], _integer(each["count"])) for each in record["parts"]]
+        _require(stated == [(n, _integer(p["count"])) for n, p in parts.items()], "the parts")
         known = {each["name"]: each for each in asked["parts"]}
         for name, part in parts.items():
             _require(set(asked["parts"][0]) <= set(part), f"a field of {name}")
@@ -174,17 +174,17 @@ class Judge:
         asked = [(part, False) for part in request["keep out"]]
         asked += [(part, True) for part in request["fixed"]]
         _require(len(asked) == len(record["obstacles"]), "the obstacles")
-        for (part, is_part), told in zip(asked, record["obstacles"], strict=True):
-            same = (told["name"], told["mesh"], told["is part"]) == (
+        for (part, is_part), stated in zip(asked, record["obstacles"], strict=True):
+            same = (stated["name"], stated["mesh"], stated["is part"]) == (
                 *(part["name"], part["mesh"], is_part),
             )
-            _require(same and isinstance(told["is part"], bool), "an obstacle")
+            _require(same and isinstance(stated["is part"], bool), "an obstacle")
             fields = self.honest["request"]["parts"][0]
             _require(set(fields) <= set(part), f"a field of {part['name']}")
             place = np.zeros((4, 4))
             place[:3, :3] = part["scale"] * UPS[part["up"]]
             place[3, 3] = 1
-            _require(np.allclose(_pose(told["pose"]), place, 1e-6, 0), "the place of an obstacle")
+            _require(np.allclose(_pose(stated["pose"]), place, 1e-6, 0), "the place of an obstacle")
             if not _same(part["rotations"], "fixed") or not _same(part["count"], 1):
                 self.doubts.append("an obstacle that turns")
 
@@ -338,15 +338,15 @@ class Judge:
             words = re.sub(NUMBER, "#", self.honest["summary"].get(name, ""))
             words = re.sub(rf"\b{self.honest['unit']}\b", unit, words)
             _require(re.sub(NUMBER, "#", text) == words, f"the words of {name!r}")
-            told = [float(each) for each in re.findall(NUMBER, text.replace(unit + "³", ""))]
+            stated = [float(each) for each in re.findall(NUMBER, text.replace(unit + "³", ""))]
             if name == "boxes":
-                told = [
+                stated = [
                     float(side)
                     for size in re.findall(rf"({NUMBER}) x ({NUMBER}) x ({NUMBER})", text)
                     for side in size[:3]
                 ]
-            _require(len(told) == len(values), f"the numbers of {name!r}")
-            for one, other in zip(told, values, strict=True):
+            _require(len(stated) == len(values), f"the numbers of {name!r}")
+            for one, other in zip(stated, values, strict=True):
                 last = 10.0 ** (np.floor(np.log10(abs(other) or 1e-30)) + 1 - DIGITS.get(name, 4))
                 last = max(last, 1e-3 if name == "density" else 1e-6 * longest)
                 self._at_most(abs(one - other), 0.9 * last, 2.1 * last, f"the summary's {name!r}")

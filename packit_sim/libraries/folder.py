@@ -11,6 +11,7 @@ from pathlib import Path
 
 from packit_sim.core.caches import cached_property
 from packit_sim.core.errors import LibraryError
+from packit_sim.core.files import digest_of
 from packit_sim.libraries import mesh_files
 from packit_sim.libraries.sources import Candidate, Source
 
@@ -58,7 +59,7 @@ class MeshFolder(Source):
     def digest(self) -> str:
         sha = hashlib.sha256()
         for id, file in sorted(self._files.items()):
-            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            content = digest_of(file)
             sha.update(f"{id} {content}\n".encode())
         return sha.hexdigest()
 

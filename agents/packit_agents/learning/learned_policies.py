@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -14,6 +13,7 @@ from torch import Tensor, nn
 from packit_agents.heuristics.action_scores import ActionScores
 from packit_agents.learning.networks import AllPolicies
 from packit_agents.learning.weights import WeightsError, read_weights, weights_digest
+from packit_sim.core.files import digest_of
 from packit_sim.game.envs.observations import FeatureObserver, Observation, PlacementFeatureObserver
 from packit_sim.game.episodes.episode import Episode, Stage
 from packit_sim.geometry.lattice import BOX_CELLS
@@ -34,7 +34,7 @@ class _Learned:
         self._file = Path(file)
         self._network, self._placement_features, self.provenance = read_weights(self._file)
         self.weights_digest = weights_digest(self._network)
-        self.former_weights_digest = hashlib.sha256(self._file.read_bytes()).hexdigest()[:16]
+        self.former_weights_digest = digest_of(self._file)[:16]
         if self.stage is not Stage.SHAPE and not isinstance(self._network, AllPolicies):
             raise WeightsError(
                 f"{self._file} chooses shapes, not {self.stage.name.lower()}s: it was trained with "

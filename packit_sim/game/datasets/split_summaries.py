@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from packit_sim.core.errors import PackFormatError
+from packit_sim.core.files import digest_of
 from packit_sim.game.datasets.densification_settings import DensificationSettings
 from packit_sim.game.datasets.evolution_settings import EvolutionSettings
 from packit_sim.game.datasets.manifests import Manifest, find_manifest
@@ -60,7 +60,7 @@ class SplitSummary:
         """Read a file; errors are those of `read_packs` and `DatasetStatistics.of`."""
         packs = read_packs(file)
         statistics = DatasetStatistics.of(file.stem, packs, library)
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        digest = digest_of(file)
         return cls(file, packs, statistics, digest, _version(file))
 
     @property

@@ -24,7 +24,7 @@ from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
-from packit_sim.parts.results.check import check
+from packit_sim.parts.results.check import Check, check
 from packit_sim.parts.results.request import Request
 from packit_sim.parts.results.resuming import (
     RecordedItem,
@@ -35,7 +35,7 @@ from packit_sim.parts.results.resuming import (
 from packit_sim.parts.results.summary import summary
 
 REQUEST = "what was asked for: parts, counts, sizes, boxes, walls, rotations, constraints, summary"
-"""What a file without a request does not say."""
+"""The statements that a file without a request lacks."""
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
@@ -148,21 +148,22 @@ def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
         for name, own in zip(record.box_names, placed, strict=True)
     ]
     packed = PackedParts(task, tuple(packings))
-    found += check(packed).problems
+    checked = check(packed)
+    found += checked.problems
     constraints = replace(task.constraints, stable=None)
     if not constraints.is_empty:
         for contents in packed.contents:
             found += [one.sentence for one in broken_constraints(contents, constraints)]
-    return found or [*_masses(record, task), *_summary(record, packed)]
+    return found or [*_masses(record, task), *_summary(record, packed, checked)]
 
 
 def _settings(record: _Record) -> Iterator[str]:
     """Compare settings, boxes, names of meshes and obstacles."""
     request = record.request
     for name in ("unit", "objective", "clearance", "wall_clearance"):
-        told, asked = getattr(record, name), getattr(request, name)
-        if told != asked:
-            yield f"field {name.replace('_', ' ')!r} is {told!r}, but {asked!r} was asked for"
+        stated, asked = getattr(record, name), getattr(request, name)
+        if stated != asked:
+            yield f"field {name.replace('_', ' ')!r} is {stated!r}, but {asked!r} was asked for"
     sizes = {box.name: box.size for box in request.boxes}
     if record.boxes != tuple(sizes.get(name) for name in record.box_names):
         yield "the boxes are not those that were asked for"
@@ -210,9 +211,9 @@ def _counts(record: _Record) -> Iterator[str]:
 
 def _masses(record: _Record, task: PackTask) -> Iterator[str]:
     """Compare the volume and the mass of one of each part that is packed."""
-    told = {each.name: each for each in record.parts}
+    stated = {each.name: each for each in record.parts}
     for each in task.parts:
-        own = told[each.part.name]
+        own = stated[each.part.name]
         for name, value, true in (
             ("volume", own.volume, each.volume),
             ("mass", own.mass, each.mass),
@@ -221,31 +222,31 @@ def _masses(record: _Record, task: PackTask) -> Iterator[str]:
                 yield f"the {name} of {each.part.name!r} is said to be {value}, but is {true}"
 
 
-def _summary(record: _Record, packed: PackedParts) -> Iterator[str]:
+def _summary(record: _Record, packed: PackedParts, checked: Check) -> Iterator[str]:
     """Compare the texts of the summary, whose numbers may differ by one in the last digit."""
-    told, true = dict(record.summary), summary(packed, check(packed))
+    stated, true = dict(record.summary), summary(packed, checked)
     total = sum(each.count for each in record.request.parts)
     true["packed"] = f"{packed.count} of {total} parts"
-    if told.pop("check", "") == "not done" and "smallest distance" not in told:
+    if stated.pop("check", "") == "not done" and "smallest distance" not in stated:
         true.pop("smallest distance", None)
     del true["check"]
     longest = max(max(box.size) for box in packed.task.boxes)
-    for name in dict.fromkeys((*true, *told)):
-        if not _is_same(name, told.get(name), true.get(name), longest):
+    for name in dict.fromkeys((*true, *stated)):
+        if not _is_same(name, stated.get(name), true.get(name), longest):
             yield (
-                f"the summary's {name!r} is {told.get(name, 'missing')}, "
+                f"the summary's {name!r} is {stated.get(name, 'missing')}, "
                 f"but should be {true.get(name, 'missing')}"
             )
 
 
-def _is_same(name: str, told: str | None, true: str | None, longest: float) -> bool:
-    if told is None or true is None:
+def _is_same(name: str, stated: str | None, true: str | None, longest: float) -> bool:
+    if stated is None or true is None:
         return False
-    if told == true:
+    if stated == true:
         return True
-    if name == "packed" or _NUMBER.sub("0", told) != _NUMBER.sub("0", true):
+    if name == "packed" or _NUMBER.sub("0", stated) != _NUMBER.sub("0", true):
         return False
-    for one, other in zip(_NUMBER.findall(told), _NUMBER.findall(true), strict=True):
+    for one, other in zip(_NUMBER.findall(stated), _NUMBER.findall(true), strict=True):
         size = abs(float(other))
         last = 10.0 ** (math.floor(math.log10(size)) + 1 - _DIGITS.get(name, 4)) if size else 0.0
         last = max(last, 1e-3 if name == "density" else _SAME * longest)

@@ -1,4 +1,4 @@
-"""What the workbench's page shows: a message, the packing, and the files of the last result."""
+"""The state of the workbench's page: a message, the packing, and the files of the last result."""
 
 from __future__ import annotations
 
