@@ -3,6 +3,7 @@
 import hashlib
 import math
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,12 +11,15 @@ import trimesh
 
 from packit_sim import NestSettings, nest
 from packit_sim.core.errors import ArgumentError
-from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
+from packit_sim.parts.packings import builtin_instances
+from packit_sim.parts.packings.builtin_instances import builtin_names
 from packit_sim.parts.packings.instances import read_instance, write_instance
 from packit_sim.parts.packings.item_types import ItemType
 from tests.doc_pages import DOCS
 
 PAGE = DOCS / "reference" / "instances.md"
+
+builtin_instance = cache(builtin_instances.builtin_instance)
 
 DIGESTS = {
     "polytopes-20": "ae9a53d7e2ff407c",

@@ -84,13 +84,13 @@ def test_no_search_puts_a_sheet_into_another() -> None:
         )
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(30))
 def test_nested_surfaces_are_judged_as_by_the_oracle(seed: int) -> None:
     check_nested(np.random.default_rng(seed))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(60, 660))
+@pytest.mark.parametrize("seed", range(30, 660))
 def test_many_nested_surfaces_are_judged_as_by_the_oracle(seed: int) -> None:
     check_nested(np.random.default_rng(seed))
 
@@ -121,13 +121,13 @@ def check_nested(rng: np.random.Generator) -> None:
 
 def test_the_generated_pairs_are_nested_often_enough_to_test_something() -> None:
     inside = 0
-    for seed in range(60):
+    for seed in range(30):
         outer, inner = nested_pair(np.random.default_rng(seed))
         placed = PlacedItem(outer, (8, 8, 8))
         for location in np.ndindex(6, 6, 6):
             candidate = PlacedItem(inner, tuple(int(n) + 7 for n in location))
             inside += not collides(placed, candidate) and contains(placed, candidate)
-    assert inside >= 40
+    assert inside >= 20
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -74,10 +74,21 @@ def result(pack: Pack, library: ShapeLibrary, number: int, kept: int, agent: str
     return Rollout(replace(pack, items=items, density=volume, provenance=played)).pack
 
 
-@pytest.fixture(name="explorer")
-def _explorer(packs: list[Pack], library: ShapeLibrary) -> Iterator[Explorer]:
+@pytest.fixture(name="opened", scope="module")
+def _opened(packs: list[Pack], library: ShapeLibrary) -> Iterator[Explorer]:
     with Explorer(PackCollection(packs, library)) as explorer:
         yield explorer
+
+
+@pytest.fixture(name="explorer")
+def _explorer(opened: Explorer) -> Explorer:
+    """One for all tests, as it was at first: to draw a pack takes a second."""
+    controls = opened.controls
+    controls.item.value = controls.axis.value = controls.wanted.value = NOTHING
+    controls.explode.value = 0.0
+    controls.set_step(len(opened.views[0].placed))
+    opened.wait()
+    return opened
 
 
 def shown(explorer: Explorer, box: int = 0) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import trimesh
 
-from packit_sim.geometry.shading import CREASE
+from packit_sim.geometry.shading import ShadedMesh
 from packit_sim.geometry.shapes import Shape
 from packit_sim.geometry.simplification import reduced
 
@@ -20,6 +20,5 @@ def surface(shape: Shape) -> trimesh.Trimesh:
     trimesh.Trimesh
         The mesh in the canonical frame.
     """
-    mesh = reduced(shape, MAX_TRIANGLES).mesh
-    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    return trimesh.graph.smooth_shade(mesh, angle=CREASE, facet_minarea=None)
+    shaded = ShadedMesh.of(reduced(shape, MAX_TRIANGLES).mesh)
+    return trimesh.Trimesh(shaded.vertices, shaded.faces, process=False)
