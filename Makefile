@@ -11,6 +11,9 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.set-up-$(EXTRAS)
 PYTEST := $(BIN)/pytest -n 2 --dist=worksteal
 
+# Without bytecode each of the hundred processes that tests start would compile the project anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help setup demo docs test test-all coverage bench campaigns lint types wheel constraints clean

@@ -5,6 +5,7 @@ chosen by HYPOTHESIS_PROFILE: `quick` draws the same few examples on every run, 
 `make test-all`) more from new seeds, and `thorough` ten times as many again.
 """
 
+import hashlib
 import os
 import re
 import shutil
@@ -20,6 +21,8 @@ import typer.testing
 from hypothesis import settings
 
 from packit_sim.core import debugging
+from packit_sim.geometry import shapes
+from packit_sim.geometry.arrays import Floats
 from packit_sim.libraries import importer
 from packit_sim.render import bullet, renderers
 from tests.runs import PoolOfNone
@@ -83,6 +86,22 @@ def checked_state(request: pytest.FixtureRequest) -> Iterator[None]:
     value = os.environ.get(debugging.CHECK_VARIABLE, str(int(name in CHECKED)))
     with pytest.MonkeyPatch.context() as patch, debugging.checking(value == "1"):
         patch.setenv(debugging.CHECK_VARIABLE, value)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _volumes_once() -> Iterator[None]:
+    """Measure the volume of a mesh once: that takes 20 ms, and checks of datasets do it anew."""
+    measure, known = shapes.solid_volume_bounds, dict[bytes, tuple[float, float]]()
+
+    def measured(triangles: Floats) -> tuple[float, float]:
+        digest = hashlib.sha256(triangles.tobytes()).digest()
+        if digest not in known:
+            known[digest] = measure(triangles)
+        return known[digest]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shapes, "solid_volume_bounds", measured)
         yield
 
 

@@ -213,8 +213,9 @@ def _earlier(
     corners = np.ravel_multi_index(tuple(left.T * STEP), outer.shape)
     rng = np.random.default_rng(0)
     for own, theirs in ((item.inner, outer.ravel()), (item.outer, inner.ravel())):
-        cells = rng.permutation(np.argwhere(own))[:WITNESSES]
-        offsets = np.ravel_multi_index(tuple(cells.T), outer.shape)
+        cells = np.flatnonzero(own)
+        cells = cells[rng.permutation(len(cells))[:WITNESSES]]
+        offsets = np.ravel_multi_index(np.unravel_index(cells, own.shape), outer.shape)
         for some in np.array_split(offsets, 2 ** np.arange(9)):  # more at once, as fewer are left
             free = ~theirs[corners + some[:, None]].any(axis=0)
             corners, left = corners[free], left[free]
