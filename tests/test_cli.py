@@ -19,6 +19,8 @@ from tests.runs import run_packit as packit
 
 SMALL = ("--pool", "6", "--generations", "1")
 
+ALONE = ("--workers", "1")
+
 
 def shell(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run `packit` in its own process."""
@@ -38,7 +40,7 @@ def pixels(path: Path) -> np.ndarray:
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("packs") / "two"
-    result = packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", path)
+    result = packit("generate", "--packs", "2", "--seed", "4", *SMALL, *ALONE, "--out", path)
     assert result.returncode == 0, result.stderr
     assert "2 packs" in result.stdout
     return path
@@ -92,8 +94,10 @@ def test_generated_packs_verify_evaluate_and_render(dataset, tmp_path) -> None:
     assert pixels(tmp_path / "one.png").shape == (64, 64, 3)
 
 
-def test_a_seed_repeats_a_dataset_bit_for_bit(dataset, tmp_path) -> None:
-    packit("generate", "--packs", "2", "--seed", "4", *SMALL, "--out", tmp_path, "--workers", "1")
+@pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.slow)])
+def test_a_seed_repeats_a_dataset_bit_for_bit(workers, dataset, tmp_path) -> None:
+    arguments = ("--packs", "2", "--seed", "4", *SMALL, "--workers", workers)
+    packit("generate", *arguments, "--out", tmp_path)
     assert (tmp_path / "packs.jsonl").read_bytes() == (dataset / "packs.jsonl").read_bytes()
 
 
@@ -162,8 +166,7 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(arguments, message, tmp_
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "bad.stl").write_bytes(b"no mesh")
     before = sorted(p.name for p in tmp_path.rglob("*"))
-    run = shell if arguments[0] == "verify" else packit
-    failed = run(*arguments, cwd=tmp_path)
+    failed = packit(*arguments, cwd=tmp_path)
     assert failed.returncode == 2
     assert failed.stderr.startswith("error: ") and failed.stderr.count("\n") == 1
     assert message in failed.stderr

@@ -44,12 +44,12 @@ def test_an_instance_is_packed_written_and_verified(instance) -> None:
 
 
 def test_a_built_in_instance_is_known_by_its_name_and_written_for_others(tmp_path) -> None:
-    out, file = tmp_path / "solution.json", tmp_path / "files" / "cut-cube-8.json"
-    run = ("nest", "cut-cube-8", "--iterations", 1, "--workers", 1, "--out", out)
+    out, file = tmp_path / "solution.json", tmp_path / "files" / "rings-12.json"
+    run = ("nest", "rings-12", "--iterations", 1, "--workers", 1, "--out", out)
     packit(*run)
-    assert json.loads(out.read_text())["instancePath"] == "cut-cube-8.json"
+    assert json.loads(out.read_text())["instancePath"] == "rings-12.json"
     packit(*run, "--instance-out", file)
-    assert json.loads(out.read_text())["instancePath"] == "files/cut-cube-8.json"
+    assert json.loads(out.read_text())["instancePath"] == "files/rings-12.json"
     assert read_solution(out).problems() == []
     packit("nest", file, "--iterations", 1, "--workers", 1)
 
@@ -90,7 +90,7 @@ def test_what_is_no_instance_is_one_error(instance, tmp_path) -> None:
     with pytest.raises(PackItError, match=r"no instance 'cubes': .* built-in .*: polytopes-20"):
         packit("nest", "cubes")
     with pytest.raises(PackItError, match=r"--instance-out folder is not possible"):
-        packit("nest", "cut-cube-8", "--instance-out", "folder")
+        packit("nest", "rings-12", "--instance-out", "folder")
 
 
 def test_ctrl_c_before_the_first_packing_ends_the_command(instance, monkeypatch) -> None:

@@ -32,7 +32,7 @@ MESHES = {
     "bowl": BOWL,
 }
 
-TRIES = 30
+TRIES = 15
 
 UNIT = 10.0
 

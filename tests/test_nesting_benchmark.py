@@ -117,11 +117,11 @@ def test_without_the_literature_the_built_in_instances_are_measured(tmp_path) ->
     assert set(names("clearance", tmp_path)) <= set(names("literature", None))
     assert cases.clearance("gears-12", "cube", None).clearance == pytest.approx(0.1)
     results = Results(tmp_path)
-    run_all([Search("builtin", "cut-cube-8", "cube", 0, 0.5)], results, workers=1)
+    run_all([Search("builtin", "rings-12", "cube", 0, 0.5)], results, workers=1)
     (found,) = results.read().values()
-    assert found["others"]["optimum"] == pytest.approx(10) and results.verify() == []
+    assert found["others"]["optimum"] == pytest.approx(8) and results.verify() == []
     report.write_report(results.read(), tmp_path)
-    assert "| `cut-cube-8` | cube | 0.5 s | 0 |" in (tmp_path / "nesting.md").read_text()
+    assert "| `rings-12` | cube | 0.5 s | 0 |" in (tmp_path / "nesting.md").read_text()
     assert (tmp_path / "nesting-builtin.png").stat().st_size > 1000
 
 

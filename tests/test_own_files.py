@@ -322,7 +322,7 @@ def test_nest_replaces_its_own_files_and_no_input(tmp_path) -> None:
     outputs = {name: tmp_path / f"{name}.json" for name in ("out", "packing", "instance-out")}
     options = [each for name, file in outputs.items() for each in (f"--{name}", file)]
     for _ in range(2):
-        packit("nest", "cut-cube-8", *NEST, *options)
+        packit("nest", "rings-12", *NEST, *options)
     instance = outputs["instance-out"]
     before = contents(tmp_path)
     (mesh, *_) = sorted((tmp_path / "instance-out").iterdir())
@@ -331,12 +331,12 @@ def test_nest_replaces_its_own_files_and_no_input(tmp_path) -> None:
             packit("nest", instance, *NEST, option, output)
     mesh.write_text("mine")
     with pytest.raises(ArgumentError, match=rf"{mesh.name} is there with another content"):
-        packit("nest", "cut-cube-8", *NEST, *options)
+        packit("nest", "rings-12", *NEST, *options)
     mesh.write_bytes(before[mesh.relative_to(tmp_path).as_posix()])
     assert contents(tmp_path) == before
     new = tmp_path / "new.json"
     with pytest.raises(ArgumentError, match="two outputs have the same name"):
-        packit("nest", "cut-cube-8", *NEST, "--out", new, "--instance-out", new)
+        packit("nest", "rings-12", *NEST, "--out", new, "--instance-out", new)
 
 
 def test_meshes_next_to_an_exported_packing_are_not_replaced(tmp_path) -> None:

@@ -48,7 +48,7 @@ def plain_enclosed(touched: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", ZOO, ids=lambda s: s.id)
 def test_fine_cells_are_those_of_the_definition(shape) -> None:
-    item = Item(shape, scale=0.12**3)
+    item = Item(shape, scale=0.07**3)
     touched = plain_touched(item)
     enclosed = plain_enclosed(touched)
     assert (item.voxels.outer_fine == (touched | enclosed)).all()
