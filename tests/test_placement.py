@@ -136,7 +136,7 @@ def test_mask_equals_oracle_at_all_15625_locations(seed) -> None:
     rng = np.random.default_rng(seed)
     shapes = tuple(EVERYDAY[i] for i in rng.choice(EVERYDAY.ids, 8, replace=False))
     box = Box()
-    for _ in range(12):
+    for _ in range(7):
         item = random_item(shapes, 0.6, rng)
         location = box.blbf(item)
         if location is not None:
@@ -223,10 +223,10 @@ def test_cubes_that_touch_face_to_face_are_no_conflict() -> None:
 
 
 def test_cubes_of_whole_grid_steps_fill_the_box_to_the_brim() -> None:
-    box = Box()
+    box = Box((60, 80, 100))
     while (location := box.blbf(cube_of(20))) is not None:
         box.place(cube_of(20), location)
-    assert len(box.placed) == 125
+    assert len(box.placed) == 60
     assert box.density == pytest.approx(1)
 
 

@@ -75,7 +75,7 @@ def test_the_champion_plays_by_its_name_without_torch() -> None:
     code = """
 import sys, numpy as np
 from packit_sim import Agent, load_tasks, play
-agent = Agent.from_name("champion+ruin-recreate=2")
+agent = Agent.from_name("champion+ruin-recreate=1")
 print(play(load_tasks("starter")[8], agent, np.random.default_rng(0)).total)
 print(*{"torch", "stable_baselines3"} & set(sys.modules))
 """

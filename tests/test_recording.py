@@ -1,6 +1,7 @@
+import multiprocessing
 import os
-import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import gymnasium as gym
@@ -352,19 +353,19 @@ def test_an_exception_leaves_nothing(tmp_path) -> None:
 
 
 def test_a_process_that_dies_leaves_nothing_at_the_path(tmp_path) -> None:
-    code = f"""
-import os, sys
-from packit_sim.game.envs.env import PackItEnv
-from packit_sim.game.envs.recording import Recorder
-assert not {{"minari", "h5py"}} & sys.modules.keys()
-recorder = Recorder(PackItEnv(observation="none", **{SHAPE_ONLY!r}), {str(tmp_path / "r")!r})
-recorder.reset(seed=0)
-while recorder.count == 0:
-    recorder.step(int(recorder.unwrapped.action_masks().argmax()))
-os._exit(9)
-"""
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], timeout=100, check=False)
-    assert done.returncode == 9
+    def die() -> None:
+        with warnings.catch_warnings(action="ignore"):
+            recorder = Recorder(PackItEnv(observation="none", **SHAPE_ONLY), tmp_path / "r")
+        recorder.reset(seed=0)
+        play(recorder, np.random.default_rng(0))
+        assert recorder.count == 1
+        os._exit(9)
+
+    process = multiprocessing.get_context("fork").Process(target=die)
+    with warnings.catch_warnings(action="ignore"):  # of threads, which only wait
+        process.start()
+    process.join(100)
+    assert process.exitcode == 9
     assert not (tmp_path / "r").exists()
 
 
