@@ -17,6 +17,7 @@ from packit_sim.render import contact_sheets, lettering
 from packit_sim.render.contact_sheets import contact_sheet, picture
 from packit_sim.render.image_files import RGBImage
 from packit_sim.render.looks import BACKGROUND
+from tests.examples import OFTEN_OPENED
 from tests.zoo import BALL, BOWL, CUBE, PLATE, RING, ZOO
 
 SIDE = 96
@@ -188,6 +189,7 @@ def test_the_same_again_and_in_another_order() -> None:
         assert np.array_equal(ours[0], theirs[0]) and np.array_equal(ours[1], theirs[1])
 
 
+@pytest.mark.parametrize("renderer", OFTEN_OPENED, indirect=True)
 def test_many_shapes_need_more_than_one_world(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -162,7 +162,7 @@ def test_routes_replayed_in_small_steps_cross_nothing(seed: int) -> None:
     ]
     meshes: list[trimesh.Trimesh] = []
     manager = trimesh.collision.CollisionManager()
-    for n in range(40):
+    for n in range(20):
         mesh = kinds[n % len(kinds)].copy()
         mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
         mesh.apply_translation(-mesh.bounds[0])

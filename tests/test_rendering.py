@@ -29,6 +29,7 @@ from packit_sim.render.looks import BACKGROUND, Cut, Look
 from packit_sim.render.sections import is_beyond, section
 from packit_sim.render.software import SoftwareWorld
 from packit_sim.scene import Scene
+from tests.examples import OFTEN_OPENED
 from tests.watched import Watched
 from tests.zoo import BALL, BOWL, CUBE, HOLLOW, RING, ZOO, cube_of
 
@@ -240,6 +241,7 @@ def test_a_cut_shows_the_section_and_takes_away_what_is_beyond(
     assert bodies == 3 + 2
 
 
+@pytest.mark.parametrize("renderer", OFTEN_OPENED, indirect=True)
 def test_a_world_is_replaced_before_it_has_too_many_sections(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,6 +27,7 @@ from packit_sim.render import bullet, renderers, software
 from packit_sim.render.cameras import Camera
 from packit_sim.render.looks import Look
 from packit_sim.scene import Scene
+from tests.examples import OFTEN_OPENED
 from tests.watched import Watched
 from tests.zoo import BALL, BOWL, CUBE, RING, ZOO, cube_of, fill, random_item
 
@@ -167,6 +168,7 @@ def test_update_to_a_box_of_other_cells_and_after_many_shapes(
         assert set(np.unique(scene.snapshot(120, 120).segmentation)) == {-1, 0}
 
 
+@pytest.mark.parametrize("renderer", OFTEN_OPENED, indirect=True)
 def test_a_world_is_replaced_before_it_has_too_many_triangles(
     renderer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
