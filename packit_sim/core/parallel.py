@@ -136,7 +136,9 @@ class Workers:
                 self._end(results)
 
     def _end(self, results: Generator[Any, None, None]) -> None:
-        """Stop the jobs that have not ended."""
+        """Stop the jobs that have not ended, unless the block's end or their reader's was first."""
+        if results not in self._unfinished:
+            return
         self._unfinished.remove(results)
         with suppress(KeyboardInterrupt), _silent_manager():
             results.throw(KeyboardInterrupt())
