@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -183,6 +184,81 @@ def test_what_a_file_does_not_say_is_named_as_not_checked(honest: Path) -> None:
     assert result.returncode == 0 and REQUEST in result.stdout.replace("\n", " ")
     with pytest.raises(PackFormatError, match=r"field 'request\.clearance' is missing"):
         found(honest, lambda record: record["request"].pop("clearance"))
+
+
+def _exported(honest: Path, folder: Path, *names: str) -> Path:
+    """Copy a packing, and add exports that its record lists."""
+    shutil.copytree(honest, folder)
+    record = json.loads((folder / "packing.json").read_text())
+    for name in names:
+        (folder / name).write_text(name)
+        record["files"][name] = hashlib.sha256(name.encode()).hexdigest()
+    (folder / "packing.json").write_text(json.dumps(record))
+    return folder
+
+
+def _changed(file: Path) -> None:
+    file.write_text("changed")
+
+
+def _linked(file: Path) -> None:
+    file.unlink()
+    file.symlink_to("/etc/hostname")
+
+
+def _folder(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
+def _dangling(file: Path) -> None:
+    file.unlink()
+    file.symlink_to("none")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (_changed, "'packing.png' is another file than was written, by its SHA-256"),
+        (_folder, "'packing.png' is another file than was written, by its SHA-256"),
+        (_dangling, "'packing.png' is another file than was written, by its SHA-256"),
+        (_linked, "no path or link may lead out of it"),
+    ],
+)
+def test_exports_have_the_recorded_digests(
+    change: Callable[[Path], None], sentence: str, honest: Path, tmp_path: Path
+) -> None:
+    folder = _exported(honest, tmp_path / "packed", "packing.png", "packing.3mf")
+    assert verify_record(folder / "packing.json").not_judged == ""
+    change(folder / "packing.png")
+    problems = verify_record(folder / "packing.json").problems
+    assert len(problems) == 1 and sentence in problems[0].sentence
+
+
+def test_exports_that_are_missing_or_not_recorded_are_named(honest: Path, tmp_path: Path) -> None:
+    folder = _exported(honest, tmp_path / "packed", "packing.png")
+    (folder / "packing.png").unlink()
+    (folder / "packing-7.stl").touch()
+    (folder / "notes.txt").touch()
+    report = verify_record(folder / "packing.json")
+    assert report.is_valid
+    missing, more = "'packing.png' (missing)", "'packing-7.stl' (not recorded)"
+    assert report.not_judged == f"not checked: {missing}, {more}"
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/hostname", "meshes/../../secret", ""])
+def test_recorded_files_are_inside_the_folder(name: str, honest: Path) -> None:
+    digest = hashlib.sha256(b"").hexdigest()
+    problems = found(honest, lambda record: record["files"].update({name: digest}))
+    assert len(problems) == 1 and "no path or link may lead out of it" in problems[0]
+
+
+def test_the_recorded_digest_of_a_mesh_is_compared(honest: Path) -> None:
+    def forged(record: Record) -> None:
+        record["files"][record["items"][0]["mesh"]] = "0" * 64
+
+    problems = found(honest, forged)
+    assert len(problems) == 1 and "another file than was written" in problems[0]
 
 
 LINKS = ("file", "nested", "meshes", "loop", "device")

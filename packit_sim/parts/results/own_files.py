@@ -166,9 +166,14 @@ def _in_the_way(folder: Path, task: PackTask, instructions: bool, film: bool) ->
                 yield name
 
 
+def is_export(name: str) -> bool:
+    """Return whether a file in the folder of a packing has the name of one of its exports."""
+    return name == INSTRUCTIONS or bool(_EXPORT.fullmatch(name))
+
+
 def _is_ours(name: str) -> bool:
     """Return whether a packing may have a file of a name, which a forged record lists."""
-    return name == INSTRUCTIONS or bool(_EXPORT.fullmatch(name) or _MESH.fullmatch(name))
+    return is_export(name) or bool(_MESH.fullmatch(name))
 
 
 def _is_regular(folder: Path, name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -15,16 +16,20 @@ from msgspec import Struct, field
 
 from packit_sim.core import typed_json
 from packit_sim.core.check_reports import FileProblem, Report
-from packit_sim.core.errors import PackFormatError, PackItError, located
+from packit_sim.core.errors import MeshError, PackFormatError, PackItError, located
+from packit_sim.core.files import digest_of
+from packit_sim.core.plain_text import listed
 from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
+from packit_sim.parts.packings.mesh_paths import file_inside
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import verify_packing
 from packit_sim.parts.results.check import Check, check
+from packit_sim.parts.results.own_files import is_export
 from packit_sim.parts.results.request import Request
 from packit_sim.parts.results.resuming import (
     RecordedItem,
@@ -34,7 +39,10 @@ from packit_sim.parts.results.resuming import (
 )
 from packit_sim.parts.results.summary import summary
 
-REQUEST = "what was asked for: parts, counts, sizes, boxes, walls, rotations, constraints, summary"
+REQUEST = (
+    "what was asked for: parts, counts, sizes, boxes, walls, rotations, constraints, summary; "
+    "digests of files"
+)
 """The statements that a file without a request lacks."""
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -85,6 +93,7 @@ class _Record(Struct, rename=lambda name: name.replace("_", " ")):
     left_out: tuple[_LeftOut, ...]
     parts: tuple[_Part, ...]
     summary: dict[str, str]
+    files: dict[str, str]
 
 
 class _Asked(Struct):
@@ -114,7 +123,8 @@ def verify_record(file: Path | str) -> Report:
     The task is prepared again from the request and the meshes. Each part must have its size, a
     rotation of its set, and its distance to the walls; no part and no box is there more often than
     asked for, and each part is packed or left out. If all this is right, the original meshes are
-    compared (see `check`), and so are the constraints and the summary.
+    compared (see `check`), and so are the constraints and the summary. The files of the result
+    must have the recorded digests; exports that are missing, or not recorded, are not checked.
     """
     file = Path(file)
     report = verify_packing(file)
@@ -123,13 +133,47 @@ def verify_record(file: Path | str) -> Report:
         if typed_json.decode(data, _Asked, PackFormatError).request is None:
             return replace(report, unchecked=(REQUEST,))
         record = typed_json.decode(data, _Record, PackFormatError, "a packing")
-    found = _compared(record, file.parent, report.is_valid)
+    changed, not_compared = _files(record, file.parent)
+    found = [*changed, *_compared(record, file.parent, report.is_valid)]
     problems = [FileProblem(file, None, sentence) for sentence in found]
     request = record.request
     unchecked = [f"the constraint {text}" for text in request.constraints]
     if request.stable is not None:
         unchecked.append(f"that parts move by at most {request.stable:g} {request.unit}")
+    if not_compared:
+        unchecked.append(listed(not_compared))
     return replace(report, problems=(*report.problems, *problems), unchecked=tuple(unchecked))
+
+
+def _files(record: _Record, folder: Path) -> tuple[list[str], list[str]]:
+    """Compare the digests of the result's files, but for those of meshes that the request has.
+
+    Returns
+    -------
+    list of str
+        The problems.
+    list of str
+        What can't be compared.
+    """
+    request = record.request
+    meshes = (*request.parts, *request.keep_out, *request.fixed)
+    known = {(each.mesh, each.sha256) for each in meshes}
+    problems, unchecked = [], []
+    for name, digest in record.files.items():
+        if (name, digest) in known:
+            continue
+        try:
+            own = file_inside(folder, name)
+        except MeshError as error:
+            problems.append(str(error))
+            continue
+        if not os.path.lexists(own):
+            unchecked.append(f"{name!r} (missing)")
+        elif not own.is_file() or digest_of(own) != digest:
+            problems.append(f"{name!r} is another file than was written, by its SHA-256")
+    exports = sorted(each.name for each in folder.iterdir() if is_export(each.name))
+    unchecked += [f"{name!r} (not recorded)" for name in exports if name not in record.files]
+    return problems[: validity.MAX_PROBLEMS], unchecked
 
 
 def _compared(record: _Record, folder: Path, is_valid: bool) -> list[str]:
