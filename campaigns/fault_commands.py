@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,13 +14,13 @@ import torch
 from PIL import Image
 from trimesh import creation
 
+from campaigns.disturbed import OUT, Command
+from campaigns.fault_pages import FOLDERS, PageCommand
 from packit_agents.learning import training
 from packit_agents.learning.checkpoints import read_checkpoint
 from packit_agents.learning.weights import read_weights
 from packit_agents.placements import champion_training
 from packit_agents.placements.network import PlacementNetwork
-from packit_sim.cli.app import main
-from packit_sim.core.files import digest_of
 from packit_sim.game.datasets.pack_files import DEFAULT_LIBRARY, dataset_file, read_packs
 from packit_sim.game.evaluation import results_store
 from packit_sim.game.evaluation.evaluation import evaluate
@@ -32,10 +30,9 @@ from packit_sim.libraries import importer
 from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.parts.packings.instances import read_instance, read_solution
 from packit_sim.parts.packings.packing_files import verify_packing
+from packit_sim.parts.results import instructions, pictures
+from packit_sim.parts.results.verification import verify_record
 from packit_sim.render.renderers import RENDERER_VARIABLE
-
-OUT = "out"
-"""The folder of a command's output, in its workspace; `meshes` and `tasks` are next to it."""
 
 FOREIGN = {
     "notes.txt": "mine",
@@ -52,53 +49,6 @@ FOREIGN = {
     "packed/meshes/box-0.stl": "mine",
 }
 """Files of the user next to the output, some with names like those of the product."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command with its output in one folder.
-
-    Attributes
-    ----------
-    name : str
-        The name, as in `packit NAME`.
-    arguments : tuple of str
-        The rest of the command; the workspace is its working directory.
-    before : tuple of str
-        The same command with less to do, which has already ended; empty if there was none.
-    check : callable
-        Reads what is there and raises if it can't be read: the folder, and that of an undisturbed
-        run.
-    workers : bool
-        Whether `--workers` sets the number of processes.
-    repeats : bool
-        Whether the command always ends with the same bytes; if not, the same command again begins
-        with the last answer, and may end with another that is as good.
-    cluster : bool
-        Whether the fault of a lost machine of a cluster is tried.
-    change : str
-        What is other than in the command before it, where a command is tried with several changes.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    before: tuple[str, ...]
-    check: Callable[[Path, Path], None]
-    workers: bool = True
-    repeats: bool = True
-    cluster: bool = False
-    change: str = ""
-
-    @property
-    def title(self) -> str:
-        """The name of the command and the change."""
-        return f"{self.name} {self.change}".strip()
-
-    def run(self, workers: int = 1, arguments: Iterable[str] | None = None) -> None:
-        """Run the command in this process, in the working directory, up to its `sys.exit`."""
-        words = [*self.name.split(), *(self.arguments if arguments is None else arguments)]
-        sys.argv = ["packit", *words, *(["--workers", str(workers)] if self.workers else [])]
-        main()
 
 
 def prepare_inputs(workspace: Path) -> None:
@@ -132,6 +82,8 @@ def make_quick() -> None:
     torch.set_num_threads(1)
     for module in (jobs, results_store, training):
         vars(module)["CHECKPOINT_SECONDS"] = -1.0
+    vars(pictures)["SIZE"] = 40, 30
+    vars(instructions).update(SMALL=(20, 15), LARGE=(40, 30))
     vars(champion_training)["PlacementTrainingSettings"] = partial(
         champion_training.PlacementTrainingSettings, drawn=2, plays=2, width=2, validate_every=1
     )
@@ -204,13 +156,9 @@ def _check_reproduction(folder: Path, whole: Path) -> None:
 def _check_packing(folder: Path, whole: Path) -> None:
     """A packing that holds: of two parts, which was there before, or of all three."""
     file = folder / "packed" / "packing.json"
-    report = verify_packing(file)
+    report = verify_record(file)
     assert report.is_valid, report.problems[0]
-    record = json.loads(file.read_text())
-    assert len(record["items"]) in (2, 3), "parts are lost"
-    for name, digest in record["files"].items():
-        own = file.parent / name
-        assert not own.exists() or digest_of(own) == digest, f"{name} is of another packing"
+    assert len(json.loads(file.read_text())["items"]) in (2, 3), "parts are lost"
 
 
 def _check_nest(folder: Path, whole: Path) -> None:
@@ -230,6 +178,13 @@ def _check_page(folder: Path, whole: Path) -> None:
 def _check_export(folder: Path, whole: Path) -> None:
     """A packing that holds, of one pack or the other."""
     assert verify_packing(folder / "exported" / "box.json").is_valid
+
+
+def _check_nothing(folder: Path, whole: Path) -> None:
+    """Nothing but the temporary folder of a workbench that was killed."""
+    allowed = {name.partition("/")[0] for name in FOREIGN}
+    left = [each.name for each in folder.iterdir() if not each.match(FOLDERS)]
+    assert set(left) <= allowed, f"{left} are left"
 
 
 def _check_pictures(folder: Path) -> None:
@@ -258,7 +213,7 @@ _PACK = (
 )
 
 _NEST = (
-    *("cut-cube-8", "--iterations", "2", "--workers", "1"),
+    *("cut-cube-8", "--iterations", "1", "--workers", "1"),
     *("--instance-out", f"{OUT}/nested/instance.json", "--out", f"{OUT}/nested/solution.json"),
     *("--packing", f"{OUT}/nested/packing.json"),
 )
@@ -339,6 +294,7 @@ COMMANDS = {
         ),
         Command("report", _REPORT, (*_REPORT, "--title", "x"), _check_page, workers=False),
         Command("export", (*_EXPORT, "--pack", "1"), _EXPORT, _check_export, workers=False),
+        PageCommand("workbench", (), (), _check_nothing, workers=False),
     )
 }
 """The commands by name and change. Only `train`, `train-champion` and `reproduce` have no output to

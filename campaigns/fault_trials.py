@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import multiprocessing
 import os
 import re
@@ -20,7 +21,8 @@ import numpy as np
 from safetensors import safe_open
 
 from campaigns import injector
-from campaigns.fault_commands import FOREIGN, OUT, Command, prepare_inputs
+from campaigns.disturbed import OUT, Command
+from campaigns.fault_commands import FOREIGN, prepare_inputs
 
 SECONDS = 120.0
 """The most that a command may take."""
@@ -179,13 +181,23 @@ class Bench:
         command.check(self._whole, self._whole)
 
     def _run_here(self, arguments: tuple[str, ...] | None = None) -> None:
-        """Run the command in this process, so that its caches serve all trials."""
-        with (
-            open(self.workspace / "log", "a") as log,
-            contextlib.redirect_stdout(log),
-            contextlib.suppress(SystemExit),
-        ):
-            self.command.run(arguments=arguments)
+        """Run the command in this process, so that its caches serve all trials.
+
+        Raises
+        ------
+        RuntimeError
+            If the command fails, with what it printed.
+        """
+        log = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
+                self.command.run(arguments=arguments)
+        except SystemExit as end:
+            if end.code:
+                raise RuntimeError(
+                    f"{self.command.title} failed without a fault, with exit code {end.code}: "
+                    f"{log.getvalue()[-2000:]}"
+                ) from None
 
     def restore(self) -> None:
         """Restore what was there before the command."""

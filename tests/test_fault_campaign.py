@@ -15,7 +15,8 @@ pytest.importorskip("sb3_contrib", reason="sb3-contrib comes with the extra lear
 
 from campaigns import fault_kinds, fault_trials, injector
 from campaigns.common import read_results, table_in_page
-from campaigns.fault_commands import COMMANDS, OUT, Command
+from campaigns.disturbed import OUT, Command
+from campaigns.fault_commands import COMMANDS
 from campaigns.fault_kinds import FAULTS
 from campaigns.fault_trials import Bench, Running
 from campaigns.faults import table, tried
@@ -73,6 +74,23 @@ def test_a_planted_defect_is_found(
     count, problems = tried(bench, FAULTS["kill -9"], seed=0)
     assert count == bench.changes() >= 2
     assert any(problem in each for each in problems) if problem else not problems
+
+
+@dataclass(frozen=True)
+class Refusing(Command):
+    """Refuses to do anything."""
+
+    def run(self, workers: int = 1, arguments: object = None) -> None:
+        print("there is no such file")
+        sys.exit(2)
+
+
+def test_a_command_that_fails_without_a_fault_stops_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RuntimeError, match=r"exit code 2: there is no such file"):
+        Bench(Refusing("refusing", (), (), check), tmp_path)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The workbench: what its page may ask for, and what it packs."""
 
 import contextlib
+import errno
 import http.client
 import json
 import os
@@ -249,24 +250,26 @@ def test_files_that_are_removed_during_a_search_stay_until_it_ends(bench, monkey
     send(bench, "b.stl", creation.box((6, 6, 6)))
 
 
-def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch) -> None:
+def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch, caplog) -> None:
     number = send(bench, "cube.stl", creation.box((6, 6, 6)))
     files = [{"number": number, "count": 2, "rotations": "cube"}]
     assert post(bench, "/pack", {**ORDER, "files": files})[0] == 200
     found = wait(bench, is_done)["result"]
     data = ask(bench, "GET", "/files/packing.3mf")
-    for change, sentence in (({"box": "5x5x5"}, "larger than the box"), ({"seconds": 0.5}, "full")):
-        if sentence == "full":
+    full = "error: out/packing.3mf: No space left on device"
+    for change, sentence in (({"box": "5x5x5"}, "larger than the box"), ({"seconds": 0.5}, full)):
+        if sentence == full:
             monkeypatch.setattr(workbench_module, "export", _full)
         post(bench, "/pack", {**ORDER, "files": files, **change})
         after = wait(bench, lambda one: not one["busy"])
         assert sentence in after["message"] and after["result"] == found
         assert ask(bench, "GET", "/files/packing.3mf") == data
+    assert not caplog.records
     assert post(bench, "/pack", {**ORDER, "files": files, "locked": [0]})[0] == 200
 
 
-def _full(*_: object) -> None:
-    raise OSError(28, "the disk is full")
+def _full(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device", "out/packing.3mf")
 
 
 def test_a_full_disk_refuses_a_file_with_one_sentence(bench, monkeypatch) -> None:

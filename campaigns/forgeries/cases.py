@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from packit_sim.core.files import digest_of
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.preparation import prepared_task
@@ -20,7 +21,10 @@ from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.boxes import BoxType
 from packit_sim.parts.reading.part import Part
 from packit_sim.parts.results.check import check
-from packit_sim.parts.results.record import write_record
+from packit_sim.parts.results.record import update_record, write_record
+
+EXPORTS = ("packing.3mf", "packing.html", "packing.png")
+"""The exports of each case, which nobody opens."""
 
 _TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
@@ -64,7 +68,10 @@ def _case(
     found = check(packed)
     assert not found.problems, found.problems
     folder.mkdir(parents=True)
-    write_record(packed, found, folder, {})
+    files = write_record(packed, found, folder, {})
+    for each in EXPORTS:
+        (folder / each).write_text(each)
+    update_record(packed, found, folder, files | {n: digest_of(folder / n) for n in EXPORTS})
     return Case(packed, folder, json.loads((folder / "packing.json").read_text()))
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from campaigns.forgeries.cases import EXPORTS
 from campaigns.fuzzing.hostile_values import NUMBERS, TEXTS
 from campaigns.fuzzing.json_changes import json_tree
 
@@ -147,6 +148,8 @@ def mesh_edited(record: Record, folder: Path, rng: Random) -> None:
     file.write_bytes(data)
     if rng.random() < 0.5:
         part["sha256"] = hashlib.sha256(data).hexdigest()
+        if rng.random() < 0.8:
+            record["files"][part["mesh"]] = part["sha256"]
 
 
 def mesh_swapped(record: Record, folder: Path, rng: Random) -> None:
@@ -189,11 +192,54 @@ def mesh_linked(record: Record, folder: Path, rng: Random) -> None:
             os.mkfifo(file)
 
 
+def export(record: Record, folder: Path, rng: Random) -> None:
+    """Change an export, remove it, replace it by something else, or add one."""
+    file = folder / rng.choice(EXPORTS)
+    match rng.randrange(6):
+        case 0:
+            file.write_bytes(rng.randbytes(rng.choice((0, 1, 5000))))
+        case 1:
+            file.unlink()
+        case 2:
+            record["files"].pop(file.name)
+        case 3:
+            (folder / rng.choice(("packing-2.stl", "instructions.html"))).touch()
+        case 4:
+            other = folder / rng.choice(EXPORTS)
+            content = other.read_bytes()
+            other.write_bytes(file.read_bytes())
+            file.write_bytes(content)
+        case _:
+            outside = folder.parent / "outside"
+            file.rename(outside)
+            (folder / "inside").write_text(file.name)
+            target = rng.choice((outside, "inside", file.name, "none", "/dev/zero", "meshes"))
+            file.symlink_to(target)
+
+
+def file_listed(record: Record, folder: Path, rng: Random) -> None:
+    """Change the list of the packing's files."""
+    files = record["files"]
+    name = rng.choice(list(files))
+    match rng.randrange(4):
+        case 0:
+            del files[name]
+        case 1:
+            files[rng.choice((*PATHS, *TEXTS))] = files[name]
+        case 2:
+            files[name] = rng.choice((*_digests(files[name]), *files.values()))
+        case _:
+            files[rng.choice(("./", "meshes/../", "/")) + name] = files.pop(name)
+
+
+def _digests(text: str) -> tuple[Any, ...]:
+    flipped = text[:-1] + ("0" if text[-1] != "0" else "1")
+    return flipped, text.upper(), "", None
+
+
 def digest(record: Record, folder: Path, rng: Random) -> None:
     part = _part(record, rng)
-    text = part["sha256"]
-    flipped = text[:-1] + ("0" if text[-1] != "0" else "1")
-    part["sha256"] = rng.choice((flipped, text.upper(), "", None, _part(record, rng)["sha256"]))
+    part["sha256"] = rng.choice((*_digests(part["sha256"]), _part(record, rng)["sha256"]))
 
 
 def count(record: Record, folder: Path, rng: Random) -> None:
@@ -356,6 +402,8 @@ CHANGES: dict[str, Change] = {
     "meshes exchanged or removed": mesh_swapped,
     "links": mesh_linked,
     "a digest": digest,
+    "an export": export,
+    "the list of files": file_listed,
     "counts": count,
     "left out": left_out,
     "size of a box": box,
@@ -372,7 +420,7 @@ CHANGES: dict[str, Change] = {
     "the request missing": request_missing,
 }
 
-FILES = ("a mesh edited", "meshes exchanged or removed", "links")
+FILES = ("a mesh edited", "meshes exchanged or removed", "links", "an export")
 """Those that change the folder."""
 
 TREE = "any value of the JSON"

@@ -11,7 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,13 +47,18 @@ DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
 UNUSUAL = re.compile(r"\d{40}|\\u[dD][89a-fA-F]|[\d.][eE][+-]?\d{3}|[\x00-\x08]")
 """Numbers and characters of which readers may differ."""
 
+EXPORT = re.compile(r"instructions\.html|packing(-\d+)?\.(3mf|glb|stl|png|html|gif)", re.ASCII)
+
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
 DIGITS = {"volume": 6, "height": 5, "mass": 5}
 
 
 class Verdict(NamedTuple):
-    """Judge a record: "right", "wrong", "unstated" without a request, or "open"."""
+    """Judge a record: "right", "wrong", "open", or right but for what can't be compared.
+
+    That is "unstated" without a request, and "absent" if exports are missing or not recorded.
+    """
 
     state: str
     reason: str = ""
@@ -70,6 +75,8 @@ class Judge:
     ----------
     doubts : list of str
         What is within the tolerances of the product, or what the judge does not understand.
+    absent : list of str
+        The exports that are missing or not recorded.
     """
 
     def __init__(self, folder: Path, honest: Mapping[str, Any]) -> None:
@@ -77,6 +84,7 @@ class Judge:
         self.honest = honest
         self.has_request = True
         self.doubts: list[str] = []
+        self.absent: list[str] = []
 
     def verdict(self, data: bytes) -> Verdict:
         """Judge the text of a record."""
@@ -90,6 +98,8 @@ class Judge:
             return Verdict("wrong", f"not of the form: {type(e).__name__} {e}"[:200])
         if self.doubts:
             return Verdict("open", self.doubts[0])
+        if self.absent:
+            return Verdict("absent", self.absent[0])
         return Verdict("right" if self.has_request else "unstated")
 
     def _parsed(self, data: bytes) -> dict[str, Any]:
@@ -128,6 +138,7 @@ class Judge:
             for key in UNDECIDED:
                 if not _same(part[key], known.get(name, {}).get(key)):
                     self.doubts.append(f"another {key}")
+        self._files(record["files"])
         self._boxes(record, request)
         self._numbers(parts, record)
         meshes = {n: self.mesh(p, request["unit"]) for n, p in parts.items() if p["mesh"]}
@@ -169,6 +180,27 @@ class Judge:
         _require(hashlib.sha256(data).hexdigest() == part["sha256"], "another digest")
         _require(_number(part["scale"]) > 0 and part["up"] in UPS, "the scale or the axis")
         return read_obj(data.decode())
+
+    def _files(self, files: Mapping[str, Any]) -> None:
+        """Judge the digests of all files of the packing."""
+        for name, digest in files.items():
+            _text(digest)
+            path = PurePosixPath(name)
+            _require(bool(path.parts) and not path.is_absolute(), f"the path {name!r:.40}")
+            _require(".." not in path.parts and "\0" not in name, f"the path {name!r:.40}")
+            if PureWindowsPath(name).anchor:
+                self.doubts.append("a path of Windows")
+                continue
+            file = self.folder / path
+            self._leads_inside(file)
+            if not os.path.lexists(file):
+                self.absent.append(name)
+                continue
+            _require(file.is_file(), f"no file {name!r}")
+            own = hashlib.sha256(file.read_bytes()).hexdigest()
+            _require(own == digest, f"the digest of {name!r}")
+        exports = [each for each in os.listdir(self.folder) if EXPORT.fullmatch(each)]
+        self.absent += [each for each in exports if each not in files]
 
     def _around(self, record: Mapping[str, Any], request: Mapping[str, Any]) -> None:
         asked = [(part, False) for part in request["keep out"]]
@@ -294,6 +326,8 @@ class Judge:
             if masses[name] is None and density is not None:
                 masses[name] = _number(density) * volume * centimetres[unit] ** 3
         for each in record["parts"]:
+            _number(each["volume"])
+            _require(each["mass"] is None or _number(each["mass"]) is not None, "a mass")
             if each["name"] not in volumes:
                 continue
             own = (volumes[each["name"]], masses[each["name"]])
@@ -378,9 +412,12 @@ class Judge:
         self._apart(bodies[True], sizes, clearance, [body for _, body in bodies[False]])
 
     def _in_folder(self, path: Path) -> None:
-        root = os.path.realpath(self.folder)
-        _require(os.path.realpath(path).startswith(root + os.sep), "a mesh out of the folder")
+        self._leads_inside(path)
         _require(path.is_file(), "no mesh")
+
+    def _leads_inside(self, path: Path) -> None:
+        root = os.path.realpath(self.folder)
+        _require(os.path.realpath(path).startswith(root + os.sep), "a file out of the folder")
 
     def _at_most(self, value: float, right: float, wrong: float, what: str) -> None:
         _require(value <= wrong, f"{what}: {value:.3g}")

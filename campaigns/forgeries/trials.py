@@ -28,7 +28,7 @@ class Trial(NamedTuple):
     outcome : str
         "verified", "refused", or "named": verified, but for what was named as not checked.
     judged : str
-        "right", "wrong", "open" or "unstated", see `Verdict`.
+        "right", "wrong", "open", "unstated" or "absent", see `Verdict`.
     faults : tuple of str
         What was not right.
     resumed : int
@@ -70,18 +70,18 @@ def tried(kind: str, among: Sequence[Case], seed: str, work: Path) -> Trial:
         report = verify_record(file)
         outcome = "refused" if report.problems else "named" if report.unchecked else "verified"
         said = str(report.problems[0]) if report.problems else ""
-        if outcome == "named" and judged == "right" and REQUEST in report.unchecked:
+        if outcome == "named" and judged in ("right", "absent") and REQUEST in report.unchecked:
             faults.append("what was asked for is not read")
     except PackItError as error:
         outcome, said = "refused", str(error)
     except Exception as error:
         outcome, said = "refused", ""
         faults.append(f"{type(error).__name__}: {error}")
-    if outcome == "verified" and judged in ("wrong", "unstated"):
+    if outcome == "verified" and judged in ("wrong", "unstated", "absent"):
         faults.append(f"verified, but {why or judged}")
     if outcome == "named" and judged == "wrong":
         faults.append(f"not refused, but {why}")
-    if outcome == "refused" and judged == "right":
+    if outcome == "refused" and judged in ("right", "absent"):
         faults.append(f"refused: {said}")
     resumed, more = _resumed(case, file)
     return Trial(kind, outcome, judged, (*faults, *more), resumed)

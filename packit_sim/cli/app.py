@@ -30,7 +30,7 @@ from packit_sim.cli.reproduction_commands import reproduce_command
 from packit_sim.cli.selftest_command import selftest_command
 from packit_sim.cli.verify_command import verify_command
 from packit_sim.cli.viewer_commands import view_command, workbench_command
-from packit_sim.core.errors import PackItError
+from packit_sim.core.errors import PackItError, message
 from packit_sim.core.signals import as_interrupts, end_at_once
 from packit_sim.core.version import DOCUMENTATION, __version__
 
@@ -184,8 +184,7 @@ def _message(error: PackItError | OSError | typer.TyperException) -> str:
             return f"{error.filename} is a file, not a folder: choose another place"
         if isinstance(error, NotADirectoryError):
             return f"{error.filename} is not possible: a part of this path is a file, not a folder"
-        return f"{error.filename}: {error.strerror}"
-    return error.format_message() if isinstance(error, typer.TyperException) else str(error)
+    return error.format_message() if isinstance(error, typer.TyperException) else message(error)
 
 
 def _print_error(message: str) -> None:

@@ -112,3 +112,10 @@ def located(where: object, kind: type[PackItError]) -> Iterator[None]:
 def reason(error: Exception) -> str:
     """Return the message of an error, after the name of its type if it is not one of ours."""
     return str(error) if isinstance(error, PackItError) else f"{type(error).__name__}: {error}"
+
+
+def message(error: PackItError | OSError) -> str:
+    """Return the message of an error for its user: with the path, if it is one of the disk."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

@@ -17,7 +17,7 @@ import trimesh
 from msgspec import Meta, Struct
 
 from packit_sim.core import typed_json
-from packit_sim.core.errors import ArgumentError, PackItError
+from packit_sim.core.errors import ArgumentError, PackItError, message
 from packit_sim.core.plain_text import plain_logger
 from packit_sim.core.temporary_folders import TemporaryFolder
 from packit_sim.geometry.motions import split
@@ -274,11 +274,12 @@ class Workbench:
                 self._page.note("checking the result and writing its files", shown)
                 files = export(packed, out, instructions=job.instructions)
         except Exception as error:
-            if not isinstance(error, PackItError):
-                _log.exception("the search failed")
             shutil.rmtree(out, ignore_errors=True)
-            what = "error" if isinstance(error, PackItError) else "unexpected error"
-            self._page.end(f"{what}: {error}")
+            if isinstance(error, (PackItError, OSError)):
+                self._page.end(f"error: {message(error)}")
+            else:
+                _log.exception("the search failed")
+                self._page.end(f"unexpected error: {error}")
         else:
             own = {file.name: file for file in files if file.parent == out}
             self._page.end("", replace(shown, folder=out, files=own))
