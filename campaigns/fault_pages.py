@@ -1,4 +1,4 @@
-"""The workbench as a command of the campaign of faults: a client orders two packings and reads them.
+"""The workbench as a command of the campaign of faults: a client orders and reads two packings.
 
 The temporary files of the process, and so all files of the workbench, are in the folder that is
 disturbed. Nothing may be left in it at the end, or after the next start.

@@ -33,6 +33,9 @@ HUNG = -1000
 SIZES = 24
 """Number of file sizes at which a write is cut off."""
 
+LARGEST_SERVED = 10**6
+"""Size of the largest file of a page, which keeps none."""
+
 GRACE = 10.0
 """Seconds in which the processes of a command must end after it."""
 
@@ -218,7 +221,8 @@ class Bench:
 
         The locks of worker processes are files of 32 bytes: none is smaller.
         """
-        largest = max(map(len, self._wanted.values()))
+        kept = max(map(len, self._wanted.values()))
+        largest = LARGEST_SERVED if self.command.serves else kept
         drawn = np.exp(rng.uniform(np.log(min(32, largest)), np.log(largest), SIZES))
         return sorted({0, *drawn.astype(int).tolist()})
 
