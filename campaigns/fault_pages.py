@@ -45,6 +45,7 @@ class PageCommand(Command):
             port = free.getsockname()[1]
         client = _Client(port)
         client.start()
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # shells may ignore it
         sys.argv = ["packit", "workbench", "--no-browser", "--port", str(port)]
         try:
             main()

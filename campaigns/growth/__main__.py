@@ -1,7 +1,8 @@
 """Growth: whether the work of every reader grows as its file does, no faster.
 
-Each repetition that a format allows is doubled twice, and the instructions of reading the three
-files are counted. Needs Valgrind, and a few hours for all readers; `--reader` chooses some.
+Each repetition that a format allows is doubled again and again. Those whose CPU time may grow
+faster than the file are counted: the instructions of reading three files, by Valgrind. `--reader`
+chooses some readers; `--every` counts all of their repetitions, which takes far longer.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from benchmarks.common import machine, write_json
 from campaigns.common import ROOT, argument_parser, read_results
@@ -22,6 +24,7 @@ from campaigns.fuzzing.readers import READERS
 from campaigns.growth.counting import NO_VALGRIND, Counter, command, is_installed
 from campaigns.growth.kinds import kinds
 from campaigns.growth.repetition import LONGEST, Repetition
+from campaigns.growth.screening import SUSPICIOUS, screened
 from campaigns.growth.table import NAME, write_table
 from packit_sim.core.version import __version__
 
@@ -41,9 +44,10 @@ _FIXED = {
 
 
 def main() -> None:
-    """Count, and write the results after each reader."""
+    """Screen and count, and write the results after each reader."""
     parser = argument_parser(__doc__)
     parser.add_argument("--reader", nargs="+", default=["all"], choices=("all", *READERS))
+    parser.add_argument("--every", action="store_true", help="count what the screening clears, too")
     parser.add_argument("--logs", type=Path, help="used by the campaign itself, inside Valgrind")
     arguments = parser.parse_args()
     if arguments.table:
@@ -55,6 +59,11 @@ def main() -> None:
         return
     if not is_installed():
         sys.exit(NO_VALGRIND)
+    screen(names, arguments.out, arguments.every)
+    results = read_results(NAME, arguments.out)["readers"]
+    names = [name for name in names if results[name]["suspects"]]
+    if not names:
+        return
     environment = os.environ | _FIXED
     compiling = "from campaigns.growth.__main__ import compile_kernels; compile_kernels()"
     subprocess.run([sys.executable, "-c", compiling], env=environment, cwd=ROOT, check=True)
@@ -70,44 +79,57 @@ def compile_kernels() -> None:
         kinds(reader)
 
 
+def screen(names: Iterable[str], out: Path, every: bool = False) -> None:
+    """Measure the CPU times of some readers, and write what is to be counted."""
+    for name in names:
+        reader, found = READERS[name], kinds(READERS[name])
+        with suppress(Exception):  # of a file that is refused
+            reader.read(found[0].write(1))
+        exponents = {one.name: screened(reader.read, one) for one in found}
+        suspects = [what for what, e in exponents.items() if every or e > SUSPICIOUS]
+        cleared = [e for what, e in exponents.items() if what not in suspects]
+        row = {"kinds": len(found), "largest": round(max(cleared, default=0.0), 2)}
+        _write(name, row | {"suspects": suspects, "counted": {}}, out)
+        print(f"{name:20} {len(found):4} kinds {len(suspects):4} suspects", flush=True)
+
+
 def count(names: Iterable[str], logs: Path, out: Path) -> None:
-    """Count the instructions of some readers, inside Valgrind."""
+    """Count the instructions of the suspects of some readers, inside Valgrind."""
     kinds_of = {name: kinds(READERS[name]) for name in names}  # before all becomes slow
     counter = Counter(logs)
     for name, found in kinds_of.items():
-        reader = READERS[name]
+        reader, row = READERS[name], read_results(NAME, out)["readers"][name]
         with suppress(Exception):  # of a file that is refused
             reader.read(found[0].write(1))
-        rows = []
         for one in found:
+            if one.name not in row["suspects"]:
+                continue
             exponent = growth(counter, reader.read, one)
-            rows.append((one.name, exponent))
+            row["counted"][one.name] = str(exponent) if math.isinf(exponent) else round(exponent, 2)
             if exponent > LARGEST:
                 print(f"{name}: {one.name}: exponent {exponent:.2f}", flush=True)
-        exponents = [exponent for _, exponent in rows]
-        findings = [[what, round(e, 2)] for what, e in rows if e > LARGEST]
-        results = read_results(NAME, out) or {"readers": {}}
-        results |= {"version": __version__, "machine": machine(), "bytes": LONGEST}
-        results["bound"] = LARGEST
-        results["readers"][name] = {
-            "kinds": len(rows),
-            "largest": round(max((e for e in exponents if e <= LARGEST), default=0.0), 2),
-            "findings": findings,
-        }
-        write_json(out / f"{NAME}.json", results)
-        print(f"{name:20} {len(rows):4} kinds {len(findings)} findings", flush=True)
+            _write(name, row, out)
+        print(f"{name:20} {len(row['counted']):4} counted", flush=True)
+
+
+def _write(name: str, row: dict[str, Any], out: Path) -> None:
+    results = read_results(NAME, out) or {"readers": {}}
+    results |= {"version": __version__, "machine": machine(), "bytes": LONGEST}
+    results |= {"bound": LARGEST, "suspicious": SUSPICIOUS}
+    results["readers"][name] = row
+    write_json(out / f"{NAME}.json", results)
 
 
 def growth(counter: Counter, read: Callable[[bytes], object], one: Repetition) -> float:
     """Return the exponent with which work grows between the two largest files of a repetition.
 
     It is that of the instructions which each doubling adds: what a file of any size takes does not
-    count. Infinite if a file is not read to its end within the limit. What seems to grow too fast
-    is counted again with files eight times as large: there a table that grows adds little, while
-    work that grows as a square has shown itself.
+    count. The files are large, so that a table that grows adds little, while work that grows as a
+    square shows itself. Where they are not read to their end within the limit, smaller ones are
+    counted. Infinite if these are not read to their end either.
     """
-    first = _exponent(counter, read, one, one.most)
-    return first if first <= LARGEST else _exponent(counter, read, one, 8 * one.most)
+    large = _exponent(counter, read, one, 8 * one.most)
+    return large if math.isfinite(large) else _exponent(counter, read, one, one.most)
 
 
 def _exponent(

@@ -28,7 +28,10 @@ def kinds(reader: Reader) -> list[Repetition]:
 
 
 def _valid_seeds(reader: Reader) -> list[bytes]:
-    """Return the small files that can be read, at most one of each beginning."""
+    """Return the small files that can be read, at most one of each beginning.
+
+    If none is read to its end, because it is of another library, it is the first.
+    """
     found: dict[bytes, bytes] = {}
     for data in reader.seeds():
         try:
@@ -36,7 +39,7 @@ def _valid_seeds(reader: Reader) -> list[bytes]:
         except Exception:  # of a file that is broken on purpose
             continue
         found.setdefault(data[:_BEGINNING], data)
-    return list(found.values())[:_MOST_FILES]
+    return list(found.values())[:_MOST_FILES] or reader.seeds()[:1]
 
 
 _BEGINNING = 5
