@@ -80,10 +80,10 @@ def exponent(times: Sequence[float]) -> float:
     """Return the largest exponent of the times of files that double, 0 where these hardly differ.
 
     It is the mean of two doublings, which has less noise than that of one, of what a file takes
-    more than the one that takes least.
+    more than the one that takes least. The first time is that of a file without a repetition.
     """
     found, least = 0.0, min(times, default=0.0)
-    for small, large in zip(times, times[2:], strict=False):
+    for small, large in zip(times[1:], times[3:], strict=False):
         if large - least >= FEW_SECONDS:
             added = max(small - least, 0.0) + NOISE_SECONDS
             found = max(found, math.log2((large - least) / added) / 2)
@@ -91,7 +91,7 @@ def exponent(times: Sequence[float]) -> float:
 
 
 def _times(read: Callable[[bytes], object], one: Repetition) -> list[float] | None:
-    """Return the times of files with 32, 64, 128 ... repetitions; None above the limit."""
+    """Return the times of files with 0, 32, 64, 128 ... repetitions; None above the limit."""
     reading, writing = os.pipe()
     gc.collect()
     gc.freeze()  # the child does not visit the objects of this process
@@ -113,7 +113,9 @@ def _times(read: Callable[[bytes], object], one: Repetition) -> list[float] | No
 
 
 def _read_all(read: Callable[[bytes], object], one: Repetition, pipe: int) -> None:
-    around, count, seconds = len(one.write(0)), 16, 0.0
+    with suppress(Exception):  # the first file loads what the others need
+        read(one.write(16))
+    around, count, seconds = len(one.write(0)), 0, 0.0
     while count <= TIMES * MOST and seconds < ENOUGH_SECONDS:
         data = one.write(count)
         if len(data) - around > TIMES * LONGEST:
@@ -122,6 +124,5 @@ def _read_all(read: Callable[[bytes], object], one: Repetition, pipe: int) -> No
         with suppress(Exception):  # a refusal takes time as well
             read(data)
         seconds = time.thread_time() - start
-        if count > 16:  # the first one loads what the others need
-            os.write(pipe, _NUMBER.pack(seconds))
-        count *= 2
+        os.write(pipe, _NUMBER.pack(seconds))
+        count = 2 * count or 32
