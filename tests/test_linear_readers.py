@@ -12,6 +12,7 @@ import warnings
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,10 @@ from openpyxl import Workbook
 from trimesh import creation
 
 from packit_sim.core.errors import PackItError
+from packit_sim.game.datasets.pack_checks import verify
+from packit_sim.game.datasets.pack_files import dataset_file, read_packs
 from packit_sim.libraries import mesh_3mf, mesh_files, step_files
+from packit_sim.libraries.library import ShapeLibrary
 from packit_sim.libraries.model_3mf import Object3MF
 from packit_sim.libraries.slicer_settings import ObjectSettings
 from packit_sim.parts.reading.files import find_parts, with_own_names
@@ -205,3 +209,12 @@ def test_rows_of_a_manifest_take_as_long_as_files(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("file\n" + "a.stl\n" * 1000)
     found = find_parts([tmp_path / "m.csv"])
     assert len({each.name for each in found.parts}) == 1000
+
+
+def test_a_pack_of_many_equal_items(tmp_path: Path) -> None:
+    pack = read_packs(dataset_file("starter"))[0]
+    library = ShapeLibrary.open("everyday")
+    found = verify(replace(pack, items=pack.items[:1] * 12), library)
+    assert found[0].endswith("is in conflict with items [0]")
+    assert found[-3].endswith("is in conflict with items [0, 1, 2, 3, 4, 5, 6, 7] and others")
+    assert ends(lambda: verify(replace(pack, items=pack.items[:1] * 1500), library))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,9 @@ SCALE_SLACK = 1e-12
 
 PUZZLE_SLACK = 0.005
 """Largest share of the box between the pieces of a puzzle: the clearance of those that need one."""
+
+MOST_NAMED = 8
+"""Most items that a problem names."""
 
 WITNESSES = 512
 """Number of inner and of outer cells of an item that are tested at all locations before the oracle
@@ -78,9 +82,11 @@ def verify(pack: Pack, library: ShapeLibrary) -> list[str]:
         if not is_inside(pack.cells, candidate):
             problems.append(f"{what} is not inside the box")
             continue
-        blocking = [n for n, other in before.items() if conflicts(other, candidate)]
+        found = (n for n, other in before.items() if conflicts(other, candidate))
+        blocking = list(islice(found, MOST_NAMED + 1))  # all would be quadratic in equal items
         if blocking:
-            problems.append(f"{what} is in conflict with items {blocking}")
+            others = " and others" if len(blocking) > MOST_NAMED else ""
+            problems.append(f"{what} is in conflict with items {blocking[:MOST_NAMED]}{others}")
         before[n] = candidate
     counted = [p.item for p, record in zip(items, pack.items, strict=True) if record.counted]
     volume = plain_sum(item.volume for item in counted)
