@@ -23,7 +23,8 @@ from rich.console import Console
 
 from benchmarks.common import machine, markdown_table, write_json
 from campaigns.common import argument_parser, read_results, write_into_page
-from campaigns.fault_commands import COMMANDS, Command, make_quick
+from campaigns.disturbed import Command
+from campaigns.fault_commands import COMMANDS, make_quick
 from campaigns.fault_kinds import FAULTS, Fault
 from campaigns.fault_trials import Bench
 from packit_sim.core.version import __version__

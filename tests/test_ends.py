@@ -5,11 +5,13 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from packit_sim.cli.local_pages import serve_until_interrupt
 from packit_sim.core.signals import as_interrupts
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
@@ -211,3 +213,28 @@ def test_the_first_module_of_a_command_imports_little() -> None:
     heavy = "{'numpy', 'typer', 'trimesh', 'gymnasium'} & sys.modules.keys()"
     code = f"import sys, packit_sim.__main__; assert not {heavy}, {heavy}"
     assert ended(["-c", code]) == (0, "", "")
+
+
+def test_two_signals_at_once_end_a_page() -> None:
+    for number in range(30):
+        child = os.fork()
+        if child == 0:
+            sender = threading.Thread(target=_send_two, args=(1e-5 * number,), daemon=True)
+            status = 1
+            try:
+                with as_interrupts():
+                    sender.start()
+                    serve_until_interrupt("the page", "http://127.0.0.1:1", "127.0.0.1", False)
+                status = 0
+            except KeyboardInterrupt:  # the second one
+                status = 0
+            finally:
+                os._exit(status)
+        assert os.waitpid(child, 0)[1] == 0
+
+
+def _send_two(seconds: float) -> None:
+    time.sleep(0.01)
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(seconds)
+    os.kill(os.getpid(), signal.SIGTERM)

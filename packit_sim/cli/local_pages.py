@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import threading
+import time
 import webbrowser
 from contextlib import suppress
 from typing import Annotated
@@ -55,4 +55,5 @@ def serve_until_interrupt(what: str, address: str, host: str, browser: bool) -> 
             )
         elif browser and has_screen:
             webbrowser.open(address)
-        threading.Event().wait()
+        while True:  # an Event has a lock, which two signals at once would release twice
+            time.sleep(3600)
