@@ -56,11 +56,14 @@ class StuckPart:
         The number of its placement.
     by : tuple of int
         The numbers of the remaining parts that are above it; with open sides, also of those that
-        are next to it.
+        are next to it, and where any way out counts (see `separability`), of those around it.
+    is_proven : bool
+        Whether it is certain that there is no way out; otherwise none was found.
     """
 
     part: int
     by: tuple[int, ...]
+    is_proven: bool = False
 
 
 @dataclass(frozen=True)
@@ -188,6 +191,28 @@ def _free(
                 yield part, route
             else:
                 sweeps.held[key] = frozenset(search.holding)
+
+
+def route_out(sweeps: PartSweeps, part: int, others: Sequence[int]) -> Route | None:
+    """Search for the fewest straight moves that lead a part out, also through the sides.
+
+    Parameters
+    ----------
+    sweeps : PartSweeps
+        The parts of the packing.
+    part : int
+        The number of the part.
+    others : sequence of int
+        The numbers of the others that are in the box.
+
+    Returns
+    -------
+    Route or None
+        The moves, at most `MOVES`, if there are some.
+    """
+    search = _Search(sweeps, part, [*others, part], ("up", *SIDEWAYS))
+    routes = (search.route(moves) for moves in range(1, MOVES + 1))
+    return next((route for route in routes if route is not None), None)
 
 
 _Way = tuple[tuple[tuple[Direction, float], ...], Floats]

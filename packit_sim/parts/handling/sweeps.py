@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -21,7 +21,7 @@ from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.validity import tolerance
 from packit_sim.placement import AxisNumber, cyclic, least_rise
 
-Direction = Literal["up", "+x", "-x", "+y", "-y"]
+Direction = Literal["up", "+x", "-x", "+y", "-y", "down"]
 
 SIDEWAYS: tuple[Direction, ...] = ("+x", "-x", "+y", "-y")
 
@@ -31,6 +31,7 @@ AXES: dict[Direction, tuple[AxisNumber, int]] = {
     "-x": (0, -1),
     "+y": (1, 1),
     "-y": (1, -1),
+    "down": (2, -1),
 }
 """The axis of each direction, and its sign."""
 
@@ -57,6 +58,8 @@ class PartSweeps:
     held : dict
         The parts that hold a part, by its number, a number of moves, and whether sides are open:
         while all of them are there, it can't be taken out (see `removal`).
+    ways_out : dict
+        The known ways out of each part, each with the parts that stay (see `ways_out`).
     """
 
     def __init__(self, packing: Packing) -> None:
@@ -76,6 +79,7 @@ class PartSweeps:
         self._distances: dict[tuple[int, int, AxisNumber, bytes], float] = {}
         self._meetings: dict[tuple[int, int, AxisNumber, bytes], bool] = {}
         self.held: dict[tuple[int, int, bool], frozenset[int]] = {}
+        self.ways_out: dict[int, list[tuple[frozenset[int], Any]]] = {}
 
     def __len__(self) -> int:
         return len(self.packing.placements)
@@ -185,6 +189,10 @@ class PartSweeps:
         placement = self.packing.placements[number]
         item_type = self.packing.types[placement.type]
         return np.asarray(placement.apply(item_type.middle) / self.unit)
+
+    def triangles(self, number: int) -> Floats:
+        """Return the triangles (n, 3, 3) of a part where it is."""
+        return self._surface(number, 0.0, 2).triangles + self._centres[number]
 
     def _surface(self, number: int, drawn_in: float, axis: AxisNumber) -> Surface:
         """Look up a part's mesh from its centre, this axis last; equal poses share it."""
