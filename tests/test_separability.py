@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from trimesh import creation
 
+from packit_sim.core.errors import ArgumentError
+from packit_sim.parts.filling.candidates import candidate
+from packit_sim.parts.filling.preparation import prepared_task
+from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.handling.constraints import Constraints
+from packit_sim.parts.handling.filtering import filter_packing
 from packit_sim.parts.handling.removal import Removal, removable
+from packit_sim.parts.handling.restacking import separated
 from packit_sim.parts.handling.separability import LinkedPair, linked_pairs, separable
 from packit_sim.parts.handling.sweeps import AXES
+from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
+from packit_sim.parts.reading.part import Part
+from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.summary import summary
+from packit_sim.parts.results.verification import verify_record
 from tests.packed_parts import BAR, CAGE, cuboid, joined, moved, packed, u_profile
 
 BALL = creation.icosphere(subdivisions=2, radius=12).apply_translation((50, 50, 50))
@@ -116,7 +131,13 @@ def test_a_bolt_leaves_an_l_shaped_channel_round_the_corner() -> None:
 
 def test_a_part_goes_round_more_corners_than_removal_tries() -> None:
     winding = channel(
-        (50, 50, 50), (70, 50, 50), (70, 70, 50), (70, 70, 30), (30, 70, 30), (30, 30, 30), (30, 30, 95)
+        (50, 50, 50),
+        (70, 50, 50),
+        (70, 70, 50),
+        (70, 70, 30),
+        (30, 70, 30),
+        (30, 30, 30),
+        (30, 30, 95),
     )
     cube = cuboid((46, 46, 46), (54, 54, 54))
     packing = packed(cube, winding)
@@ -162,6 +183,69 @@ def test_what_can_be_removed_can_be_separated() -> None:
     for meshes in ((u_profile(), BAR), (BALL, cuboid((0, 0, 0), (10, 10, 10)))):
         packing = packed(*meshes)
         assert removable(packing).stuck == () == separable(packing).stuck
+
+
+def test_constraints_name_what_interlocks_and_leave_the_cheapest_out() -> None:
+    packing = packed(*chain(), cuboid((0, 0, 0), (10, 10, 10)), names=("ring", "link", "cube"))
+    separately = Constraints(separable=True)
+    assert [one.sentence for one in broken_constraints(packing, separately)] == [
+        "'ring' can't be moved out without turning: 'link' is in the way",
+        "'link' can't be moved out without turning: 'ring' is in the way",
+    ]
+    filtered = filter_packing(packing, separately)
+    assert len(filtered.left_out) == 1 and "without turning" in filtered.left_out[0].reason
+    assert broken_constraints(filtered.packing, separately) == []
+
+
+def test_parts_of_a_strip_that_interlock_are_placed_again_on_top() -> None:
+    strip = replace(
+        packed(*chain(), clearance=1.0),
+        container=BoxContainer((100, 100, math.inf)),
+        objective="strip",
+    )
+    found = separated(strip)
+    assert linked_pairs(found) == () and separable(found).stuck == ()
+    assert found.problems() == [] and strip.height < found.height < 110
+    assert separated(found) is found
+    with pytest.raises(ArgumentError, match="only a strip"):
+        separated(packed(*chain()))
+
+
+def test_pack_leaves_parts_out_that_interlock_and_records_it(tmp_path: Path) -> None:
+    flat, upright = chain()
+    task = prepared_task(
+        [Part("ring", flat, rotations="fixed")],
+        "100x100x100mm",
+        "volume",
+        PackSettings(separable=True, fixed=[Part("link", upright)]),
+    )
+    inside = Packing(
+        task.types, task.container(task.boxes[0]), (Placement(0),), task.gap, "knapsack"
+    )
+    for settings, count in ((task.settings, 0), (replace(task.settings, separable=False), 1)):
+        packed_parts = candidate(replace(task, settings=settings), [inside])
+        assert packed_parts.count == count
+    assert summary(packed_parts)["linked pairs"] == "link (fixed) and ring (part 0 of box 1)"
+    record = export(packed_parts, tmp_path)[-1]
+    assert verify_record(record).problems == ()
+    assert verify_record(record).linked == "link (fixed) and ring (part 0 of box 1)"
+    text = record.read_text()
+    record.write_text(text.replace("link (fixed) and ring (part 0 of box 1)", "none"))
+    assert "linked pairs" in str(verify_record(record).problems[0])
+    record.write_text(text.replace('"separable": false', '"separable": true'))
+    assert "can't be moved out without turning" in str(verify_record(record).problems[0])
+
+
+def test_verify_reports_linked_pairs_of_any_packing(tmp_path: Path) -> None:
+    packed(*chain(), names=("ring", "link")).write(tmp_path / "packing.json")
+    read = Packing.read(tmp_path / "packing.json")
+    assert len(read.placements) == 2 and read.container.size == (100, 100, 100)
+    report = verify_record(tmp_path / "packing.json")
+    assert (
+        report.is_valid
+        and report.linked.startswith("item 0 (")
+        and " and item 1 (" in report.linked
+    )
 
 
 def boxes(count: int, seed: int) -> Packing:
@@ -214,8 +298,12 @@ def _helix() -> tuple[trimesh.Trimesh, np.ndarray]:
         (grid[0, :1], grid[1, :1], after[1, :1], after[0, :1]),
         (grid[0, -1:], after[0, -1:], after[1, -1:], grid[1, -1:]),
     ]
-    faces = np.concatenate([np.stack(q, axis=-1).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]] for q in quads])
-    mesh = trimesh.Trimesh(np.concatenate(rings).reshape(-1, 3), faces.reshape(-1, 3), process=False)
+    faces = np.concatenate(
+        [np.stack(q, axis=-1).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]] for q in quads]
+    )
+    mesh = trimesh.Trimesh(
+        np.concatenate(rings).reshape(-1, 3), faces.reshape(-1, 3), process=False
+    )
     mesh.fix_normals()
     assert mesh.is_volume
     return mesh, axis[45]

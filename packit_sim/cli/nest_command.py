@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time as clock
+from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -20,8 +22,11 @@ from packit_sim.cli.console import (
     read_seconds,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
+from packit_sim.core.check_reports import named
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import require_replaceable
+from packit_sim.parts.handling.restacking import separated
+from packit_sim.parts.handling.separability import linked_pairs, links_in_words
 from packit_sim.parts.nesting.nest import NestSettings, nest
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
@@ -37,6 +42,9 @@ from packit_sim.parts.packings.item_types import ItemType
 from packit_sim.parts.packings.mesh_paths import MAX_LEVELS
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.packing_files import require_free_meshes
+
+_SEPARATED = 5
+"""Packings, the best ones, of which the lowest is chosen if parts interlock."""
 
 
 def nest_command(
@@ -63,6 +71,12 @@ def nest_command(
     clearance: Annotated[
         float, typer.Option(help="Smallest distance between two items, in the instance's unit.")
     ] = 0.0,
+    separable: Annotated[
+        bool,
+        typer.Option(
+            "--separable", help="No items interlock: each can be moved out without turning."
+        ),
+    ] = False,
     workers: WorkersOption = 0,
     backend: SearchBackendOption = "threads",
     address: AddressOption = None,
@@ -82,7 +96,8 @@ def nest_command(
     """Pack meshes into a strip of least height, without a grid.
 
     The packing is checked by its meshes before it is printed or written. Ctrl-C ends the search
-    early and keeps the best packing so far.
+    early and keeps the best packing so far. With --separable, items that interlock are placed again
+    on top of the others.
 
     The format is that of the ESICUP data sets. It, the built-in instances, and where those of the
     literature are published, are described at https://packit-sim.readthedocs.io (Reference,
@@ -118,7 +133,10 @@ def nest_command(
     with stoppable(NOTHING_WRITTEN), progress_bars() as progress:
         bar = progress.add_task("nesting", total=None, note="")
 
+        last: deque[Packing] = deque(maxlen=_SEPARATED)
+
         def show(better: Packing, _: float) -> None:
+            last.appendleft(better)
             note = f"height {better.height:.6g}, density {better.density:.3f}"
             progress.update(bar, advance=1, note=note)
 
@@ -131,6 +149,10 @@ def nest_command(
             callback=show,
             settings=settings,
         )
+        if separable:
+            found = _lowest_separated(last)
+    names = [found.types[one.type].name for one in found.placements]
+    linked = links_in_words(linked_pairs(found), [named(n, name) for n, name in enumerate(names)])
     table = simple_table("height", "density", "items", "seconds", "valid")
     table.add_row(
         f"{found.height:.6g}",
@@ -140,6 +162,7 @@ def nest_command(
         "no" if found.problems() else "yes",
     )
     console.print(table)
+    console.print(f"linked pairs: {linked}", markup=False, highlight=False, soft_wrap=True)
     if instance_out is not None:
         write_instance(types, container, instance_out)
         print_written(instance_out)
@@ -175,6 +198,19 @@ def _read(instance: str, rotations: str) -> tuple[tuple[ItemType, ...], BoxConta
             f"{', '.join(builtin_names())}"
         )
     return read_instance(path, rotations)
+
+
+def _lowest_separated(packings: Iterable[Packing]) -> Packing:
+    """Return the lowest of some packings, the best first, of which no items interlock."""
+    best: Packing | None = None
+    for each in packings:
+        found = separated(each)
+        if best is None or found.height < best.height:
+            best = found
+        if found is each:  # the others are higher
+            break
+    assert best is not None
+    return best
 
 
 def _instance_path(path: Path, out: Path) -> str:

@@ -72,6 +72,12 @@ def pack_command(
     insertable: Annotated[
         Literal["top"] | None, typer.Option(help="Every part can be put in straight down.")
     ] = None,
+    separable: Annotated[
+        bool,
+        typer.Option(
+            "--separable", help="No parts interlock: each can be moved out without turning."
+        ),
+    ] = False,
     stable: Annotated[
         str | None,
         typer.Option(help="Distance that parts may move under gravity at any stage, such as 2mm."),
@@ -152,6 +158,7 @@ def pack_command(
         accuracy=None if accuracy is None else lengths(accuracy, 1, length)[0],
         removable=removable,
         insertable=insertable == "top",
+        separable=separable,
         stable=None if stable is None else lengths(stable, 1, length)[0],
         boxes=boxes,
         keep_out=keep_out or (),

@@ -37,7 +37,8 @@ def verify_command(
 
     Packings are checked too: mesh files with poses, written by `packit pack`, `packit nest
     --packing` or another tool. The record of `packit pack` is also compared with what was asked
-    for, as far as it says so; a last line names what was not checked. The fields of a packing are
+    for, as far as it says so; a last line names what was not checked. Linked pairs are parts that
+    can't be moved apart without turning, like two links of a chain. The fields of a packing are
     described at https://packit-sim.readthedocs.io (Reference, File formats).
 
     Example: packit verify everyday-v1 --split test
@@ -52,6 +53,7 @@ def verify_command(
                 )
         report = verify_record(dataset)
         verdict = f"density {report.density:.3f}, {len(report.problems)} problems"
+        verdict += f"\nlinked pairs: {report.linked}" if report.linked else ""
     else:
         checked_dataset(dataset)
         opened = open_library(library, dataset, split)
@@ -65,7 +67,7 @@ def verify_command(
         verdict = f"{report.packs - report.broken} of {report.packs} packs hold"
     for problem in report.problems:
         console.print(str(problem), highlight=False, soft_wrap=True, markup=False)
-    console.print(verdict)
+    console.print(verdict, highlight=False, soft_wrap=True, markup=False)
     if report.not_judged:
         console.print(report.not_judged, soft_wrap=True, markup=False)
     if not report.is_valid:

@@ -51,6 +51,9 @@ class Report:
     unchecked : tuple of str
         What was not checked of a packing, since the file does not say what was asked for, or since
         it can't be checked.
+    linked : str
+        The linked pairs of a packing of parts by their names, or "none"; empty where they were not
+        looked for.
     """
 
     problems: tuple[FileProblem, ...]
@@ -62,6 +65,7 @@ class Report:
     settled: int = 0
     unjudged_returns: int = 0
     unchecked: tuple[str, ...] = ()
+    linked: str = ""
 
     @property
     def is_valid(self) -> bool:

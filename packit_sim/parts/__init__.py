@@ -2,10 +2,11 @@
 
 `packit_sim.pack` returns `PackedParts`. These functions take them: `check`, `export`, `summary`,
 `table`, `write_instructions`, `film` and `view`. Others take any packing off the grid:
-`removable` and `packing_order` find straight moves in and out, `stacking` what rests on what,
-`stage_motions` what gravity moves, `broken_constraints` and `filter_packing` apply `Constraints`,
-and `packing_instructions` and `film_packing` are for the person who packs. Names are imported when
-they are first used.
+`removable` and `packing_order` find straight moves in and out, `linked_pairs`, `separable` and
+`separated` find and move what interlocks, `stacking` what rests on what, `stage_motions` what
+gravity moves, `broken_constraints` and `filter_packing` apply `Constraints`, and
+`packing_instructions` and `film_packing` are for the person who packs. Names are imported when they
+are first used.
 """
 
 import lazy_loader

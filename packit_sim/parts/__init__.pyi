@@ -11,6 +11,10 @@ from .handling.removal import Removal as Removal
 from .handling.removal import Route as Route
 from .handling.removal import StuckPart as StuckPart
 from .handling.removal import removable as removable
+from .handling.restacking import separated as separated
+from .handling.separability import LinkedPair as LinkedPair
+from .handling.separability import linked_pairs as linked_pairs
+from .handling.separability import separable as separable
 from .handling.stability import StageMotion as StageMotion
 from .handling.stability import stage_motions as stage_motions
 from .handling.supports import Stacking as Stacking

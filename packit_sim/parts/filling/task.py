@@ -80,6 +80,9 @@ class PackSettings:
         Passes over the parts of each search, instead of the time: a repeatable search.
     stop : threading.Event, optional
         Ends the search early when another thread sets it, as Ctrl-C does.
+    separable : bool
+        Whether every part can be moved out without turning, in some order and round corners, as if
+        the box had no walls: no parts interlock.
 
     Raises
     ------
@@ -117,6 +120,7 @@ class PackSettings:
     address: str | None = None
     iterations: int | None = None
     stop: threading.Event | None = None
+    separable: bool = False
 
     def __post_init__(self) -> None:
         check_range("clearance", self.clearance, DISTANCES)
@@ -238,6 +242,7 @@ class PackTask:
         return Constraints(
             removable=settings.removable,
             insertable=settings.insertable,
+            separable=settings.separable,
             stable=settings.stable,
             no_stack=frozenset(n for n, one in enumerate(parts) if one.no_stack),
             max_loads=max_loads,
@@ -306,7 +311,7 @@ class PackTask:
         settings = self.settings
         numbers = (settings.clearance, settings.wall_clearance, settings.accuracy, self.unit)
         boxes = [(box.name, box.size, box.count) for box in self.boxes]
-        asked = (settings.removable, settings.insertable, settings.stable)
+        asked = (settings.removable, settings.insertable, settings.separable, settings.stable)
         constraints = list(map(repr, settings.constraints))
         text = repr((self.objective, numbers, boxes, asked, constraints))
         sha = hashlib.sha256(text.encode())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.order import by_box, order_of, removal_for
+from packit_sim.parts.handling.separability import separability_of
 from packit_sim.parts.handling.stability import stages
 from packit_sim.parts.handling.supports import stacking_of
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
@@ -26,7 +27,7 @@ class BrokenConstraint:
     Attributes
     ----------
     constraint : str
-        Its name: "removable", "insertable", "no_stack", "max_load" or "stable".
+        Its name: "removable", "insertable", "separable", "no_stack", "max_load" or "stable".
     part : int
         The number of the part's placement.
     others : tuple of int
@@ -92,6 +93,12 @@ def broken_by_geometry(
             way = _subject(packing, stuck.by)
             sentence = f"{_name(packing, stuck.part)} can't be {verb}: {way} in the way"
             found.append(BrokenConstraint(name, stuck.part, stuck.by, sentence))
+    elif constraints.separable:  # weaker than those
+        for stuck in separability_of(sweeps, kept, fixed=fixed).stuck:
+            part, way = _name(packing, stuck.part), _subject(packing, stuck.by)
+            what = "can't be moved out" if stuck.is_proven else "was not moved out"
+            sentence = f"{part} {what} without turning: {way} in the way"
+            found.append(BrokenConstraint("separable", stuck.part, stuck.by, sentence))
     if constraints.no_stack or constraints.max_loads:
         stacked = stacking_of(sweeps, kept, fixed=fixed)
         loads = stacked.loads(constraints.masses_in(packing))

@@ -43,6 +43,8 @@ class Constraints:
         Whether every part can be taken out by straight moves (see `removal`).
     insertable : bool
         Whether every part can be put in straight down, in some order.
+    separable : bool
+        Whether every part can be moved out without turning, in some order (see `separability`).
     sides : bool
         Whether parts may also leave through the sides of the box.
     stable : float, optional
@@ -70,6 +72,7 @@ class Constraints:
 
     removable: bool = False
     insertable: bool = False
+    separable: bool = False
     sides: bool = False
     stable: float | None = None
     no_stack: frozenset[int] = frozenset()
@@ -93,8 +96,8 @@ class Constraints:
     @property
     def is_empty(self) -> bool:
         """True if every valid packing meets them."""
-        has_moves = self.removable or self.insertable or self.stable is not None
-        return not (has_moves or self.no_stack or self.max_loads)
+        has_moves = self.removable or self.insertable or self.separable
+        return not (has_moves or self.stable is not None or self.no_stack or self.max_loads)
 
     def masses_in(self, packing: Packing) -> list[float]:
         """Return the grams of each placed part; 0 if they are not known."""

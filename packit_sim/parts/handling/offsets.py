@@ -17,8 +17,8 @@ from scipy import fft, ndimage
 
 from packit_sim.geometry.arrays import Floats, Ints
 from packit_sim.geometry.lattice import CONTACT_TOLERANCE
-from packit_sim.geometry.voxels import unpack
 from packit_sim.geometry.voxelization_kernels import reached_cells, touched_cells
+from packit_sim.geometry.voxels import unpack
 from packit_sim.geometry.winding import winding_numbers
 from packit_sim.parts.handling.offset_kernels import UNREACHED, costs_to_border
 
@@ -134,7 +134,9 @@ def _voxels(triangles: Floats, start: Ints, count: Ints, cell: float, shift: flo
     # Only the words in the window become booleans: the solid may be much larger.
     first, last = (begin - low) // 4, -(-(end - low) // 4)
     window = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-    inside = tuple(slice(a, b) for a, b in zip(begin - low - 4 * first, end - low - 4 * first, strict=True))
+    inside = tuple(
+        slice(a, b) for a, b in zip(begin - low - 4 * first, end - low - 4 * first, strict=True)
+    )
     here = tuple(slice(a, b) for a, b in zip(begin - start, end - start, strict=True))
     inner = unpack(enclosed[window])[inside]
     found[(1, *here)] = inner | unpack(touched[window])[inside]
@@ -155,4 +157,3 @@ def _filled(inner: Any, triangles: Floats, first: Floats, cell: float) -> Any:
     places = places[numbers.ravel()[flat] > 0]
     solid = np.abs(winding_numbers(triangles, first + places * cell)) > 0.5
     return np.r_[False, solid][numbers]
-

@@ -13,10 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from packit_sim.core.caches import bounded_cache
 from packit_sim.parts.handling.removal import Removal, Route, StuckPart
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.handling.ways_out import WayOut, overlap, straight_out, way_out
 from packit_sim.parts.packings.packing import Packing
+
+_MOST_NAMED = 10
+"""Largest number of linked pairs that a text names."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,9 @@ def _ways_out(
         if moved:
             continue
         loose = [n for n in left if n not in fixed]
-        ways = ((n, way_out(sweeps, n, _others(left, n))) for n in loose if not _links(sweeps, n, left))
+        ways = (
+            (n, way_out(sweeps, n, _others(left, n))) for n in loose if not _links(sweeps, n, left)
+        )
         found = next(((n, way.route) for n, way in ways if way.route is not None), None)
         if found is None:
             return
@@ -138,6 +144,7 @@ def _way_apart(sweeps: PartSweeps, one: int, other: int) -> WayOut:
     return found
 
 
+@bounded_cache("linked pairs", 64, "packings", lambda _: 1, lambda packing: packing)
 def linked_pairs(packing: Packing) -> tuple[LinkedPair, ...]:
     """Find the pairs of parts that can't be moved apart from each other without turning.
 
@@ -159,3 +166,26 @@ def linked_pairs(packing: Packing) -> tuple[LinkedPair, ...]:
             if way.route is None:
                 found.append(LinkedPair((one, other), way.is_proven))
     return tuple(found)
+
+
+def links_in_words(pairs: Sequence[LinkedPair], names: Sequence[str]) -> str:
+    """Name linked pairs.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The names of all placements.
+
+    Returns
+    -------
+    str
+        The names of the parts of each pair, or "none".
+    """
+    texts = [
+        f"{names[a]} and {names[b]}{'' if one.is_proven else ' (not proven)'}"
+        for one in pairs[:_MOST_NAMED]
+        for a, b in [one.parts]
+    ]
+    if len(pairs) > _MOST_NAMED:
+        texts.append(f"{len(pairs) - _MOST_NAMED} more")
+    return "; ".join(texts) or "none"

@@ -70,9 +70,7 @@ def way_out(sweeps: PartSweeps, part: int, others: Sequence[int]) -> WayOut:
     return found
 
 
-def _way_out(
-    sweeps: PartSweeps, part: int, others: Sequence[int]
-) -> tuple[WayOut, frozenset[int]]:
+def _way_out(sweeps: PartSweeps, part: int, others: Sequence[int]) -> tuple[WayOut, frozenset[int]]:
     """Search for moves; return also the parts that decided it."""
     direction, _ = straight_out(sweeps, part, others)
     if direction is not None:

@@ -17,7 +17,7 @@ from packit_sim.geometry.arrays import Floats
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.item_types import ItemType
-from packit_sim.parts.packings.packing_files import write_packing
+from packit_sim.parts.packings.packing_files import read_packing, write_packing
 from packit_sim.parts.packings.placements import Placement
 
 Objective = Literal["strip", "knapsack", "bins"]
@@ -194,3 +194,30 @@ class Packing:
         """
         placed = self.types, self.container, self.placements, self.clearance
         write_packing(path, *placed, self.containers)
+
+    @classmethod
+    def read(cls, path: Path | str) -> Packing:
+        """Read a packing from a file that `packit verify` accepts.
+
+        Parameters
+        ----------
+        path : Path or str
+            The JSON file, see `verify_packing`.
+
+        Returns
+        -------
+        Packing
+            The packing, with an item type for each mesh.
+
+        Raises
+        ------
+        PackFormatError
+            If the file is not of this form.
+        MeshError
+            If a mesh can't be used.
+        ArgumentError
+            If a pose shears or mirrors.
+        """
+        types, container, placements, clearance, containers = read_packing(path)
+        objective = "strip" if container.is_strip else "bins"
+        return cls(types, container, placements, clearance, objective, containers)

@@ -113,6 +113,53 @@ def verify_packing(file: Path | str) -> Report:
     return Report(sentences, 1, 1, len(packing.items), volume, space)
 
 
+_Placed = tuple[
+    tuple[ItemType, ...],
+    BoxContainer,
+    tuple[Placement, ...],
+    float,
+    tuple[BoxContainer, ...],
+]
+
+
+def read_packing(file: Path | str) -> _Placed:
+    """Read what `write_packing` writes.
+
+    Parameters
+    ----------
+    file : Path or str
+        The JSON file, see `verify_packing`.
+
+    Returns
+    -------
+    tuple
+        The arguments of `write_packing`, in its order.
+
+    Raises
+    ------
+    PackFormatError
+        If the file is not of this form.
+    MeshError
+        If a mesh can't be used.
+    ArgumentError
+        If a pose shears or mirrors.
+    """
+    file = Path(file)
+    packing = _read(file)
+    x, y, z = packing.box
+    meshes = list(dict.fromkeys(item.mesh for item in packing.items))
+    types = tuple(ItemType.from_file(file_inside(file.parent, mesh)) for mesh in meshes)
+    numbers = {mesh: n for n, mesh in enumerate(meshes)}
+    placements = tuple(
+        Placement.from_matrix(numbers[item.mesh], np.array(item.pose), item.box)
+        for item in packing.items
+    )
+    obstacles = tuple(_obstacle(file, each) for each in packing.obstacles)
+    container = BoxContainer((x, y, math.inf if z is None else z), obstacles)
+    containers = tuple(map(BoxContainer, packing.boxes))
+    return types, container, placements, packing.clearance, containers
+
+
 def write_packing(
     path: Path | str,
     types: Sequence[ItemType],
@@ -261,6 +308,13 @@ def _read(file: Path) -> _Packing:
         for n, obstacle in enumerate(packing.obstacles):
             _check_path(f"obstacles[{n}].mesh", obstacle.mesh)
     return packing
+
+
+def _obstacle(file: Path, obstacle: _Obstacle) -> ItemType:
+    """Return an obstacle of a packing, in the container's coordinates."""
+    own = ItemType.from_file(file_inside(file.parent, obstacle.mesh))
+    vertices = Placement.from_matrix(0, np.array(obstacle.pose)).apply(own.vertices)
+    return ItemType(own.name, vertices, own.faces)
 
 
 def _check_path(field: str, mesh: str) -> None:

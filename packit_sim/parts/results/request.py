@@ -125,6 +125,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
     insertable: bool
     stable: float | None
     constraints: tuple[str, ...]
+    separable: bool = False  # earlier versions did not record it
 
     def task(self, folder: Path) -> PackTask:
         """Prepare the task again, from the meshes in a folder; parts without a mesh are left out.
@@ -150,6 +151,7 @@ class Request(Struct, rename=lambda name: name.replace("_", " ")):
             reading=ReadSettings(self.unit),
             removable=self.removable,
             insertable=self.insertable,
+            separable=self.separable,
             stable=self.stable,
             keep_out=[each.part(folder, self.unit, copies) for each in self.keep_out],
             fixed=[each.part(folder, self.unit, copies) for each in self.fixed],
@@ -192,6 +194,7 @@ def request(task: PackTask, record: Mapping[str, Any]) -> dict[str, Any]:
         settings.insertable,
         settings.stable,
         tuple(repr(each) for each in settings.constraints),
+        settings.separable,
     )
     built: dict[str, Any] = to_builtins(found)
     return built

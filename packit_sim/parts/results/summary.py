@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from packit_sim.parts.filling.packed import PackedParts
+from packit_sim.parts.handling.separability import linked_pairs, links_in_words
 from packit_sim.parts.reading.sizes import lengths_text
 from packit_sim.parts.results.check import Check
 
@@ -33,6 +34,7 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         "density": f"{packed.density:.3f}",
         "height": f"{packed.height:.5g} {unit}",
     }
+    texts["linked pairs"] = _linked(packed)
     if found is not None and found.distance is not None:
         texts["smallest distance"] = f"{found.distance:.4g} {unit}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"
@@ -47,6 +49,22 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         count = f"{len(found.problems)} problem{'s' * (len(found.problems) > 1)}"
         texts["check"] = count if found.problems else f"no problems ({found.how})"
     return texts
+
+
+def _linked(packed: PackedParts) -> str:
+    """Name the parts that can't be moved apart from each other without turning."""
+    found = []
+    for number, contents in enumerate(packed.contents, start=1):
+        first = len(packed.task.fixed)
+        names = [
+            f"{packed.part(one).part.name} (part {n - first} of box {number})"
+            if n >= first
+            else f"{packed.part(one).part.name} (fixed)"
+            for n, one in enumerate(contents.placements)
+        ]
+        pairs = linked_pairs(contents)
+        found += [links_in_words(pairs, names)] if pairs else []
+    return "; ".join(found) or "none"
 
 
 def table(packed: PackedParts, found: Check | None = None) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from packit_sim.core import typed_json
-from packit_sim.core.check_reports import FileProblem, Report
+from packit_sim.core.check_reports import FileProblem, Report, named
 from packit_sim.core.errors import MeshError, PackFormatError, PackItError, located
 from packit_sim.core.files import digest_of
 from packit_sim.core.plain_text import listed
@@ -23,6 +23,7 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
+from packit_sim.parts.handling.separability import linked_pairs, links_in_words
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.mesh_paths import file_inside
@@ -131,7 +132,7 @@ def verify_record(file: Path | str) -> Report:
     data = read_bytes(file)
     with located(file, PackFormatError):
         if typed_json.decode(data, _Asked, PackFormatError).request is None:
-            return replace(report, unchecked=(REQUEST,))
+            return replace(report, unchecked=(REQUEST,), linked=_linked(file, report))
         record = typed_json.decode(data, _Record, PackFormatError, "a packing")
     changed, not_compared = _files(record, file.parent)
     found = [*changed, *_compared(record, file.parent, report.is_valid)]
@@ -142,7 +143,18 @@ def verify_record(file: Path | str) -> Report:
         unchecked.append(f"that parts move by at most {request.stable:g} {request.unit}")
     if not_compared:
         unchecked.append(listed(not_compared))
-    return replace(report, problems=(*report.problems, *problems), unchecked=tuple(unchecked))
+    report = replace(report, problems=(*report.problems, *problems), unchecked=tuple(unchecked))
+    stated = record.summary.get("linked pairs")  # compared, if the packing is valid
+    return replace(report, linked=stated if stated and report.is_valid else _linked(file, report))
+
+
+def _linked(file: Path, report: Report) -> str:
+    """Name the linked pairs of a valid packing."""
+    if not report.is_valid:
+        return ""
+    packing = Packing.read(file)
+    names = [named(n, packing.types[one.type].name) for n, one in enumerate(packing.placements)]
+    return links_in_words(linked_pairs(packing), names)
 
 
 def _files(record: _Record, folder: Path) -> tuple[list[str], list[str]]:
@@ -273,6 +285,8 @@ def _summary(record: _Record, packed: PackedParts, checked: Check) -> Iterator[s
     true["packed"] = f"{packed.count} of {total} parts"
     if stated.pop("check", "") == "not done" and "smallest distance" not in stated:
         true.pop("smallest distance", None)
+    if "linked pairs" not in stated:  # of an earlier version
+        del true["linked pairs"]
     del true["check"]
     longest = max(max(box.size) for box in packed.task.boxes)
     for name in dict.fromkeys((*true, *stated)):
@@ -288,7 +302,7 @@ def _is_same(name: str, stated: str | None, true: str | None, longest: float) ->
         return False
     if stated == true:
         return True
-    if name == "packed" or _NUMBER.sub("0", stated) != _NUMBER.sub("0", true):
+    if name in ("packed", "linked pairs") or _NUMBER.sub("0", stated) != _NUMBER.sub("0", true):
         return False
     for one, other in zip(_NUMBER.findall(stated), _NUMBER.findall(true), strict=True):
         size = abs(float(other))

@@ -33,6 +33,7 @@ _INTO: dict[Direction, str] = {
     "-x": "push it to the right by",
     "+y": "push it to the front by",
     "-y": "push it to the back by",
+    "down": "raise it by",
 }
 """The reverse of each move out of the box."""
 
@@ -42,6 +43,7 @@ _ENTRIES: dict[Direction, str] = {
     "-x": "Push it in through the left side",
     "+y": "Push it in through the back",
     "-y": "Push it in through the front",
+    "down": "Push it in from below",
 }
 
 
