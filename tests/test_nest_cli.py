@@ -1,13 +1,21 @@
 """`packit nest` as a user runs it."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from trimesh import creation
+from trimesh.transformations import rotation_matrix
 
 from packit_sim.cli import nest_command
 from packit_sim.core.errors import PackItError
+from packit_sim.geometry.motions import Motion
 from packit_sim.parts.packings.instances import read_solution
+from packit_sim.parts.packings.item_types import ItemType
+from packit_sim.parts.packings.packing import Packing
+from packit_sim.parts.packings.placements import Placement
 from tests.runs import packit
 
 INSTANCE = {
@@ -40,7 +48,32 @@ def test_an_instance_is_packed_written_and_verified(instance) -> None:
     found = read_solution("out/solution.json")
     assert found.problems() == [] and found.height == pytest.approx(1, abs=1e-3)
     assert json.loads(Path("out/solution.json").read_text())["instancePath"] == "cubes.json"
-    assert "density 1.000, 0 problems" in packit("verify", "packing.json")
+    assert "linked pairs: none" in output
+    checked = packit("verify", "packing.json")
+    assert "density 1.000, 0 problems" in checked and "linked pairs: none" in checked
+
+
+def test_separable_items_are_placed_again_if_they_interlock(instance, monkeypatch) -> None:
+    """Cubes never interlock: the packings that the search found are linked here by a double."""
+    _, container = nest_command._read(instance, "fixed")
+    ring = creation.torus(0.6, 0.1, major_sections=16, minor_sections=8)
+    upright = ring.copy().apply_transform(rotation_matrix(np.pi / 2, (1, 0, 0)))
+    rings = [ItemType(name, m.vertices, m.faces) for name, m in (("ring", ring), ("link", upright))]
+    places = [Placement(0, Motion.shift((0.8, 1, 1))), Placement(1, Motion.shift((1.2, 1, 1)))]
+    linked = Packing(tuple(rings), container, tuple(places))
+    assert linked.problems() == []
+
+    def found(
+        *given: object, callback: Callable[[Packing, float], object], **more: object
+    ) -> Packing:
+        callback(linked, 0.0)
+        return linked
+
+    monkeypatch.setattr(nest_command, "nest", found)
+    plain = packit("nest", instance, "--packing", "linked.json")
+    assert "linked pairs: item 0 ('ring') and item 1 ('link')" in plain
+    assert "linked pairs: none" in packit("nest", instance, "--separable", "--packing", "out.json")
+    assert "linked pairs: none" in packit("verify", "out.json")
 
 
 def test_a_built_in_instance_is_known_by_its_name_and_written_for_others(tmp_path) -> None:

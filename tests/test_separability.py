@@ -28,7 +28,7 @@ from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.part import Part
-from packit_sim.parts.results.exports import export
+from packit_sim.parts.results.record import RECORD, write_record
 from packit_sim.parts.results.summary import summary
 from packit_sim.parts.results.verification import verify_record
 from tests.packed_parts import BAR, CAGE, cuboid, joined, moved, packed, u_profile
@@ -103,11 +103,11 @@ def test_a_ball_in_a_cage_is_linked_to_it() -> None:
 
 
 def test_a_clasp_leaves_a_rod_through_its_gap_only_if_that_is_wide_enough() -> None:
-    """The gap is 12 and the rod 10 wide: it slides out sideways; 8 is too narrow."""
-    opened = packed(clasp(12), ROD)
+    """The gap is 14 and the rod 10 wide: it slides out sideways; 2 is too narrow."""
+    opened = packed(clasp(14), ROD)
     assert linked_pairs(opened) == ()
     assert separable(opened).stuck == ()
-    closed = packed(clasp(8), ROD)
+    closed = packed(clasp(2), ROD)
     assert linked_pairs(closed) == (LinkedPair((0, 1), True),)
     assert len(separable(closed).stuck) == 2
 
@@ -226,7 +226,8 @@ def test_pack_leaves_parts_out_that_interlock_and_records_it(tmp_path: Path) -> 
         packed_parts = candidate(replace(task, settings=settings), [inside])
         assert packed_parts.count == count
     assert summary(packed_parts)["linked pairs"] == "link (fixed) and ring (part 0 of box 1)"
-    record = export(packed_parts, tmp_path)[-1]
+    write_record(packed_parts, None, tmp_path, {})
+    record = tmp_path / RECORD
     assert verify_record(record).problems == ()
     assert verify_record(record).linked == "link (fixed) and ring (part 0 of box 1)"
     text = record.read_text()

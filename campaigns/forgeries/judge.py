@@ -39,7 +39,7 @@ SETS: Mapping[str, Floats] = {
 UNDECIDED = ("value", "priority", "no stack", "max load", "deviation")
 """Fields of a requested part that the judge does not understand."""
 
-SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints")
+SETTINGS = ("accuracy", "removable", "insertable", "stable", "constraints", "separable")
 """The same of the request."""
 
 DIGEST = re.compile(r'"[0-9a-fA-F]{64}"')
@@ -366,7 +366,10 @@ class Judge:
             line = "centre of gravity" if len(boxes) == 1 else f"centre, box {number + 1}"
             centres = np.array([body.centre for _, body in inside])
             true[line] = np.average(centres, axis=0, weights=weights).tolist()
-        _require(set(summary) - {"check"} == {"packed", *true}, "the lines of the summary")
+        lines = set(summary) - {"check", "linked pairs"}
+        _require(lines == {"packed", *true}, "the lines of the summary")
+        convex = summary.get("linked pairs", "none")  # earlier versions have no such line
+        _require(convex == "none", "the linked pairs")
         for name, values in true.items():
             text = summary[name]
             words = re.sub(NUMBER, "#", self.honest["summary"].get(name, ""))

@@ -120,14 +120,17 @@ def _stuck(sweeps: PartSweeps, part: int, left: Sequence[int]) -> StuckPart:
     others = _others(left, part)
     links = _links(sweeps, part, left)
     _, holding = straight_out(sweeps, part, others)
-    is_proven = bool(links) or way_out(sweeps, part, others).is_proven
+    if links:
+        is_proven = any(_way_apart(sweeps, part, n).is_proven for n in links)
+    else:
+        is_proven = way_out(sweeps, part, others).is_proven
     return StuckPart(part, tuple(links or sorted(holding)), is_proven)
 
 
 def _links(sweeps: PartSweeps, part: int, left: Sequence[int]) -> list[int]:
-    """Return the parts to which a part is linked for certain."""
+    """Return the parts from which alone no way was found."""
     near = (n for n in sorted(left) if n != part and overlap(sweeps, part, n))
-    return [n for n in near if (way := _way_apart(sweeps, part, n)).is_proven and not way.route]
+    return [n for n in near if _way_apart(sweeps, part, n).route is None]
 
 
 def _others(left: Sequence[int], part: int) -> list[int]:
@@ -139,8 +142,9 @@ def _way_apart(sweeps: PartSweeps, one: int, other: int) -> WayOut:
     size = np.prod(sweeps.high[[one, other]] - sweeps.low[[one, other]], axis=1)
     mover, stays = (one, other) if size[0] <= size[1] else (other, one)
     found = way_out(sweeps, mover, (stays,))
-    if found.is_proven and found.route is None:
-        sweeps.ways_out.setdefault(stays, []).append((frozenset((mover,)), found))
+    known = sweeps.ways_out.setdefault(stays, [])
+    if found.route is None and (frozenset((mover,)), found) not in known:
+        known.append((frozenset((mover,)), found))
     return found
 
 

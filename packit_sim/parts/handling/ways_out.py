@@ -21,10 +21,13 @@ from packit_sim.parts.handling.offsets import Offsets, offsets_of
 from packit_sim.parts.handling.removal import Route, route_out
 from packit_sim.parts.handling.sweeps import AXES, Direction, PartSweeps
 
-_ATTEMPTS = (2**16, 20), (2**19, 60), (2**22, 300)
-"""Voxels of the part and its offsets in each attempt, and how many places at most are tried.
+_ATTEMPTS = (2**16, 40), (2**19, 120), (2**22, 480)
+"""Voxels of the part and its offsets in each attempt, and how many moves at most are tried.
 
 The first ones are quick, and suffice for most parts."""
+
+_BLOCKED = 8
+"""The additional cost of a move towards a cell that is surely blocked: it ends before it."""
 
 
 @dataclass(frozen=True)
@@ -142,29 +145,40 @@ def _route(
 ) -> Route | None:
     """Search for exact moves, those first that are cheap by their offsets (A*)."""
     order = itertools.count()
-    heap: list[tuple[float, int, float, Floats, _Moves]] = [(0, next(order), 0, np.zeros(3), ())]
-    seen = {bytes(24)}
+    heap: list[tuple[float, int, float, Floats, _Moves, Direction]] = []
+    seen = {np.zeros(3).tobytes()}
+
+    def add(length: float, shift: Floats, moves: _Moves) -> None:
+        """Add moves in all directions but those of the last move, which passed there."""
+        here = offsets.cost(shift)
+        last = AXES[moves[-1][0]][0] if moves else None
+        for direction, (axis, sign) in AXES.items():
+            if axis != last and here is not None:
+                there = shift.copy()
+                there[axis] += sign * offsets.cell
+                ahead = offsets.cost(there)
+                cost = here + _BLOCKED if ahead is None else ahead
+                heapq.heappush(heap, (length + cost, next(order), length, shift, moves, direction))
+
+    add(0.0, np.zeros(3), ())
     for _ in range(tries):
         if not heap:
             break
-        _, _, length, shift, moves = heapq.heappop(heap)
-        for direction in AXES:
-            reach = _reach(sweeps, part, others, direction, shift)
-            if reach == math.inf:
-                return Route(moves, direction)
-            for distance in _stops(reach, offsets.cell):
-                there = shift.copy()
-                axis, sign = AXES[direction]
-                there[axis] += sign * distance
-                cost = offsets.cost(there)
-                if cost is None:
-                    break
-                key = (np.round(there, 9) + 0.0).tobytes()
-                if key not in seen:
-                    seen.add(key)
-                    more = length + distance / offsets.cell
-                    step = direction, distance * sweeps.unit
-                    heapq.heappush(heap, (more + cost, next(order), more, there, (*moves, step)))
+        _, _, length, shift, moves, direction = heapq.heappop(heap)
+        reach = _reach(sweeps, part, others, direction, shift)
+        if reach == math.inf:
+            return Route(moves, direction)
+        axis, sign = AXES[direction]
+        for distance in _stops(reach, offsets.cell):
+            there = shift.copy()
+            there[axis] += sign * distance
+            if offsets.cost(there) is None:
+                break
+            key = (np.round(there, 9) + 0.0).tobytes()
+            if key not in seen:
+                seen.add(key)
+                step = direction, distance * sweeps.unit
+                add(length + distance / offsets.cell, there, (*moves, step))
     return None
 
 
