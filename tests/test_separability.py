@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from dataclasses import replace
@@ -17,12 +18,20 @@ from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.filling.candidates import candidate
 from packit_sim.parts.filling.preparation import prepared_task
 from packit_sim.parts.filling.task import PackSettings
+from packit_sim.parts.handling import ways_out
 from packit_sim.parts.handling.broken import broken_constraints
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.filtering import filter_packing
+from packit_sim.parts.handling.offset_kernels import UNREACHED, costs_to_border
+from packit_sim.parts.handling.offsets import offsets_of
 from packit_sim.parts.handling.removal import Removal, removable
 from packit_sim.parts.handling.restacking import separated
-from packit_sim.parts.handling.separability import LinkedPair, linked_pairs, separable
+from packit_sim.parts.handling.separability import (
+    LinkedPair,
+    linked_pairs,
+    links_in_words,
+    separable,
+)
 from packit_sim.parts.handling.sweeps import AXES
 from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.packing import Packing
@@ -228,11 +237,15 @@ def test_pack_leaves_parts_out_that_interlock_and_records_it(tmp_path: Path) -> 
     assert summary(packed_parts)["linked pairs"] == "link (fixed) and ring (part 0 of box 1)"
     write_record(packed_parts, None, tmp_path, {})
     record = tmp_path / RECORD
-    assert verify_record(record).problems == ()
-    assert verify_record(record).linked == "link (fixed) and ring (part 0 of box 1)"
+    report = verify_record(record)
+    assert report.problems == () and report.linked == "link (fixed) and ring (part 0 of box 1)"
     text = record.read_text()
     record.write_text(text.replace("link (fixed) and ring (part 0 of box 1)", "none"))
     assert "linked pairs" in str(verify_record(record).problems[0])
+    earlier = json.loads(text)
+    del earlier["request"]["separable"], earlier["summary"]["linked pairs"]
+    record.write_text(json.dumps(earlier))
+    assert verify_record(record).problems == ()
     record.write_text(text.replace('"separable": false', '"separable": true'))
     assert "can't be moved out without turning" in str(verify_record(record).problems[0])
 
@@ -247,6 +260,60 @@ def test_verify_reports_linked_pairs_of_any_packing(tmp_path: Path) -> None:
         and report.linked.startswith("item 0 (")
         and " and item 1 (" in report.linked
     )
+
+
+def test_what_is_neither_moved_out_nor_proven_to_be_stuck_is_in_doubt(monkeypatch) -> None:
+    monkeypatch.setattr(ways_out, "_ATTEMPTS", ())
+    packing = packed(*chain(), names=("ring", "link"))
+    pairs = linked_pairs(packing)
+    assert pairs == (LinkedPair((0, 1), False),)
+    assert links_in_words(pairs, ("a", "b")) == "a and b (not proven)"
+    assert [one.is_proven for one in separable(packing).stuck] == [False, False]
+    broken = broken_constraints(packing, Constraints(separable=True))
+    assert broken[0].sentence == "'ring' was not moved out without turning: 'link' is in the way"
+
+
+def test_many_linked_pairs_are_counted() -> None:
+    pairs = [LinkedPair((n, n + 1), True) for n in range(12)]
+    assert links_in_words(pairs, [f"{n}" for n in range(13)]).endswith("; 9 and 10; 2 more")
+
+
+def test_offsets_that_are_surely_blocked_are_those_of_overlaps() -> None:
+    """Of convex parts, no others are enclosed by blocked ones."""
+    ball = creation.icosphere(subdivisions=2, radius=0.1)
+    beam = creation.box((0.5, 0.12, 0.2))
+    turn = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3))
+    beam.apply_transform(turn)
+    beam_from_world = np.linalg.inv(turn)
+    manager = trimesh.collision.CollisionManager()
+    manager.add_object("beam", beam)
+    low = beam.bounds[0] - ball.bounds[1]
+    found = offsets_of(np.asarray(ball.triangles), [np.asarray(beam.triangles)], low, -low, 2**16)
+    rng = np.random.default_rng(0)
+    blocked = np.argwhere(found.costs == UNREACHED)
+    assert len(blocked) > 100
+    for cell in rng.permutation(blocked)[:200]:
+        pose = np.eye(4)
+        pose[:3, 3] = (cell + found.first + rng.uniform(-0.5, 0.5, 3)) * found.cell
+        middle = beam_from_world[:3, :3] @ pose[:3, 3]
+        is_inside = bool((np.abs(middle) < (0.25, 0.06, 0.1)).all())  # FCL compares surfaces alone
+        assert is_inside or manager.in_collision_single(ball, pose)
+
+
+def test_costs_to_the_border_are_those_of_repeated_relaxation() -> None:
+    rng = np.random.default_rng(0)
+    costs = rng.choice(np.array((0, 0, 0, 1, 9), np.uint8), (7, 8, 9))
+    true = np.full((9, 10, 11), np.inf)
+    border = np.pad(np.zeros((5, 6, 7), bool), 1, constant_values=True)
+    inside = true[1:-1, 1:-1, 1:-1]
+    for _ in range(costs.size):
+        ahead = np.min(
+            [np.roll(true, s, a)[1:-1, 1:-1, 1:-1] for s in (1, -1) for a in range(3)], axis=0
+        )
+        ahead[border] = 0
+        inside[...] = np.where(costs, ahead + costs, np.inf)
+    expected = np.where(np.isfinite(inside), inside, UNREACHED)
+    assert (costs_to_border(costs) == expected).all()
 
 
 def boxes(count: int, seed: int) -> Packing:

@@ -95,9 +95,9 @@ def broken_by_geometry(
             found.append(BrokenConstraint(name, stuck.part, stuck.by, sentence))
     elif constraints.separable:  # weaker than those
         for stuck in separability_of(sweeps, kept, fixed=fixed).stuck:
-            part, way = _name(packing, stuck.part), _subject(packing, stuck.by)
-            what = "can't be moved out" if stuck.is_proven else "was not moved out"
-            sentence = f"{part} {what} without turning: {way} in the way"
+            verb = "can't be moved out" if stuck.is_proven else "was not moved out"
+            way = _subject(packing, stuck.by)
+            sentence = f"{_name(packing, stuck.part)} {verb} without turning: {way} in the way"
             found.append(BrokenConstraint("separable", stuck.part, stuck.by, sentence))
     if constraints.no_stack or constraints.max_loads:
         stacked = stacking_of(sweeps, kept, fixed=fixed)

@@ -65,8 +65,10 @@ def offsets_of(
         The triangles of the part.
     others : iterable of ndarray of float64, shape (m, 3, 3)
         Those of the parts that stay.
-    low, high : ndarray of float64, shape (3,)
-        The smallest and the largest offset along each axis; 0 is between them.
+    low : ndarray of float64, shape (3,)
+        The smallest offset along each axis, at most 0.
+    high : ndarray of float64, shape (3,)
+        The largest, at least 0.
     voxels : int
         About how many voxels the part and its offsets have.
 
@@ -133,15 +135,17 @@ def _voxels(triangles: Floats, start: Ints, count: Ints, cell: float, shift: flo
     enclosed = ~touched & ~reached_cells(touched)
     # Only the words in the window become booleans: the solid may be much larger.
     first, last = (begin - low) // 4, -(-(end - low) // 4)
-    window = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-    inside = tuple(
-        slice(a, b) for a, b in zip(begin - low - 4 * first, end - low - 4 * first, strict=True)
-    )
-    here = tuple(slice(a, b) for a, b in zip(begin - start, end - start, strict=True))
+    window = _slices(first, last)
+    inside = _slices(begin - low - 4 * first, end - low - 4 * first)
+    here = _slices(begin - start, end - start)
     inner = unpack(enclosed[window])[inside]
-    found[(1, *here)] = inner | unpack(touched[window])[inside]
-    found[(0, *here)] = _filled(inner, triangles, (begin + 0.5) * cell + shift, cell)
+    found[0][here] = _filled(inner, triangles, (begin + 0.5) * cell + shift, cell)
+    found[1][here] = inner | unpack(touched[window])[inside]
     return found
+
+
+def _slices(begin: Ints, end: Ints) -> Any:
+    return tuple(map(slice, begin, end))
 
 
 def _filled(inner: Any, triangles: Floats, first: Floats, cell: float) -> Any:

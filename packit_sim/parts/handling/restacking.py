@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from packit_sim.core.errors import ArgumentError
+from packit_sim.geometry.arrays import Floats
 from packit_sim.geometry.motions import Motion
 from packit_sim.parts.handling.constraints import Constraints
 from packit_sim.parts.handling.filtering import filter_packing
@@ -38,18 +39,18 @@ def separated(packing: Packing) -> Packing:
         raise ArgumentError("only a strip has space on top: choose filter_packing for a box")
     filtered = filter_packing(packing, Constraints(separable=True))
     gap = packing.clearance and packing.clearance + validity.tolerance(container.longest, math.inf)
-    boxes = [packing.vertices(one) for one in filtered.packing.placements]
-    boxes = [
-        (own.min(axis=0), own.max(axis=0))
-        for own in (*boxes, *(each.vertices for each in container.obstacles))
-    ]
+    boxes = [_bounds(packing.vertices(one)) for one in filtered.packing.placements]
+    boxes += [_bounds(each.vertices) for each in container.obstacles]
     placements = list(packing.placements)
     for each in filtered.left_out:
-        own = packing.vertices(placements[each.part])
-        low, high = own.min(axis=0), own.max(axis=0)
+        low, high = _bounds(packing.vertices(placements[each.part]))
         below = [b[2] for a, b in boxes if (a < high + gap)[:2].all() and (b > low - gap)[:2].all()]
         lift = np.array((0.0, 0.0, max(below, default=-gap) + gap - low[2]))
         pose = Motion.shift(lift) @ placements[each.part].pose
         placements[each.part] = replace(placements[each.part], pose=pose)
         boxes.append((low + lift, high + lift))
     return replace(packing, placements=tuple(placements)) if filtered.left_out else packing
+
+
+def _bounds(vertices: Floats) -> tuple[Floats, Floats]:
+    return vertices.min(axis=0), vertices.max(axis=0)

@@ -21,7 +21,7 @@ from packit_sim.parts.handling.offsets import Offsets, offsets_of
 from packit_sim.parts.handling.removal import Route, route_out
 from packit_sim.parts.handling.sweeps import AXES, Direction, PartSweeps
 
-_ATTEMPTS = (2**16, 40), (2**19, 120), (2**22, 480)
+_ATTEMPTS = (2**16, 30), (2**19, 90), (2**22, 270)
 """Voxels of the part and its offsets in each attempt, and how many moves at most are tried.
 
 The first ones are quick, and suffice for most parts."""

@@ -54,14 +54,12 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
 def _linked(packed: PackedParts) -> str:
     """Name the parts that can't be moved apart from each other without turning."""
     found = []
+    first = len(packed.task.fixed)
     for number, contents in enumerate(packed.contents, start=1):
-        first = len(packed.task.fixed)
-        names = [
-            f"{packed.part(one).part.name} (part {n - first} of box {number})"
-            if n >= first
-            else f"{packed.part(one).part.name} (fixed)"
-            for n, one in enumerate(contents.placements)
-        ]
+        names = []
+        for n, one in enumerate(contents.placements, start=-first):
+            where = "fixed" if n < 0 else f"part {n} of box {number}"
+            names.append(f"{packed.part(one).part.name} ({where})")
         pairs = linked_pairs(contents)
         found += [links_in_words(pairs, names)] if pairs else []
     return "; ".join(found) or "none"
