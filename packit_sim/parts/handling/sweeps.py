@@ -93,7 +93,12 @@ class PartSweeps:
         return min(self._tolerances[one], self._tolerances[other])
 
     def distance(
-        self, mover: int, other: int, direction: Direction, shift: Floats = _HERE
+        self,
+        mover: int,
+        other: int,
+        direction: Direction,
+        shift: Floats = _HERE,
+        enough: float = 0.0,
     ) -> float:
         """Compute how far a part can move before it meets another.
 
@@ -107,6 +112,8 @@ class PartSweeps:
             Where it moves.
         shift : ndarray of float64, shape (3,)
             Where the motion begins, from the part's pose.
+        enough : float
+            If they meet before this, any distance below it may be returned, sooner.
 
         Returns
         -------
@@ -116,7 +123,10 @@ class PartSweeps:
         lower, upper, axis, apart = self._pair(mover, other, direction, shift)
         key = lower, upper, axis, apart.tobytes()
         if key not in self._distances:
-            self._distances[key] = self._rise(lower, upper, axis, apart, 0.0)
+            found = self._rise(lower, upper, axis, apart, enough)
+            if found <= enough:
+                return found
+            self._distances[key] = found
         return self._distances[key]
 
     def meets(self, mover: int, other: int, direction: Direction, shift: Floats = _HERE) -> bool:

@@ -21,7 +21,7 @@ from packit_sim.parts.handling.offsets import Offsets, offsets_of
 from packit_sim.parts.handling.removal import Route, route_out
 from packit_sim.parts.handling.sweeps import AXES, Direction, PartSweeps
 
-_ATTEMPTS = (2**16, 30), (2**19, 90), (2**22, 270)
+_ATTEMPTS = (2**16, 30), (2**19, 90), (2**21, 270)
 """Voxels of the part and its offsets in each attempt, and how many moves at most are tried.
 
 The first ones are quick, and suffice for most parts."""
@@ -190,7 +190,8 @@ def _reach(
     for other, gap in sweeps.in_the_way(part, others, direction, shift):
         if gap >= reach:
             break
-        reach = min(reach, sweeps.distance(part, other, direction, shift))
+        distance = sweeps.distance(part, other, direction, shift, CONTACT_TOLERANCE)
+        reach = min(reach, distance)
     return reach - CONTACT_TOLERANCE / 2
 
 
