@@ -23,7 +23,7 @@ _OF_PARTS = (
     *("gltf_files", "instances", "instructions", "nest", "nest_cli", "nest_conflicts", "motions"),
     *("nesting_types", "nesting_validity", "pack", "pack_cli", "pack_results", "packing_film"),
     *("packing_page", "part_lists", "plates", "public_reports", "rebuilding", "removal"),
-    *("stacking", "state_checks", "workbench", "workbench_page"),
+    *("separability", "stacking", "state_checks", "workbench", "workbench_page"),
 )
 TESTS_OF_PARTS = tuple(f"tests/test_{name}.py" for name in _OF_PARTS)
 """The files of tests that are run on mutants of what packs parts."""
