@@ -37,6 +37,7 @@ from packit_sim.parts.packings.containers import BoxContainer
 from packit_sim.parts.packings.packing import Packing
 from packit_sim.parts.packings.placements import Placement
 from packit_sim.parts.reading.part import Part
+from packit_sim.parts.results.check import check
 from packit_sim.parts.results.record import RECORD, write_record
 from packit_sim.parts.results.summary import summary
 from packit_sim.parts.results.verification import verify_record
@@ -234,8 +235,12 @@ def test_pack_leaves_parts_out_that_interlock_and_records_it(tmp_path: Path) -> 
     for settings, count in ((task.settings, 0), (replace(task.settings, separable=False), 1)):
         packed_parts = candidate(replace(task, settings=settings), [inside])
         assert packed_parts.count == count
-    assert summary(packed_parts)["linked pairs"] == "link (fixed) and ring (part 0 of box 1)"
-    write_record(packed_parts, None, tmp_path, {})
+    checked = check(packed_parts)
+    assert "linked pairs" not in summary(packed_parts)  # parts in conflict are not linked but wrong
+    assert (
+        summary(packed_parts, checked)["linked pairs"] == "link (fixed) and ring (part 0 of box 1)"
+    )
+    write_record(packed_parts, checked, tmp_path, {})
     record = tmp_path / RECORD
     report = verify_record(record)
     assert report.problems == () and report.linked == "link (fixed) and ring (part 0 of box 1)"

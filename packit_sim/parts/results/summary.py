@@ -34,7 +34,8 @@ def summary(packed: PackedParts, found: Check | None = None) -> dict[str, str]:
         "density": f"{packed.density:.3f}",
         "height": f"{packed.height:.5g} {unit}",
     }
-    texts["linked pairs"] = _linked(packed)
+    if found is not None and not found.problems:  # items in conflict are not linked but wrong
+        texts["linked pairs"] = _linked(packed)
     if found is not None and found.distance is not None:
         texts["smallest distance"] = f"{found.distance:.4g} {unit}"
     texts["mass"] = "unknown" if packed.mass is None else f"{packed.mass:.5g} g"

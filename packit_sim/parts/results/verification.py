@@ -286,7 +286,7 @@ def _summary(record: _Record, packed: PackedParts, checked: Check) -> Iterator[s
     if stated.pop("check", "") == "not done" and "smallest distance" not in stated:
         true.pop("smallest distance", None)
     if "linked pairs" not in stated:  # of an earlier version
-        del true["linked pairs"]
+        true.pop("linked pairs", None)
     del true["check"]
     longest = max(max(box.size) for box in packed.task.boxes)
     for name in dict.fromkeys((*true, *stated)):
