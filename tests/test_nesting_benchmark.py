@@ -13,6 +13,7 @@ from benchmarks.nesting import ablations, cases, report
 from benchmarks.nesting.__main__ import main
 from benchmarks.nesting.cases import CASES, Case, names
 from benchmarks.nesting.runs import Results, Search, run_all
+from packit_sim import NestSettings, nest
 from packit_sim.core.errors import ArgumentError
 from packit_sim.parts.packings.builtin_instances import builtin_names
 from packit_sim.parts.packings.containers import BoxContainer
@@ -32,6 +33,8 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
         return Case("literature", name, rotations, types, strip, "strip", others)
 
     monkeypatch.setitem(CASES, "literature", cubes)
+    case = cubes("", "fixed", None)  # kernels that are not compiled yet would take up the time
+    nest(case.types, case.container, settings=NestSettings(workers=1, iterations=1))
 
 
 @pytest.mark.slow
