@@ -264,7 +264,7 @@ def test_an_earlier_result_stays_when_a_later_search_fails(bench, monkeypatch, c
         after = wait(bench, lambda one: not one["busy"])
         assert sentence in after["message"] and after["result"] == found
         assert ask(bench, "GET", "/files/packing.3mf") == data
-    assert not caplog.records
+    assert not [each for each in caplog.records if each.levelname in ("WARNING", "ERROR")]
     assert post(bench, "/pack", {**ORDER, "files": files, "locked": [0]})[0] == 200
 
 
