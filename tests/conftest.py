@@ -6,6 +6,7 @@ chosen by HYPOTHESIS_PROFILE: `quick` draws the same few examples on every run, 
 """
 
 import hashlib
+import logging
 import os
 import re
 import shutil
@@ -89,6 +90,15 @@ def checked_state(request: pytest.FixtureRequest) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch, debugging.checking(value == "1"):
         patch.setenv(debugging.CHECK_VARIABLE, value)
         yield
+
+
+@pytest.fixture(autouse=True)
+def _loggers() -> Iterator[None]:
+    """Restore the loggers that `-v` configures: other tests count the lines of a log."""
+    yield
+    for name in ("packit_sim", "packit_agents"):
+        logging.getLogger(name).handlers = []
+        logging.getLogger(name).setLevel(logging.NOTSET)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,7 +2,6 @@
 
 import logging
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,15 +15,6 @@ from packit_sim.libraries.importer import ImportSettings, import_library
 from packit_sim.libraries.library import ShapeLibrary
 
 GENERATE = "generate --pool 4 --generations 0 --workers 1 --out out"
-
-
-@pytest.fixture(autouse=True)
-def loggers() -> Iterator[None]:
-    """Restore the loggers that `-v` configures."""
-    yield
-    for name in ("packit_sim", "packit_agents"):
-        logging.getLogger(name).handlers = []
-        logging.getLogger(name).setLevel(logging.NOTSET)
 
 
 def run(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
