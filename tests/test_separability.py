@@ -284,7 +284,7 @@ def test_many_linked_pairs_are_counted() -> None:
 
 
 def test_offsets_that_are_surely_blocked_are_those_of_overlaps() -> None:
-    """Of convex parts, no others are enclosed by blocked ones."""
+    """The parts are convex, so that blocked offsets enclose no free ones."""
     ball = creation.icosphere(subdivisions=2, radius=0.1)
     beam = creation.box((0.5, 0.12, 0.2))
     turn = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3))

@@ -22,11 +22,10 @@ from packit_sim.cli.console import (
     read_seconds,
 )
 from packit_sim.cli.output import NOTHING_WRITTEN, print_written, simple_table, stoppable
-from packit_sim.core.check_reports import named
 from packit_sim.core.errors import ArgumentError
 from packit_sim.core.files import require_replaceable
 from packit_sim.parts.handling.restacking import separated
-from packit_sim.parts.handling.separability import linked_pairs, links_in_words
+from packit_sim.parts.handling.separability import links_of_items
 from packit_sim.parts.nesting.nest import NestSettings, nest
 from packit_sim.parts.packings import rotation_sets
 from packit_sim.parts.packings.builtin_instances import builtin_instance, builtin_names
@@ -151,8 +150,6 @@ def nest_command(
         )
         if separable:
             found = _lowest_separated(last)
-    names = [found.types[one.type].name for one in found.placements]
-    linked = links_in_words(linked_pairs(found), [named(n, name) for n, name in enumerate(names)])
     table = simple_table("height", "density", "items", "seconds", "valid")
     table.add_row(
         f"{found.height:.6g}",
@@ -162,7 +159,9 @@ def nest_command(
         "no" if found.problems() else "yes",
     )
     console.print(table)
-    console.print(f"linked pairs: {linked}", markup=False, highlight=False, soft_wrap=True)
+    console.print(
+        f"linked pairs: {links_of_items(found)}", markup=False, highlight=False, soft_wrap=True
+    )
     if instance_out is not None:
         write_instance(types, container, instance_out)
         print_written(instance_out)
@@ -201,7 +200,7 @@ def _read(instance: str, rotations: str) -> tuple[tuple[ItemType, ...], BoxConta
 
 
 def _lowest_separated(packings: Iterable[Packing]) -> Packing:
-    """Return the lowest of some packings, the best first, of which no items interlock."""
+    """Separate packings, the lowest first, until no other can be lower; return the lowest."""
     best: Packing | None = None
     for each in packings:
         found = separated(each)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from packit_sim.core.caches import bounded_cache
+from packit_sim.core.check_reports import named
 from packit_sim.parts.handling.removal import Removal, Route, StuckPart
 from packit_sim.parts.handling.sweeps import PartSweeps, sweeps_of
 from packit_sim.parts.handling.ways_out import WayOut, overlap, straight_out, way_out
@@ -170,6 +171,18 @@ def linked_pairs(packing: Packing) -> tuple[LinkedPair, ...]:
             if way.route is None:
                 found.append(LinkedPair((one, other), way.is_proven))
     return tuple(found)
+
+
+def links_of_items(packing: Packing) -> str:
+    """Name the linked pairs of a packing, by the numbers of its items and the names of their types.
+
+    Returns
+    -------
+    str
+        See `links_in_words`.
+    """
+    names = [named(n, packing.types[one.type].name) for n, one in enumerate(packing.placements)]
+    return links_in_words(linked_pairs(packing), names)
 
 
 def links_in_words(pairs: Sequence[LinkedPair], names: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from packit_sim.core import typed_json
-from packit_sim.core.check_reports import FileProblem, Report, named
+from packit_sim.core.check_reports import FileProblem, Report
 from packit_sim.core.errors import MeshError, PackFormatError, PackItError, located
 from packit_sim.core.files import digest_of
 from packit_sim.core.plain_text import listed
@@ -23,7 +23,7 @@ from packit_sim.libraries.data_files import read_bytes
 from packit_sim.parts.filling.packed import PackedParts
 from packit_sim.parts.filling.task import PackTask
 from packit_sim.parts.handling.broken import broken_constraints
-from packit_sim.parts.handling.separability import linked_pairs, links_in_words
+from packit_sim.parts.handling.separability import links_of_items
 from packit_sim.parts.packings import validity
 from packit_sim.parts.packings.bounds import PoseRows
 from packit_sim.parts.packings.mesh_paths import file_inside
@@ -152,9 +152,7 @@ def _linked(file: Path, report: Report) -> str:
     """Name the linked pairs of a valid packing."""
     if not report.is_valid:
         return ""
-    packing = Packing.read(file)
-    names = [named(n, packing.types[one.type].name) for n, one in enumerate(packing.placements)]
-    return links_in_words(linked_pairs(packing), names)
+    return links_of_items(Packing.read(file))
 
 
 def _files(record: _Record, folder: Path) -> tuple[list[str], list[str]]:
