@@ -95,10 +95,12 @@ def checked_state(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _loggers() -> Iterator[None]:
     """Restore the loggers that `-v` configures: other tests count the lines of a log."""
+    loggers = [logging.getLogger(name) for name in ("packit_sim", "packit_agents")]
+    before = [(logger.handlers, logger.level) for logger in loggers]
     yield
-    for name in ("packit_sim", "packit_agents"):
-        logging.getLogger(name).handlers = []
-        logging.getLogger(name).setLevel(logging.NOTSET)
+    for logger, (handlers, level) in zip(loggers, before, strict=True):
+        logger.handlers = handlers
+        logger.setLevel(level)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,6 +9,8 @@ import signal
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,11 +72,21 @@ class _Records(logging.Handler):
         self.messages.append(record.getMessage())
 
 
-_records = _Records()
-for _name in ("packit_sim", "packit_agents"):
-    logging.getLogger(_name).addHandler(_records)
-    logging.getLogger(_name).setLevel(logging.DEBUG)
-    logging.getLogger(_name).propagate = False
+@contextmanager
+def _recorded() -> Iterator[list[str]]:
+    """Let our loggers keep all their messages, and print none."""
+    records = _Records()
+    loggers = [logging.getLogger(name) for name in ("packit_sim", "packit_agents")]
+    before = [(logger.handlers, logger.level, logger.propagate) for logger in loggers]
+    for logger in loggers:
+        logger.handlers, logger.propagate = [records], False
+        logger.setLevel(logging.DEBUG)
+    try:
+        yield records.messages
+    finally:
+        for logger, (handlers, level, propagate) in zip(loggers, before, strict=True):
+            logger.handlers, logger.propagate = handlers, propagate
+            logger.setLevel(level)
 
 
 def judge(reader: Reader, data: bytes) -> Finding | None:
@@ -93,11 +105,10 @@ def judge(reader: Reader, data: bytes) -> Finding | None:
         What is wrong: an error that is not a `PackItError`, more memory or CPU time than the
         bounds, a warning, or a message with control characters, without end, or of several lines.
     """
-    _records.messages.clear()
     error: BaseException | None = None
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGPROF, _stop)
-    with warnings.catch_warnings(record=True) as warned:
+    with _recorded() as logged, warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         started = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, reader.seconds)
@@ -118,7 +129,7 @@ def judge(reader: Reader, data: bytes) -> Finding | None:
     if warned:
         one = warned[0]
         return Finding("warning", f"{one.category.__name__}: {one.message}"[:300], _ours(one))
-    messages = [*_records.messages, *([str(error)] if error is not None else [])]
+    messages = [*logged, *([str(error)] if error is not None else [])]
     for message in messages:
         fault = _fault(message)
         if fault:
